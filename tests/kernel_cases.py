@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.couplings.pspm import LAW as PSPM
+from hapnet.couplings import pspm
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
 from tests.theorem_cases import random_case
 
-MINE = dataclasses.replace(PSPM, name="mine")
+MINE = dataclasses.replace(pspm.LAW, name="mine")
 """A user's own law, which happens to be PSPM."""
 
 _LOSING = "delay 20ms loss 40%"

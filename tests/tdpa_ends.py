@@ -10,8 +10,9 @@ import pytest
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Port
-from hapnet.couplings import tdpa
-from hapnet.couplings.tdpa import PassivityObserver, TdpaDevice, TdpaWorld, Tuning
+from hapnet.couplings import tdpa, tdpa_world
+from hapnet.couplings.tdpa import TdpaDevice
+from hapnet.couplings.tdpa_world import PassivityObserver, TdpaWorld, Tuning
 from hapnet.params import Params
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
@@ -74,7 +75,8 @@ class Watched(PassivityObserver):
 def watched() -> Iterator[None]:
     """Every law has its account watched."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tdpa, "PassivityObserver", Watched)
+        for module in (tdpa, tdpa_world):
+            patch.setattr(module, "PassivityObserver", Watched)
         yield
 
 

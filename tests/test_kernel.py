@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numba
 import pytest
 
 from hapnet import cli, simulate_batch
+from hapnet.couplings.registry import COUPLINGS
 from hapnet.kernel import sources, twins
 from hapnet.params import Params
 from hapnet.simulation.compiled import coverage
@@ -69,6 +71,37 @@ def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
     assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed)
 
 
+LAWS = sorted(set(COUPLINGS) - {"pspm", "zoh"})
+ROUGH = {"link.up": "delay 5ms 4ms loss 20% resend 2 3ms unordered limit 4", "link.down": "delay 20ms 10ms reorder 20%"}
+OF_LAWS: dict[str, dict[str, Any]] = {
+    "over 4g": {"link.up": "4g", "link.down": "4g"},
+    "in a box, over a slow link": {
+        "scene": "box", "operator": "hand-3", "link.up": "delay 20ms 5ms loss 20% rate 1mbit", "link.down": "wifi",
+    },
+    "lost, late and again": {"operator": "sine", **ROUGH},
+    "with encoders and a limit": {"device.resolution_m": 5e-5, "record_hz": 130.0, "device.force_limit_N": 0.5},
+    "as first published": {"feel": "paper", "wave.recovery_s": 0.0, "tdpa.recovery_s": 0.0, **ROUGH},
+    "predicting": {"tdpa.predict": True, "wave.missing": "hold", "link.up": "wifi", "link.down": "wifi"},
+    "another servo and three axes": {
+        "device.servo_hz": 500.0, "scene": "box", "dof": 3, "operator": "sine", "link.down": "4g", "duration_s": 1.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", OF_LAWS)
+@pytest.mark.parametrize("coupling", LAWS)
+def test_every_law_gives_the_same_bits(coupling: str, case: str) -> None:
+    assert not differences(SAMPLED.set({"duration_s": 1.5, "coupling": coupling, **OF_LAWS[case]}), 5)
+
+
+def test_every_law_is_compiled_on_its_own() -> None:
+    """Of the eight couplings only PSPM and the plain one are of one kind."""
+    kinds = {name: coverage.kind_of(SAMPLED.set({"coupling": name})) for name in COUPLINGS}
+    assert None not in kinds.values()
+    assert len({kind.name for kind in kinds.values() if kind is not None}) == 7
+    assert kinds["pspm"] == kinds["zoh"]
+
+
 @pytest.mark.parametrize("coupling", ["pspm", "zoh"])
 @pytest.mark.parametrize("operator", ["press", "sine", "rest", "hand-4"])
 def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, operator: str) -> None:
@@ -109,8 +142,8 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"coupling": "tdpa"}, "the coupling tdpa"),
         ({"coupling": "tests.kernel_cases:MINE"}, "the coupling tests.kernel_cases:MINE"),
+        ({"coupling": "popc", "feel": "hapnet"}, "the stages before the coupling popc"),
         ({"scene": "moving"}, "the scene moving"),
         (
             {"scene": "box", "dof": 2, "world.stiffness": [[500.0, 100.0], [100.0, 400.0]]},
@@ -137,15 +170,15 @@ def test_a_simulation_that_watches_its_events_is_not_compiled() -> None:
 
 
 def test_a_batch_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "are_compiled", lambda: True)
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: True)
     (run,) = simulate_batch(SAMPLED, [4])
     assert run.not_compiled is None
     assert run.summary == Simulation(SAMPLED, 4, kernel=False).run().summary
 
 
 def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "are_compiled", lambda: False)
-    monkeypatch.setattr(coverage, "_ticks", 0)
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: False)
+    monkeypatch.setattr(coverage, "_ticks", Counter())
     long = SAMPLED.set({"duration_s": 90.0})
     reasons = [Simulation(long).not_compiled for _ in range(3)]
     assert reasons == ["compiling it would take longer than this run"] * 2 + [None]
@@ -153,22 +186,23 @@ def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPa
 
 def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert not sources.are_compiled()
-    sources.mark()
-    assert sources.are_compiled()
+    assert not sources.are_compiled("one")
+    sources.mark("one")
+    assert sources.are_compiled("one")
+    assert not sources.are_compiled("other")
     assert [path.parent for path in tmp_path.rglob("compiled-*")] == [tmp_path / "cache" / "hapnet"]
     monkeypatch.setattr(sources, "digest", lambda: "another")
-    assert not sources.are_compiled()
+    assert not sources.are_compiled("one")
     (tmp_path / "file").write_text("no directory")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    sources.mark()  # as where nothing can be written
-    assert not sources.are_compiled()
+    sources.mark("one")  # as where nothing can be written
+    assert not sources.are_compiled("one")
 
 
 @pytest.mark.slow
 def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
     """And not beside the package. Where nothing can be written it is made for one process."""
-    run = "from hapnet.simulation.compiled.run import make_ready; make_ready()"
+    run = "from hapnet.simulation.compiled.run import Kind, make_ready; make_ready(Kind())"
     before = set((ROOT / "hapnet").rglob("*.nb?"))
     for place, kept in ((tmp_path / "cache", True), (Path("/proc/nowhere"), False)):
         environment = os.environ | {"XDG_CACHE_HOME": str(place)}
@@ -204,12 +238,12 @@ def test_with_numbas_own_switch_the_reference_runs(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(
-    ("words", "line"), [([], "run by the compiled kernel"), (["--coupling", "eba"], "coupling eba")]
+    ("words", "line"), [([], "run by the compiled kernel"), (["--scene", "moving"], "scene moving")]
 )
 def test_the_command_says_whether_the_kernel_runs_it(
     words: list[str], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sources, "are_compiled", lambda: True)
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: True)
     assert cli.main(["simulate", "-v", "--no-files", "--duration", "0.3", *words]) == 0
     assert line in capsys.readouterr().out
     assert cli.main(["simulate", "--no-files", "--duration", "0.3", *words]) == 0

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.control.coupling import Port
-from hapnet.couplings.tdpa import PassivityObserver
+from hapnet.couplings.tdpa_world import PassivityObserver
 from hapnet.params import Params
 from hapnet.study.case import measure
 from tests.tdpa_ends import TICK, device, simulated, told, world
@@ -147,11 +147,11 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
         law.receive(Port(tuple(rng.normal(0.0, 0.03, n).tolist()), 10.0 ** rng.uniform(-6, -1) * rng.integers(2)))
         law.begin()
         y, debt = np.array(law.set_position), law.observer.debt
-        offset = y + np.array(law.drift) - np.array(law._goal)
+        offset = y + np.array(law.drift) - np.array(law.goal)
         g, p = law.impedance(T)
         vhat = rng.normal(0.0, 0.3, n)
         f = np.array(p) - g * vhat
-        v_y_commanded = np.array(law._way) / T
+        v_y_commanded = np.array(law.way) / T
         law.moved(T, tuple(vhat.tolist()), tuple((x + T * vhat).tolist()), tuple(vhat.tolist()))
         v_y = (np.array(law.set_position) - y) / T
         a = B + K * T / 2
@@ -170,7 +170,7 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
         assert law.observer.debt - debt == pytest.approx(max(out, 0.0) - dissipated, rel=1e-6, abs=1e-12)
         np.testing.assert_allclose(told(law).value, K * (y1 - x1) + B * (v_y - vhat), rtol=1e-7, atol=1e-9)
         # what was commanded is where y is, and what it lost
-        np.testing.assert_allclose(y1 + np.array(law.drift) - np.array(law._goal), offset, atol=1e-9)
+        np.testing.assert_allclose(y1 + np.array(law.drift) - np.array(law.goal), offset, atol=1e-9)
         x = x1
     assert yielded
 
@@ -222,7 +222,7 @@ def test_without_force_nothing_is_lost_of_the_way_whatever_the_link_loses(steps:
         at = at + 0.1 * dt if len(steps) and at < 0.1 * sum(s for s, _ in steps) - 1e-12 else at
         y = law.set_position[0]
         law.impedance(dt)
-        vhat = law._way[0] / dt
+        vhat = law.way[0] / dt
         x = y + vhat * dt
         law.moved(dt, (vhat,), (x,), (vhat,))
         if not lost:

@@ -11,7 +11,8 @@ import pytest
 from hapnet.assembly.build import device_session, device_side, world_session, world_side
 from hapnet.control.coupling import Port
 from hapnet.couplings import tdpa
-from hapnet.couplings.tdpa import TdpaDevice, TdpaWorld
+from hapnet.couplings.tdpa import TdpaDevice
+from hapnet.couplings.tdpa_world import TdpaWorld
 from hapnet.params import Params
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.simulation.simulation import Result, Simulation
@@ -65,7 +66,7 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
             vhat = rng.normal(0.0, 0.05, n) - 0.5 * x_w
             f = np.array(p) - g * vhat
             x_w = x_w + dt * vhat
-            step_work = max(step_work, float(np.abs(f) @ np.abs(far._way)))
+            step_work = max(step_work, float(np.abs(f) @ np.abs(far.way)))
             far.moved(dt, tuple(vhat.tolist()), tuple(x_w.tolist()), tuple(vhat.tolist()))
             energy -= float(f @ (np.array(far.set_position) - y))
             far.begin()
@@ -218,7 +219,7 @@ def test_100_s_do_not_leak_and_forgiven_debts_would(monkeypatch: pytest.MonkeyPa
     kept = [simulated("delay 350ms", "press", duration)[0] for duration in (25.0, 100.0)]
     assert kept[1] > 2.0 * kept[0] - 0.001
     monkeypatch.setattr(tdpa.TdpaDevice, "force", forgiving(tdpa.TdpaDevice.force))
-    monkeypatch.setattr(tdpa.TdpaWorld, "moved", forgiving(tdpa.TdpaWorld.moved))
+    monkeypatch.setattr(TdpaWorld, "moved", forgiving(TdpaWorld.moved))
     forgiven = [simulated("delay 350ms", "press", duration)[0] for duration in (25.0, 100.0)]
     assert forgiven[1] < -0.1
     assert forgiven[1] < 2.5 * forgiven[0]

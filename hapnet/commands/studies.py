@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -165,10 +165,10 @@ class Kind(Generic[Part]):
     times: float = 1.0
 
     @property
-    def ticks(self) -> float:
-        """How many ticks of the servo all of them have, by a few."""
+    def runs(self) -> Iterator[tuple[Params, float]]:
+        """The parameters of a few, and how many ticks of the servo all of them have, by these."""
         known = [self.params(part) for part in spread(self.some)]
-        return self.count * sum(one.duration_s * one.device.servo_hz for one in known) / len(known)
+        return ((one, self.count * one.duration_s * one.device.servo_hz / len(known)) for one in known)
 
 
 def estimate_cases(
@@ -196,7 +196,7 @@ def estimate(
     """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
     told, sum_s, parts = [], 0.0, 0
     with Progress(output.progress_console(), "compiling") as progress:
-        coverage.compile_for(sum(kind.ticks for kind in kinds))  # as the run would
+        coverage.compile_for(run for kind in kinds for run in kind.runs)  # as the run would
         progress.stage("running a few, to see how long they take")
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)

@@ -15,10 +15,10 @@ The law gives g and p for each step. So its reaction to the mass may be implicit
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import sub
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
+from hapnet.control.law import HeldForce, LawAccount, begin_tick, cut, sends
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import CouplingSample as CouplingSample
 from hapnet.control.samples import Motion as Motion
@@ -30,7 +30,6 @@ from hapnet.control.samples import level_of as level_of
 from hapnet.control.samples import vector_of as vector_of
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
-from hapnet.records.vectors import inner
 
 
 class ForceParts(NamedTuple):
@@ -210,8 +209,8 @@ L = TypeVar("L", bound=Law)
 Stamped = Callable[[CouplingSample, float, float], None]
 
 
-class LawState(Generic[L]):
-    """The `CouplingState` of a law. It has no reservoir, but the same share of d^2 as PSPM, so that margins compare.
+class LawState(LawAccount, Generic[L]):
+    """The `CouplingState` of a law.
 
     Parameters
     ----------
@@ -220,15 +219,12 @@ class LawState(Generic[L]):
     """
 
     def __init__(self, law: L, initial_energy: float, stamped: Stamped | None = None) -> None:
+        super().__init__()
         self.law = law
         self._stamped = stamped
-        self.ledger: Ledger = Ledger(0.0, initial_energy)
-        self.reservoir: float = initial_energy
-        self.account: float = initial_energy
-        self.energy_min: float = initial_energy
-        self.deficit: float = 0.0
-        self.deficit_max: float = 0.0
-        self.discarded: float = 0.0
+        self.ledger = Ledger(0.0, initial_energy)
+        self.account = self.reservoir = self.energy_min = initial_energy
+        self.deficit = self.deficit_max = self.discarded = 0.0
         self.modulated_share: float | None = None
 
     @property
@@ -281,7 +277,7 @@ class LawSteps:
         return Update(self.law.next_sample())
 
 
-class LawServo:
+class LawServo(HeldForce):
     """A `DeviceCoupling` made of the device's end of a law.
 
     Parameters
@@ -295,9 +291,9 @@ class LawServo:
     """
 
     harvest = "measured"
-    quantisation: float | None = None
+    quantisation: ClassVar[float | None] = None
     """None: how far encoders blur a law's account is unknown."""
-    parts: ForceParts | None = None
+    parts: ClassVar[ForceParts | None] = None
     """None: each law makes its force in its own way."""
 
     def __init__(
@@ -310,45 +306,43 @@ class LawServo:
         force_limit: float,
         stamped: Stamped | None = None,
     ) -> None:
+        super().__init__()
         self.law = law
         self.coupling: LawState[DeviceLaw] = LawState(law, initial_energy, stamped)
-        self.account = initial_energy
-        self.trusted_damping: tuple[float, ...] = (0.0,) * len(position)
-        self.force: tuple[float, ...] = self.trusted_damping
-        self._due = period - TICK_SLACK_S
-        self._elapsed = 0.0
-        self._position = position
-        self._force_limit = force_limit
+        self.n = len(position)
+        self.trusted_damping: tuple[float, ...] = (0.0,) * self.n
+        self.held, self.position = [0.0] * self.n, list(position)
+        self.due, self.limit = period - TICK_SLACK_S, force_limit
+
+    @property
+    def account(self) -> float:
+        """This side's share of d^2 [J]."""
+        return self.coupling.account
+
+    @property
+    def force(self) -> Vector:
+        """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
+        return tuple(self.held)
+
+    @force.setter
+    def force(self, force: Vector) -> None:
+        self.held[:] = force
 
     def figures(self) -> dict[str, Any]:
         return {}
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
-        ledger, held = self.coupling.ledger, self.force
-        ledger.put_in(-inner(held, map(sub, x, self._position)))
-        self._position = x
-        ledger.observe(0.0, self.account)
+        begin_tick(self, self.coupling, x)
         if release:
-            self.law.release(dt, x, held)
+            self.law.release(dt, x, tuple(self.held))
             self.stop()
         elif dt > 0.0:  # a law may divide by dt
-            self.force = _limited(self.law.force(dt, x, v, held), self._force_limit)
-        self._elapsed += dt
-        if self._elapsed < self._due:
-            return None
-        self._elapsed = 0.0
-        return Update(self.law.next_sample(x, v))
+            self.held[:] = self.law.force(dt, x, v, tuple(self.held))
+            cut(self)
+        return Update(self.law.next_sample(x, v)) if sends(self, dt) else None
 
     def resting(self, dt: float) -> int:
-        return ticks_before(self._due, self._elapsed, dt)
+        return ticks_before(self.due, self.elapsed, dt)
 
     def stop(self) -> None:
-        self.force = (0.0,) * len(self.force)
-
-
-def _limited(force: Vector, longest: float) -> Vector:
-    square = inner(force, force)
-    if square <= longest * longest:
-        return force
-    share: float = longest / square**0.5
-    return tuple([share * component for component in force])
+        self.held[:] = [0.0] * self.n

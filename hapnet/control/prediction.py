@@ -122,9 +122,13 @@ class MotionPredictor(Record):
         """A position arrived [m], with its sender's time stamp [s]. One that was overtaken is used as well."""
         n = len(position)
         if len(self.position) != n:
-            self.places = [[0.0] * n for _ in range(MOST)]
-            self.position, self.velocity, self.half = ([0.0] * n for _ in range(3))
+            self.make_room(n)
         note(self, n, position, sent_s)
+
+    def make_room(self, n: int) -> None:
+        """Make room for positions with n axes."""
+        self.places = [[0.0] * n for _ in range(MOST)]
+        self.position, self.velocity, self.half = ([0.0] * n for _ in range(3))
 
     def at(self, ahead: float) -> tuple[Vector, float]:
         """The position `ahead` seconds after the newest, and how far ahead that prediction really is [s].

@@ -6,44 +6,78 @@ network; PO/PC and energy bounding add that.
 
 from __future__ import annotations
 
-from operator import mul, sub
-
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
+from hapnet.control.law import DeviceEnd
+from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.vectors import copy
 
 
-class VirtualCoupling:
+class VirtualCoupling(DeviceEnd):
     """A spring, which may saturate, tied to the newest position, and a damper.
 
     Parameters
     ----------
     spring : K. damping : B's diagonal [Ns/m]. position : x(0) [m], where it starts at rest.
+
+    Attributes
+    ----------
+    position : the last measured one [m]. way : from the one before [m]. energies : a law's account of each axis [J].
     """
 
+    spring: Spring
+    damping: OfAxes
+    position: OfAxes
+    way: OfAxes
+    energies: OfAxes
+
     def __init__(self, spring: Spring, damping: Vector, position: Vector) -> None:
-        self.set_position: Vector = position
-        self.position: Vector = position
-        self._spring = spring
-        self._damping = damping
+        super().__init__(position)
+        self.spring, self.damping, self.position = spring, list(damping), list(position)
+        self.way, self.energies = [0.0] * self.n, [0.0] * self.n
 
     def receive(self, sample: CouplingSample) -> None:
         """A position arrived [m]."""
         assert not isinstance(sample, Position | Motion | Port | Wave | Proxy), "the world sends bare positions here"
-        self.set_position = sample
+        self.y[:] = sample
+
+    @equation
+    def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
+        """A position arrived [m]."""
+        copy(self.n, value, self.y)
 
     def on_peer_changed(self) -> None:
         """Do nothing: positions are not counted, so the new peer's simply continue the old one's."""
 
-    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
+    @equation
+    def say(self, x: Reals, v: Reals) -> None:
         """The measured position [m]."""
-        return x
+        copy(self.n, x, self.said.value)
 
     def coupled(self, x: Vector, v: Vector) -> Vector:
         """The spring's and the damper's force [N] at x [m] and v [m/s]."""
-        return tuple(map(sub, self._spring.force(self.set_position, x), map(mul, self._damping, v)))
+        couple(self, x, v, self.out)
+        return tuple(self.out)
 
-    def moved(self, x: Vector) -> Vector:
-        """Displacement from the last measured position to x [m]; x becomes the last position."""
-        before, self.position = self.position, x
-        return tuple(map(sub, x, before))
+    def untie(self, x: Vector) -> None:
+        """Tie the spring to x [m] until a sample arrives."""
+        self.y[:] = x
+
+
+@equation
+def couple(law: VirtualCoupling, x: Reals, v: Reals, out: Floats) -> None:
+    """The spring's and the damper's force [N] at x [m] and v [m/s]."""
+    springs.force(law.spring, x, law.y, out)
+    for i in range(law.n):
+        out[i] = out[i] - law.damping[i] * v[i]
+
+
+@equation
+def pass_to(law: VirtualCoupling, x: Reals) -> None:
+    """The way from the last measured position to x [m]; x becomes the last position."""
+    for i in range(law.n):
+        law.way[i] = x[i] - law.position[i]
+        law.position[i] = x[i]

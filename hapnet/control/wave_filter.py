@@ -10,32 +10,63 @@ so the energy output never exceeds the energy put in plus what the filter holds,
 
 from __future__ import annotations
 
+from typing import cast
+
 from hapnet.checks import Vector
-from hapnet.control.coupling import Wave
-from hapnet.control.wave_port import Line
+from hapnet.control.samples import Wave
+from hapnet.control.wave_integral import IntegralLine, Line, take_from
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import Floats, OfAxes, Record
 
 
-class WaveFilter:
+class WaveFilter(Record):
     """A line whose output waves are smoothed.
 
     Parameters
     ----------
     line : the line to smooth. dof : components of a wave. time : tau [s].
+
+    Attributes
+    ----------
+    wave : z. arrived : w.
     """
 
+    line: Record
+    n: int
+    tau: float
+    wave: OfAxes
+    arrived: OfAxes
+
     def __init__(self, line: Line, dof: int, time: float) -> None:
-        self._line = line
-        self._tau = time
-        self._silence = self._wave = (0.0,) * dof
+        self.line = cast(Record, line)  # plain Python takes any line
+        self.n, self.tau = dof, time
+        self.wave, self.arrived = [0.0] * dof, [0.0] * dof
 
     def clear(self) -> None:
-        self._line.clear()
-        self._wave = self._silence
+        cast(Line, self.line).clear()
+        self.wave[:] = [0.0] * self.n
 
     def push(self, wave: Wave) -> None:
-        self._line.push(wave)
+        cast(Line, self.line).push(wave)
 
     def take(self, dt: float) -> Vector:
-        share = dt / (self._tau + dt)
-        self._wave = tuple([z + share * (w - z) for z, w in zip(self._wave, self._line.take(dt), strict=True)])
-        return self._wave
+        draw(self, dt)
+        return tuple(self.wave)
+
+
+def _through(line: IntegralLine, dt: float, out: Floats) -> None:
+    take_from(line.line, dt, out)
+
+
+@compiled_as(_through)
+def _take(line: Record, dt: float, out: Floats) -> None:
+    out[:] = cast(Line, line).take(dt)
+
+
+@equation
+def draw(smooth: WaveFilter, dt: float) -> None:
+    """`WaveFilter.take`, into `wave`."""
+    share = dt / (smooth.tau + dt)
+    _take(smooth.line, dt, smooth.arrived)
+    for i in range(smooth.n):
+        smooth.wave[i] = smooth.wave[i] + share * (smooth.arrived[i] - smooth.wave[i])

@@ -17,46 +17,99 @@ that comes after a later one adds nothing. The integral is believed, as the wave
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol, cast
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Wave
-from hapnet.control.wave_port import Line
+from hapnet.control.law import UNTOLD
+from hapnet.control.samples import Wave
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy
 
 LEAST = 1e-9
 """Displacement this small counts as recovered [sqrt(W) s]."""
 
 
-class IntegralLine:
-    """A line that makes up for lost waves, where their sender tells integrals; otherwise just that line.
-
-    line : takes the waves, each over the time since the last.
-    """
-
-    def __init__(self, line: Line) -> None:
-        self._line = line
-        self._newest: tuple[Vector, float] | None = None
-
-    def clear(self) -> None:
-        self._line.clear()
-        self._newest = None
+class Line(Protocol):
+    """The receiving end of one direction of a wave line. It may delay and lose waves, but it adds no energy."""
 
     def push(self, wave: Wave) -> None:
-        if wave.total:
-            newest, self._newest = self._newest, (wave.total, wave.total_s)
-            if newest is not None:
-                before, before_s = newest
-                span = wave.total_s - before_s
-                if span <= 0.0:
-                    self._newest = newest
-                    return
-                wave = Wave(tuple([(now - then) / span for now, then in zip(wave.total, before, strict=True)]), span)
-        self._line.push(wave)
+        """A wave arrived."""
 
     def take(self, dt: float) -> Vector:
-        return self._line.take(dt)
+        """Advance by `dt` seconds; the mean wave over that time [sqrt(W)]."""
+
+    def clear(self) -> None:
+        """Forget all waves that have arrived."""
 
 
-class Recovery:
+def push_on(line: Record, value: Reals, span: float) -> None:
+    """A wave arrived; compiled as the `put` of the kind's line."""
+    cast(Line, line).push(Wave(tuple(value), span))
+
+
+def take_from(line: Record, dt: float, out: Floats) -> None:
+    """The mean wave over the next `dt` seconds; compiled as the `draw` of the kind's line."""
+    out[:] = cast(Line, line).take(dt)
+
+
+class IntegralLine(Record):
+    """A line that makes up for lost waves, where their sender tells integrals; otherwise just that line.
+
+    Parameters
+    ----------
+    line : takes the waves, each over the time since the last. believes : are integrals believed?
+
+    Attributes
+    ----------
+    newest, newest_s : the last integral [sqrt(W) s] and its time [s], if there `is_newest`. mean : room for a wave.
+    """
+
+    line: Record
+    believes: int
+    is_newest: int
+    newest: OfAxes
+    newest_s: float
+    mean: OfAxes
+
+    def __init__(self, line: Line, *, believes: bool = True) -> None:
+        super().__init__()
+        self.line = cast(Record, line)  # plain Python takes any line
+        self.believes = int(believes)
+
+    def clear(self) -> None:
+        cast(Line, self.line).clear()
+        self.is_newest = 0
+
+    def push(self, wave: Wave) -> None:
+        if len(self.mean) != (n := len(wave.value)):
+            self.mean, self.newest = [0.0] * n, [0.0] * n
+        put(self, wave.value, wave.total, wave.span, wave.total_s if wave.total else UNTOLD)
+
+    def take(self, dt: float) -> Vector:
+        return cast(Line, self.line).take(dt)
+
+
+@equation
+def put(line: IntegralLine, value: Reals, more: Reals, span: float, total_s: float) -> None:
+    """`IntegralLine.push`."""
+    if line.believes and total_s >= 0.0:
+        since = total_s - line.newest_s
+        was_known = line.is_newest != 0
+        if was_known and since <= 0.0:
+            return
+        if was_known:
+            for i in range(len(line.mean)):
+                line.mean[i] = (more[i] - line.newest[i]) / since
+        copy(len(line.mean), more, line.newest)
+        line.newest_s, line.is_newest = total_s, 1
+        if was_known:
+            push_on(line.line, line.mean, since)
+            return
+    push_on(line.line, value, span)
+
+
+class Recovery(Record):
     """Lets out the displacement that a queue has lost, as far as the energy that it has lost as well pays for it.
 
     A queue that drops waves, or plays them faster, leaves a displacement U and an energy E behind. An output of 2 E/U
@@ -66,41 +119,62 @@ class Recovery:
     Parameters
     ----------
     dof : components of a wave. time : time constant of the recovery, if there is energy enough [s]; 0: none.
+
+    Attributes
+    ----------
+    owed : U [sqrt(W) s]. spare : E [J].
     """
 
+    owed: OfAxes
+    spare: OfAxes
+    n: int
+    time: float
+
     def __init__(self, dof: int, time: float) -> None:
-        self._dof, self._time = dof, time
+        self.n, self.time = dof, time
         self.clear()
 
     def clear(self) -> None:
-        self.owed: list[float] = [0.0] * self._dof
-        """U [sqrt(W) s]."""
-        self.spare: list[float] = [0.0] * self._dof
-        """E [J]."""
+        self.owed, self.spare = [0.0] * self.n, [0.0] * self.n
 
     def lose(self, wave: Wave) -> None:
         """The queue has dropped this wave."""
-        for i, value in enumerate(wave.value):
-            self.owed[i] += value * wave.span
-            self.spare[i] += 0.5 * value * value * wave.span
+        lose(self, wave.value, wave.span)
 
     def output(self, dt: float, wave: Vector, total: Sequence[float], squares: Sequence[float]) -> Vector:
         """What to output over the next `dt` seconds for the queue's `wave`, made of waves with these integrals."""
-        if not self._time:
-            return wave
-        whole = []
-        for i, z in enumerate(wave):
-            self.owed[i] += total[i] - z * dt
-            self.spare[i] += 0.5 * (squares[i] - z * z * dt)
-            whole.append(z + self._more(i, dt, z))
-        return tuple(whole)
+        out = list(wave)
+        recover(self, dt, out, total, squares)
+        return tuple(out)
 
-    def _more(self, i: int, dt: float, z: float) -> float:
-        owed, spare = self.owed[i], self.spare[i]
-        if abs(owed) < LEAST or spare <= 0.0:
-            return 0.0
-        sign = 1.0 if owed > 0.0 else -1.0
-        c = sign * min(abs(owed) / (self._time + dt), max(0.0, 2.0 * (spare / abs(owed) - sign * z)))
-        self.owed[i] = owed - c * dt
-        self.spare[i] = spare - c * (z + 0.5 * c) * dt
-        return c
+
+@equation
+def lose(recovery: Recovery, value: Reals, span: float) -> None:
+    """`Recovery.lose`."""
+    for i in range(recovery.n):
+        recovery.owed[i] += value[i] * span
+        recovery.spare[i] += 0.5 * value[i] * value[i] * span
+
+
+@equation
+def recover(recovery: Recovery, dt: float, wave: Floats, total: Reals, squares: Reals) -> None:
+    """`Recovery.output`, in place of the wave."""
+    if recovery.time == 0.0:
+        return
+    for i in range(recovery.n):
+        z = wave[i]
+        recovery.owed[i] += total[i] - z * dt
+        recovery.spare[i] += 0.5 * (squares[i] - z * z * dt)
+        wave[i] = z + _more(recovery, i, dt, z)
+
+
+@equation
+def _more(recovery: Recovery, i: int, dt: float, z: float) -> float:
+    owed, spare = recovery.owed[i], recovery.spare[i]
+    if abs(owed) < LEAST or spare <= 0.0:
+        return 0.0
+    sign = 1.0 if owed > 0.0 else -1.0
+    c = sign * min(abs(owed) / (recovery.time + dt), max(0.0, 2.0 * (spare / abs(owed) - sign * z)))
+    recovery.owed[i] = owed - c * dt
+    recovery.spare[i] = spare - c * (z + 0.5 * c) * dt
+    return c

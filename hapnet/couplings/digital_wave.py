@@ -18,13 +18,15 @@ from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.couplings.wave import WaveParams
 from hapnet.params import Params
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
 from hapnet.wire import messages
 
 LOUDEST = 2.0
 """Largest 1/n: a burst carries energy too, but the hand should not get it all at once."""
 
 
-class Replay:
+class Replay(Record):
     """The waves that have arrived and were not played yet, merged into one wave over one time span.
 
     Waves that arrive are spread, with what is left to play, over the next N seconds: S seconds of waves with mean u go
@@ -36,37 +38,59 @@ class Replay:
     ----------
     dof : components of a wave. spread : N [s]; nothing is lost if it is at least the longest time between two arrivals
         and no shorter than a slot.
+
+    Attributes
+    ----------
+    arrived, arrived_s : integral of the waves that have arrived since the last slot, and their time span [s]. playing,
+        left_s : what is played, and for how long still [s].
     """
 
+    n: int
+    spread: float
+    arrived: OfAxes
+    arrived_s: float
+    playing: OfAxes
+    left_s: float
+
     def __init__(self, dof: int, spread: float) -> None:
-        self._zero = (0.0,) * dof
-        self._spread = spread
+        self.n, self.spread = dof, spread
         self.clear()
 
     def clear(self) -> None:
-        self._arrived = list(self._zero)  # integral of the waves that have arrived since the last slot
-        self._arrived_s = 0.0  # their total time span [s]
-        self._playing = self._zero
-        self._left_s = 0.0
+        self.arrived, self.playing = [0.0] * self.n, [0.0] * self.n
+        self.arrived_s = self.left_s = 0.0
 
     def push(self, wave: Wave) -> None:
-        value, span = wave.value, wave.span
-        self._arrived_s += span
-        for i, component in enumerate(value):
-            self._arrived[i] += component * span
+        self.put(wave.value, wave.span)
 
     def take(self, dt: float) -> Vector:
-        left, playing = self._left_s, self._playing
-        if self._arrived_s > 0.0:
-            content = self._arrived_s + left
-            scale = sqrt(min(content / self._spread, LOUDEST)) / content
-            playing = tuple([(new + old * left) * scale for new, old in zip(self._arrived, playing, strict=True)])
-            self._arrived, self._arrived_s = list(self._zero), 0.0
-            self._playing, left = playing, self._spread
+        out = [0.0] * self.n
+        self.draw(dt, out)
+        return tuple(out)
+
+    @equation
+    def put(self, value: Reals, span: float) -> None:
+        """A wave arrived."""
+        self.arrived_s += span
+        for i in range(self.n):
+            self.arrived[i] += value[i] * span
+
+    @equation
+    def draw(self, dt: float, out: Floats) -> None:
+        """`take`, into `out`."""
+        left = self.left_s
+        if self.arrived_s > 0.0:
+            content = self.arrived_s + left
+            scale = sqrt(min(content / self.spread, LOUDEST)) / content
+            for i in range(self.n):
+                self.playing[i] = (self.arrived[i] + self.playing[i] * left) * scale
+                self.arrived[i] = 0.0
+            self.arrived_s, left = 0.0, self.spread
         played = min(left, dt)
-        self._left_s = left - played
+        self.left_s = left - played
         share = played / dt
-        return tuple([wave * share for wave in playing])
+        for i in range(self.n):
+            out[i] = self.playing[i] * share
 
 
 @dataclass(frozen=True)
@@ -107,5 +131,6 @@ LAW = CouplingSpec(
     device_sends=messages.Wave,
     world_sends=messages.Wave,
     covers=lambda params, tuning, virtual: True,
+    compiled=wave.compiled(Replay),
     searched=wave.SEARCHED,
 )

@@ -28,12 +28,12 @@ there, and `eba.predict_s`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from math import sqrt
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
-from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.control.virtual_coupling import VirtualCoupling, couple, pass_to
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
@@ -43,6 +43,8 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals
 
 
 class EnergyBounding(VirtualCoupling):
@@ -53,7 +55,16 @@ class EnergyBounding(VirtualCoupling):
     spring, damping, position : of the coupling.
     own_damping : b [Ns/m], a lower bound of the device's own damping on every axis.
     period : T [s], of the servo. resolution : r [m], of the encoders.
+
+    Attributes
+    ----------
+    before : the force held at the last tick [N].
     """
+
+    own: float
+    gain: float
+    resolution: float
+    before: OfAxes
 
     def __init__(
         self,
@@ -66,37 +77,49 @@ class EnergyBounding(VirtualCoupling):
         resolution: float = 0.0,
     ) -> None:
         super().__init__(spring, damping, position)
-        self.energy: Vector = (0.0,) * len(position)
-        """E, a lower bound of the energy that the hand put in on each axis and has not got back [J]."""
-        self._held = self.energy
-        self._b = own_damping
-        self._gain = 4.0 * own_damping / period
-        self._resolution = resolution
+        self.before = [0.0] * self.n
+        self.own = own_damping
+        self.gain = 4.0 * own_damping / period
+        self.resolution = resolution
 
-    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
-        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
-        self._account(dt, x, held)
-        return tuple([self._bounded(*axis) for axis in zip(self.coupled(x, v), self.energy, held, strict=True)])
+    @property
+    def energy(self) -> Vector:
+        """E, a lower bound of the energy that the hand put in on each axis and has not got back [J]."""
+        return tuple(self.energies)
+
+    @equation
+    def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+        """The force to hold [N]."""
+        _account(self, dt, x, held)
+        couple(self, x, v, out)
+        for i in range(self.n):
+            out[i] = _bounded(self, out[i], self.energies[i], held[i])
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         """Count the work of the force held so long. The spring is tied to x until a sample arrives."""
-        self._account(dt, x, held)
-        self.set_position = x
+        _account(self, dt, x, held)
+        self.untie(x)
 
-    def _account(self, dt: float, x: Vector, held: Vector) -> None:
-        r, half, harvest = self._resolution, 0.5 * self._resolution, self._b / dt if dt > 0.0 else 0.0
-        energy = []
-        for E, dx, F, before in zip(self.energy, self.moved(x), held, self._held, strict=True):
-            way = max(0.0, abs(dx) - r)
-            energy.append(E + harvest * way * way - F * dx - half * abs(F - before))
-        self.energy, self._held = tuple(energy), held
 
-    def _bounded(self, force: float, E: float, held: float) -> float:
-        sure = E - 0.5 * self._resolution * abs(held)
-        if sure <= 0.0:
-            return 0.0
-        most = sqrt(self._gain * sure)
-        return max(-most, min(force, most))
+@equation
+def _account(law: EnergyBounding, dt: float, x: Reals, held: Reals) -> None:
+    harvest = law.own / dt if dt > 0.0 else 0.0
+    pass_to(law, x)
+    for i in range(law.n):
+        dx, F = law.way[i], held[i]
+        way = max(0.0, abs(dx) - law.resolution)
+        changed = 0.5 * law.resolution * abs(F - law.before[i])
+        law.energies[i] = law.energies[i] + harvest * way * way - F * dx - changed
+        law.before[i] = F
+
+
+@equation
+def _bounded(law: EnergyBounding, force: float, E: float, held: float) -> float:
+    sure = E - 0.5 * law.resolution * abs(held)
+    if sure <= 0.0:
+        return 0.0
+    most = math.sqrt(law.gain * sure)
+    return max(-most, min(force, most))
 
 
 @dataclass(frozen=True)
@@ -151,5 +174,6 @@ LAW = CouplingSpec(
     parameters=EbaParams,
     set_positions=frozenset({"world"}),
     scaled=True,
+    compiled=(EnergyBounding, None),
     searched={"device.damping": Between(0.05, RENDERED_DAMPING, log=True), "eba.predict_s": Between(0.0, 0.3)},
 )

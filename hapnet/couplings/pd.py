@@ -32,8 +32,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion
 from hapnet.control.deadband import LONGEST_S
+from hapnet.control.law import DeviceEnd, End, WorldEnd
+from hapnet.control.samples import Motion
 from hapnet.couplings.ends import held_law, stepped_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import (
@@ -45,6 +46,9 @@ from hapnet.couplings.spec import (
 )
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.vectors import copy
 from hapnet.wire import messages
 from netem import LinkProfile
 
@@ -74,82 +78,103 @@ def tuned(stiffness: float, round_trip: float, most: float) -> Gains:
     return Gains(K_p, K_p * round_trip / 2.0)
 
 
-class _End:
+class _Gained(End):
     """What both ends have in common.
 
     Parameters
     ----------
     gains : of the law. position : x(0) of this side [m]; the other side is assumed to rest there too.
+
+    Attributes
+    ----------
+    stiffness, coordination, own : K_p [N/m], K_v, and the sum of all gains on a side's own velocity [Ns/m]. velocity :
+    the other side's [m/s]; its position is `y`.
     """
 
+    stiffness: float
+    coordination: float
+    own: float
+    velocity: OfAxes
+
+    sends = Motion
+
     def __init__(self, gains: Gains, position: Vector) -> None:
-        self._gains = gains
-        self._rest: Vector = (0.0,) * len(position)
-        self._peer = Motion(position, self._rest)
+        super().__init__(position)
+        self.stiffness, self.coordination, self.own = gains.stiffness, gains.coordination, gains.drag
+        self.velocity = [0.0] * self.n
 
-    @property
-    def set_position(self) -> Vector:
-        """x_peer [m]."""
-        return self._peer.position
-
-    def receive(self, sample: CouplingSample) -> None:
+    @equation
+    def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
         """The other side's motion arrived."""
-        assert isinstance(sample, Motion), "both sides send motions here"
-        self._peer = sample
+        copy(self.n, value, self.y)
+        copy(self.n, more, self.velocity)
 
     def on_peer_changed(self) -> None:
         """A new peer: until its first sample it is assumed to rest where the old one was."""
-        self._peer = Motion(self._peer.position, self._rest)
+        self.velocity[:] = [0.0] * len(self.velocity)
 
 
-class DevicePD(_End):
+class DevicePD(_Gained, DeviceEnd):
     """The device's end."""
 
-    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
-        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
-        K_p, K_v, drag = self._gains.stiffness, self._gains.coordination, self._gains.drag
-        return tuple(
-            [
-                K_v * speed_peer - drag * speed - K_p * (at - peer)
-                for at, speed, peer, speed_peer in zip(x, v, *self._peer, strict=True)
-            ]
-        )
+    @equation
+    def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+        """The force to hold [N]."""
+        for i in range(self.n):
+            out[i] = self.coordination * self.velocity[i] - self.own * v[i] - self.stiffness * (x[i] - self.y[i])
+
+    @equation
+    def say(self, x: Reals, v: Reals) -> None:
+        """The device's motion."""
+        copy(self.n, x, self.said.value)
+        copy(self.n, v, self.said.more)
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         """The spring is tied to x until a sample arrives."""
-        self._peer = Motion(x, self._rest)
-
-    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
-        """The device's motion."""
-        return Motion(x, v)
+        self.y[:], self.velocity[:] = x, [0.0] * self.n
 
 
-class WorldPD(_End):
-    """The world's end."""
+class WorldPD(_Gained, WorldEnd):
+    """The world's end.
+
+    x, vhat : the mass's position [m], and its mean velocity over the last step [m/s]: v may alternate about the mean.
+    at, speed : the other side's motion that the running step uses.
+    """
+
+    x: OfAxes
+    vhat: OfAxes
+    at: OfAxes
+    speed: OfAxes
 
     def __init__(self, gains: Gains, position: Vector) -> None:
         super().__init__(gains, position)
-        self._latched = self._own = self._peer
+        self.x, self.at = list(position), list(position)
+        self.vhat, self.speed = [0.0] * self.n, [0.0] * self.n
 
+    @equation
     def begin(self) -> None:
         """The step uses the newest motion that has arrived by its start."""
-        self._latched = self._peer
+        copy(self.n, self.y, self.at)
+        copy(self.n, self.velocity, self.speed)
 
-    def impedance(self, dt: float) -> tuple[float, Vector]:
+    @equation
+    def drag(self, dt: float) -> float:
         """Drag K_v + K_d + P_e + K_p T/2 [Ns/m], push K_v v_peer - K_p (x - x_peer) [N]."""
-        K_p, K_v = self._gains.stiffness, self._gains.coordination
-        push = [
-            K_v * speed - K_p * (at - peer) for at, peer, speed in zip(self._own.position, *self._latched, strict=True)
-        ]
-        return self._gains.drag + 0.5 * K_p * dt, tuple(push)
+        for i in range(self.n):
+            self.push[i] = self.coordination * self.speed[i] - self.stiffness * (self.x[i] - self.at[i])
+        return self.own + 0.5 * self.stiffness * dt
 
-    def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
-        """Keep the step's end and its mean velocity to send: v may alternate about the mean."""
-        self._own = Motion(x, vhat)
+    @equation
+    def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
+        """The mass has made its step."""
+        copy(self.n, x, self.x)
+        copy(self.n, vhat, self.vhat)
 
-    def next_sample(self) -> CouplingSample:
+    @equation
+    def say(self) -> None:
         """The mass's motion."""
-        return self._own
+        copy(self.n, self.x, self.said.value)
+        copy(self.n, self.vhat, self.said.more)
 
 
 @dataclass(frozen=True)
@@ -245,6 +270,7 @@ LAW = CouplingSpec(
     world_sends=messages.Motion,
     covers=covers,
     warn=warn,
+    compiled=(DevicePD, WorldPD),
     searched={
         "pd.damping": Between(0.2, RENDERED_DAMPING, log=True),
         "pd.coordination": Between(0.0, 2.0),

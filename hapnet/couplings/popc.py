@@ -28,11 +28,10 @@ predictions made both ports together far from passive, as measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from operator import mul, sub
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
-from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.control.virtual_coupling import VirtualCoupling, couple, pass_to
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
@@ -41,6 +40,8 @@ from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, Coupl
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, Range, parameter
 from hapnet.params import Params
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, Reals
 
 
 def damping_cap(mass: float, period: float, rendered: float) -> float:
@@ -62,37 +63,51 @@ class PassivityController(VirtualCoupling):
     velocity_floor : no damping below this speed [m/s]. damping_cap : largest alpha [Ns/m].
     """
 
+    floor: float
+    cap: float
+
     def __init__(
         self, spring: Spring, damping: Vector, position: Vector, *, velocity_floor: float, damping_cap: float
     ) -> None:
         super().__init__(spring, damping, position)
-        self.energy: Vector = (0.0,) * len(position)
-        """W, the energy put in at the port on each axis [J]."""
-        self._floor = velocity_floor
-        self._cap = damping_cap
+        self.floor, self.cap = velocity_floor, damping_cap
 
-    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
-        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
-        self._observe(x, held)
-        coupled = self.coupled(x, v)
-        if min(self.energy) >= 0.0:
-            return coupled
-        damping = [self._alpha(W, speed, dt) for W, speed in zip(self.energy, v, strict=True)]
-        return tuple(map(sub, coupled, map(mul, damping, v)))
+    @property
+    def energy(self) -> Vector:
+        """W, the energy put in at the port on each axis [J]."""
+        return tuple(self.energies)
+
+    @equation
+    def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+        """The force to hold [N]."""
+        _observe(self, x, held)
+        couple(self, x, v, out)
+        owes = False
+        for i in range(self.n):
+            owes = owes or bool(self.energies[i] < 0.0)
+        if owes:
+            for i in range(self.n):
+                out[i] = out[i] - _alpha(self, self.energies[i], v[i], dt) * v[i]
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         """The observer continues. The spring is tied to x until a sample arrives."""
-        self._observe(x, held)
-        self.set_position = x
+        _observe(self, x, held)
+        self.untie(x)
 
-    def _observe(self, x: Vector, held: Vector) -> None:
-        self.energy = tuple(map(sub, self.energy, map(mul, held, self.moved(x))))
 
-    def _alpha(self, W: float, v: float, dt: float) -> float:
-        if W >= 0.0 or abs(v) < self._floor:
-            return 0.0
-        unit = v * v * dt  # what 1 Ns/m dissipates by the next tick [J]
-        return self._cap if self._cap * unit <= -W else -W / unit
+@equation
+def _observe(law: PassivityController, x: Reals, held: Reals) -> None:
+    pass_to(law, x)
+    for i in range(law.n):
+        law.energies[i] = law.energies[i] - held[i] * law.way[i]
+
+
+@equation
+def _alpha(law: PassivityController, W: float, v: float, dt: float) -> float:
+    if W >= 0.0 or abs(v) < law.floor:
+        return 0.0
+    unit = v * v * dt  # what 1 Ns/m dissipates by the next tick [J]
+    return law.cap if law.cap * unit <= -W else -W / unit
 
 
 @dataclass(frozen=True)
@@ -144,6 +159,7 @@ LAW = CouplingSpec(
     parameters=PopcParams,
     set_positions=frozenset({"world"}),
     scaled=True,
+    compiled=(PassivityController, None),
     searched={
         "device.damping": Between(0.05, RENDERED_DAMPING, log=True),
         "popc.velocity_floor": Between(0.0005, 0.01, log=True),

@@ -62,5 +62,6 @@ LAW = CouplingSpec(
     halves=True,
     joint=False,
     covers=_covers,
+    compiled=(None, None),
     searched=feel.SEARCHED,
 )

@@ -14,6 +14,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
+from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings.link_delays import Delays
 from hapnet.errors import InvalidParameter
@@ -93,6 +94,7 @@ class CouplingSpec(Generic[T]):
     joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.
     covers : when does it claim to be passive? allowance_J : energy that may then come out beyond d^2 [J].
     warn : warnings for the user before the start.
+    compiled : the records of its two ends, where hapnet compiles the law (None: a set-position's); no user's own.
     searched : parameters that a tuning of the law may change, each with its range or its choices. Ranges end at what a
         desktop device renders stably, and nothing that a claim rests on is among them.
     """
@@ -120,6 +122,7 @@ class CouplingSpec(Generic[T]):
     covers: Covers[T] = lambda params, tuning, virtual: False
     allowance_J: Callable[[T], float] = lambda tuning: 0.0
     warn: Callable[[Params, T], tuple[str, ...]] = lambda params, tuning: ()
+    compiled: tuple[type[DeviceEnd] | None, type[WorldEnd] | None] | None = None
     searched: Mapping[str, Between | tuple[Any, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

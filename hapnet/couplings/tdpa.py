@@ -38,27 +38,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from math import hypot, sqrt
-from operator import add, neg, sub
 
 import numpy as np
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, LawSteps, Port, WorldCoupling, vector_of
-from hapnet.control.prediction import MotionPredictor
+from hapnet.control.coupling import LawSteps, WorldCoupling
+from hapnet.control.law import DeviceEnd
+from hapnet.control.samples import Port
 from hapnet.couplings import feel
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, scalar_stiffness
+from hapnet.couplings.tdpa_world import PassivityObserver, TdpaWorld, Tuning, grant, observe
 from hapnet.param_values import NOT_NEGATIVE, POSITIVE, Range, parameter
 from hapnet.params import Params
-from hapnet.records.vectors import inner
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.vectors import copy, dot
 from hapnet.wire import messages
-
-_RATE_S = 0.03
-"""Time constant of the world's estimate of the device's velocity [s]; a typical world step."""
-_LONGEST_S = 0.1
-"""The device's motion is extrapolated for no longer than this after its newest sample [s]."""
 
 
 @dataclass(frozen=True)
@@ -84,276 +81,103 @@ class TdpaParams:
     )
 
 
-@dataclass(frozen=True)
-class Tuning:
-    """The parameters of both ends, each chosen.
-
-    debt_limit_J : D. stiffness_N_m, damping_Ns_m : K and B between the world's set-position and its mass. What exceeds
-    speed_limit_m_s follows later.
-    """
-
-    stiffness_N_m: float
-    damping_Ns_m: float
-    velocity_floor_m_s: float
-    force_floor_N: float
-    damping_cap_Ns_m: float
-    speed_limit_m_s: float
-    debt_limit_J: float
-    recovery_s: float = 0.0
-    predicts: bool = False
-
-
-class PassivityObserver:
-    """The account of one port: the energy that went in, and its debt, output beyond what went in at the other port.
-
-    Several peers may use a total one after the other, but no joule of it may be used twice. So E_in never starts at
-    zero again, and the first total from a new peer grants nothing: later totals are counted from it. All that the old
-    peer was granted came before that first total. (The only exception would be a message older than the old peer's
-    newest that was in flight while the new peer started and shook hands.) This costs hardly anything: until a world has
-    a sample of its device, it commands no displacement and makes no force, so neither port has taken in energy yet.
-    Only a device that joins a world whose spring is tense may lose some. Debt and credit stay when the peer changes,
-    because that energy really came out or went in here. A side that ends leaves its debt unpaid, and every debt is
-    bounded.
-    """
-
-    def __init__(self) -> None:
-        self.debt: float = 0.0
-        """E_out, less what the controller dissipated, less the peers' E_in that was granted here [J]."""
-        self.put_in: float = 0.0
-        """E_in [J]."""
-        self._newest: float | None = None
-
-    def observe(self, given: float, dissipated: float) -> None:
-        """Count a tick or a step: the energy that came out here, negative if it went in, and what the controller
-        dissipated of it [J]."""
-        if given > 0.0:
-            self.debt += given
-        else:
-            self.put_in -= given
-        self.debt -= dissipated
-
-    def receive(self, energy: float) -> None:
-        """The peer's E_in [J], in any order."""
-        if self._newest is None:
-            self._newest = energy
-        elif energy > self._newest:
-            self.debt -= energy - self._newest
-            self._newest = energy
-
-    def on_peer_changed(self) -> None:
-        """A new peer, with its own count, has replaced the old one."""
-        self._newest = None
-
-
-class TdpaDevice:
+class TdpaDevice(DeviceEnd):
     """The device's end: it renders the world's reaction, plus the damping that the account demands.
 
-    position : (n,) the device's position [m].
-    """
-
-    def __init__(self, tuning: Tuning, position: Vector) -> None:
-        self.observer: PassivityObserver = PassivityObserver()
-        self._x = position
-        self._compliance = 1.0 / tuning.stiffness_N_m
-        self._force = self._damper = self._none = (0.0,) * len(position)
-        self._floor_square = tuning.velocity_floor_m_s * tuning.velocity_floor_m_s
-        self._cap = tuning.damping_cap_Ns_m
-        self._debt_limit = tuning.debt_limit_J
-
-    @property
-    def set_position(self) -> Vector:
-        """x - f/K [m]: a spring K tied there would make the world's reaction. The world sends no position."""
-        return tuple([x + self._compliance * f for x, f in zip(self._x, self._force, strict=True)])
-
-    def receive(self, sample: CouplingSample) -> None:
-        assert isinstance(sample, Port)
-        self._force = tuple(map(neg, sample.value))
-        self.observer.receive(sample.energy)
-
-    def on_peer_changed(self) -> None:
-        self.observer.on_peer_changed()
-        self._force = self._none
-
-    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
-        """See `DeviceLaw.force`: -(f + alpha v)."""
-        self._settle(x, held)
-        self._damper = self._none
-        debt = self.observer.debt
-        if debt <= 0.0:
-            return self._force
-        share = max(0.0, 1.0 - debt / self._debt_limit)
-        square = inner(v, v)
-        if square < self._floor_square:
-            return tuple([share * f for f in self._force])
-        alpha = min(self._cap, debt / (dt * square))
-        self._damper = tuple([-alpha * u for u in v])
-        return tuple([share * f - alpha * u for f, u in zip(self._force, v, strict=True)])
-
-    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
-        return Port(x, self.observer.put_in)
-
-    def release(self, dt: float, x: Vector, held: Vector) -> None:
-        self._settle(x, held)
-        self._damper = self._none
-
-    def _settle(self, x: Vector, held: Vector) -> None:
-        """Observe the force held since the last tick, exactly: its whole work, and the damper's share separately."""
-        way = tuple(map(sub, x, self._x))
-        self._x = x
-        damped = -inner(self._damper, way)
-        self.observer.observe(inner(held, way) + damped, damped)
-
-
-class TdpaWorld:
-    """The world's end: a set-position that moves as the device does, and yields to the force as the account demands.
-
-    Each step commands a displacement: from where the previous step should have brought y to where the device will be at
-    the end of this step, by its newest position, that position's age and its velocity. So a lost message loses no
-    displacement, alternate steps of 10 and 50 ms cause no jerks, and steps shorter than the device's period continue
-    between two messages. What y yields is lost (the known drift) unless `recovery` commands it again; the law as first
-    published has no recovery.
-
-    More than twenty attributes: six parameters, and two positions with their rates, ages and forces, of this end and of
-    the device's newest message.
+    Its set-position is x - f/K: a spring K tied there would make the world's reaction. The world sends no position.
 
     Parameters
     ----------
-    position : (n,) the mass's position [m]; a device's first position counts as the same place.
-    predictor : of the device's motion, from stamped positions; None: its velocity is taken from what comes here.
+    position : (n,) the device's position [m].
+
+    Attributes
+    ----------
+    x : at the last tick [m]. reaction : the world's [N]. damper : the controller's part of the held force [N].
     """
 
-    def __init__(self, tuning: Tuning, position: Vector, predictor: MotionPredictor | None = None) -> None:
-        self._predictor = predictor
-        self._newest_age = 0.0
-        self.observer: PassivityObserver = PassivityObserver()
-        self._K, self._B = tuning.stiffness_N_m, tuning.damping_Ns_m
-        self._floor_square = tuning.force_floor_N * tuning.force_floor_N
-        self._speed_limit = tuning.speed_limit_m_s
-        self._debt_limit = tuning.debt_limit_J
-        self._recovery = tuning.recovery_s
-        self._x = self._y = position
-        self._none = self._vhat = self._way = self._force = self._end_force = self._drift = (0.0,) * len(position)
-        self._dt = self._age = 0.0  # step length; age of the newest position, from the step that first used it
-        self._share = 1.0
-        self._arrived: Vector | None = None
-        self._following = False
-        self._used = self._goal = position  # the device's newest position; where the last step should have brought y
-        self._rate = self._none
+    observer: PassivityObserver
+    x: OfAxes
+    reaction: OfAxes
+    damper: OfAxes
+    way: OfAxes
+    compliance: float
+    floor_square: float
+    cap: float
+    debt_limit: float
 
-    @property
-    def set_position(self) -> Vector:
-        """y [m]."""
-        return self._y
+    sends = Port
 
-    @property
-    def drift(self) -> Vector:
-        """Displacement commanded but not made by y [m]."""
-        return self._drift
+    def __init__(self, tuning: Tuning, position: Vector) -> None:
+        super().__init__(position)
+        self.observer = PassivityObserver()
+        self.x = list(position)
+        self.reaction, self.damper, self.way = ([0.0] * self.n for _ in range(3))
+        self.compliance = 1.0 / tuning.stiffness_N_m
+        self.floor_square = tuning.velocity_floor_m_s * tuning.velocity_floor_m_s
+        self.cap, self.debt_limit = tuning.damping_cap_Ns_m, tuning.debt_limit_J
 
-    def receive(self, sample: CouplingSample) -> None:
-        assert isinstance(sample, Port)
-        self._arrived = sample.value
-        self.observer.receive(sample.energy)
+    @equation
+    def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
+        """The world's force and E_in arrived."""
+        for i in range(self.n):
+            self.reaction[i] = -value[i]
+        grant(self.observer, amount)
+        _tie(self)
 
     def on_peer_changed(self) -> None:
+        """A new peer's force and E_in are not known yet."""
         self.observer.on_peer_changed()
-        if self._predictor is not None:
-            self._predictor.reset()
-        self._arrived, self._following = None, False
-        self._goal, self._rate = self._used, self._none
+        self.reaction[:] = [0.0] * self.n
+        _tie(self)
 
-    def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """A sample for the predictor, as `CouplingState.receive`."""
-        if self._predictor is not None:
-            self._predictor.receive(vector_of(sample), sent_s)
-            if sent_s == self._predictor.newest_s:
-                self._newest_age = age_s
-
-    def begin(self) -> None:
-        self._age += self._dt
-        arrived, self._arrived = self._arrived, None
-        if arrived is None:
+    @equation
+    def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+        """-(f + alpha v)."""
+        _settle(self, x, held)
+        debt = self.observer.debt
+        if debt <= 0.0:
+            copy(self.n, self.reaction, out)
             return
-        if self._following:
-            age = self._age
-            gain = 1.0 / (_RATE_S + age)
-            ways = zip(self._rate, arrived, self._used, strict=True)
-            self._rate = tuple([rate + gain * (now - before - rate * age) for rate, now, before in ways])
-        else:
-            self._following = True
-            self._goal = arrived
-        self._used, self._age = arrived, self._newest_age
+        share = max(0.0, 1.0 - debt / self.debt_limit)
+        square = dot(self.n, v, v)
+        if square < self.floor_square:
+            for i in range(self.n):
+                out[i] = share * self.reaction[i]
+            return
+        alpha = min(self.cap, debt / (dt * square))
+        for i in range(self.n):
+            self.damper[i] = -alpha * v[i]
+            out[i] = share * self.reaction[i] - alpha * v[i]
 
-    def impedance(self, dt: float) -> tuple[float, Vector]:
-        """See `WorldLaw.impedance`: g = s a, p = s (a v_y + K (y - x))."""
-        self._dt = dt
-        self._command(dt)
-        a = self._B + 0.5 * self._K * dt
-        share = self._share = self._passive_share(a)
-        return share * a, tuple([share * f for f in self._unyielding(a, self._none)])
+    @equation
+    def say(self, x: Reals, v: Reals) -> None:
+        """The position, and E_in."""
+        copy(self.n, x, self.said.value)
+        self.said.amount = self.observer.put_in
 
-    def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
-        """See `WorldLaw.moved`: observe the completed step."""
-        a, share = self._B + 0.5 * self._K * dt, self._share
-        whole = self._unyielding(a, vhat)
-        self._force = force = tuple([share * f for f in whole])
-        give = (1.0 - share) * dt / a  # s beta T
-        yielded = tuple([give * f for f in whole])
-        self.observer.observe(inner(force, self._way), inner(force, yielded))
-        moved = tuple(map(sub, self._way, yielded))
-        self._y = tuple(map(add, self._y, moved))
-        self._drift = tuple(map(add, self._drift, yielded))
-        self._x, self._vhat = x, vhat
-        half = 0.5 * self._K  # sends the spring's force at the step's end, not its mean: half a step less delay
-        self._end_force = tuple([f + half * (w - u * dt) for f, w, u in zip(force, moved, vhat, strict=True)])
+    def release(self, dt: float, x: Vector, held: Vector) -> None:
+        """Observe the force held so long."""
+        _settle(self, x, held)
 
-    def next_sample(self) -> CouplingSample:
-        return Port(self._end_force, self.observer.put_in)
 
-    def _command(self, dt: float) -> None:
-        """Choose y's displacement, v_y T, within the limits of speed and debt."""
-        goal, drift = self._goal, self._drift
-        part = dt / (self._recovery + dt) if self._recovery else 0.0
-        ahead = tuple(map(sub, self._reached(dt), goal))
-        way = [w + part * lost for w, lost in zip(ahead, drift, strict=True)]
-        far, longest = hypot(*way), self._speed_limit * dt
-        cut = 1.0 if far <= longest else longest / far
-        debt = self.observer.debt
-        share = cut if debt <= 0.0 else cut * max(0.0, 1.0 - debt / self._debt_limit)
-        self._goal = tuple([before + cut * w for before, w in zip(goal, ahead, strict=True)])
-        self._way = tuple([share * w for w in way])
-        kept = 1.0 - cut * part
-        self._drift = tuple([kept * lost + (cut - share) * w for lost, w in zip(drift, way, strict=True)])
+@equation
+def _settle(law: TdpaDevice, x: Reals, held: Reals) -> None:
+    """Observe the force held since the last tick, exactly: its whole work, and the damper's share separately."""
+    n = law.n
+    for i in range(n):
+        law.way[i] = x[i] - law.x[i]
+        law.x[i] = x[i]
+    damped = -dot(n, law.damper, law.way)
+    observe(law.observer, dot(n, held, law.way) + damped, damped)
+    for i in range(n):
+        law.damper[i] = 0.0
+    _tie(law)
 
-    def _reached(self, dt: float) -> Vector:
-        """Where the device will be at the end of a step of `dt` seconds [m]."""
-        if self._predictor is not None and self._following:
-            return self._predictor.at(self._age + dt)[0]
-        age = min(self._age + dt, _LONGEST_S)
-        return tuple([at + rate * age for at, rate in zip(self._used, self._rate, strict=True)])
 
-    def _unyielding(self, a: float, vhat: Vector) -> list[float]:
-        """f_1 of the step, if the mass moves with vhat [N]."""
-        K, dt = self._K, self._dt
-        rows = zip(self._way, vhat, self._y, self._x, strict=True)
-        return [a * (way / dt - u) + K * (y - x) for way, u, y, x in rows]
-
-    def _passive_share(self, a: float) -> float:
-        """s that leaves no debt if the mass moves as in the last step; how it really moves is observed afterwards.
-
-        The larger root of s f_1.v_y T - s (1 - s) f_1^2 T/a = -debt, limited to 1/2 to 1.
-        """
-        if inner(self._force, self._force) < self._floor_square:
-            return 1.0
-        expected = self._unyielding(a, self._vhat)
-        given = max(0.0, inner(expected, self._way))
-        debt = self.observer.debt
-        most = inner(expected, expected) * self._dt / a
-        if given <= -debt or most == 0.0:
-            return 1.0
-        rest = most - given
-        share: float = (rest + sqrt(max(0.0, rest * rest - 4.0 * most * debt))) / (2.0 * most)
-        return max(0.5, share)
+@equation
+def _tie(law: TdpaDevice) -> None:
+    for i in range(law.n):
+        law.y[i] = law.x[i] + law.compliance * law.reaction[i]
 
 
 def tune(params: Params, link: Delays) -> Tuning:
@@ -403,6 +227,7 @@ LAW = CouplingSpec(
     world_sends=messages.Port,
     covers=lambda params, tuning, virtual: True,
     allowance_J=lambda tuning: 2.0 * tuning.debt_limit_J,
+    compiled=(TdpaDevice, TdpaWorld),
     searched={
         "tdpa.stiffness": Between(50.0, 1000.0, log=True),
         "tdpa.damping": Between(0.5, 20.0, log=True),

@@ -15,16 +15,16 @@ predicted has not gone in. A predictor needs a model of the far end, and a regul
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, Wave, WorldCoupling
+from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.control.wave_filter import WaveFilter
-from hapnet.control.wave_integral import IntegralLine, Recovery
+from hapnet.control.wave_integral import IntegralLine, Recovery, lose, recover
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
 from hapnet.couplings.ends import held_law, stepped_law
 from hapnet.couplings.link_delays import Delays
@@ -37,6 +37,9 @@ from hapnet.couplings.spec import (
 )
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record, holding
+from hapnet.records.vectors import copy
 from hapnet.wire import messages
 
 WINDOW_S = 2.0
@@ -45,9 +48,10 @@ SLACK_S = 0.005
 """A queue this short is never shortened [s]."""
 MOST = 1024
 """Largest number of waiting waves."""
+_RING = MOST + 1
 
 
-class DelayLine:
+class DelayLine(Record):
     """A queue of waves.
 
     Parameters
@@ -56,31 +60,46 @@ class DelayLine:
     longest : longest wait [s]; when the queue grows beyond it, the oldest waves are dropped.
     hold : a missing wave is replaced by the last one, which is not passive; if false, by zero, which is passive.
     recovery : time constant with which displacement that the queue has lost comes out after all [s]; 0: never.
+
+    Attributes
+    ----------
+    values, spans : a ring of the waves that wait, `count` from `first` on; waiting : their total time span [s]. last :
+        the wave that was played last. pace : how fast they are played in this window; least : the shortest queue in it,
+        which was `watched` for so long [s]. total, squares : integrals of what was played last.
     """
 
+    n: int
+    longest: float
+    holds: int
+    recovery: Recovery
+    values: Annotated[FloatRows, (_RING, AXES)]
+    spans: Annotated[Floats, (_RING,)]
+    first: int
+    count: int
+    last: OfAxes
+    waiting: float
+    pace: float
+    least: float
+    watched: float
+    squares: OfAxes
+    total: OfAxes
+
     def __init__(self, dof: int, longest: float, *, hold: bool = False, recovery: float = 0.0) -> None:
-        self._zero = (0.0,) * dof
-        self._recovery = Recovery(dof, recovery)
-        self._longest = longest
-        self._hold = hold
+        self.n, self.longest, self.holds = dof, longest, int(hold)
+        self.recovery = Recovery(dof, recovery)
+        self.values, self.spans = [[0.0] * dof for _ in range(_RING)], [0.0] * _RING
+        self.squares, self.total = [0.0] * dof, [0.0] * dof
         self.clear()
 
     def clear(self) -> None:
-        self._queue: deque[Wave] = deque()
-        self._last = self._zero
-        self._recovery.clear()
-        self.waiting: float = 0.0
-        """Total time span of the waves in the queue [s]."""
-        self._pace = 1.0
-        self._least = self._watched = 0.0
+        self.recovery.clear()
+        self.first = self.count = 0
+        self.last = [0.0] * self.n
+        self.pace = 1.0
+        self.waiting = self.least = self.watched = 0.0
 
     def push(self, wave: Wave) -> None:
-        self._queue.append(wave)
-        self.waiting += wave.span
-        while self.waiting > self._longest or len(self._queue) > MOST:
-            dropped = self._queue.popleft()
-            self.waiting -= dropped.span
-            self._recovery.lose(dropped)
+        self.put(wave.value, wave.span)
 
     def take(self, dt: float) -> Vector:
         """The mean wave over the next `dt` seconds.
@@ -89,39 +108,76 @@ class DelayLine:
         Waves of S seconds played in dt < S go out as their mean times sqrt(S/dt): no more energy than they had, by the
         Cauchy-Schwarz inequality.
         """
-        total, squares, took = self._next(dt * self._pace)
-        if took < dt and self._hold:
-            total = [part + last * (dt - took) for part, last in zip(total, self._last, strict=True)]
-        self._watch(dt)
+        out = [0.0] * self.n
+        self.draw(dt, out)
+        return tuple(out)
+
+    @equation
+    def put(self, value: Reals, span: float) -> None:
+        """A wave arrived."""
+        at = (self.first + self.count) % _RING
+        copy(self.n, value, self.values[at])
+        self.spans[at] = span
+        self.count += 1
+        self.waiting += span
+        while self.waiting > self.longest or self.count > MOST:
+            self.waiting -= self.spans[self.first]
+            lose(self.recovery, self.values[self.first], self.spans[self.first])
+            _drop(self)
+
+    @equation
+    def draw(self, dt: float, out: Floats) -> None:
+        """`take`, into `out`."""
+        took = _next(self, dt * self.pace)
+        if took < dt and self.holds:
+            for i in range(self.n):
+                self.total[i] = self.total[i] + self.last[i] * (dt - took)
+        _watch(self, dt)
         scale = 1.0 / (dt if took <= dt else sqrt(took * dt))
-        return self._recovery.output(dt, tuple([part * scale for part in total]), total, squares)
+        for i in range(self.n):
+            out[i] = self.total[i] * scale
+        recover(self.recovery, dt, out, self.total, self.squares)
 
-    def _next(self, wanted: float) -> tuple[list[float], list[float], float]:
-        """Integrals of the oldest waves and of their squares over at most `wanted` seconds, and the time they cover."""
-        queue = self._queue
-        total, squares, took = list(self._zero), list(self._zero), 0.0
-        while queue and took < wanted:
-            wave = queue.popleft()
-            value, span = wave.value, wave.span
-            part = wanted - took
-            if span > part:
-                queue.appendleft(Wave(value, span - part))
-                span = part
-            took += span
-            self._last = value
-            for i, component in enumerate(value):
-                total[i] += component * span
-                squares[i] += component * component * span
-        self.waiting = self.waiting - took if queue else 0.0
-        return total, squares, took
 
-    def _watch(self, dt: float) -> None:
-        self._least = min(self._least, self.waiting)
-        self._watched += dt
-        if self._watched >= WINDOW_S:
-            excess = max(0.0, self._least - SLACK_S)
-            self._pace = 1.0 + min(1.0, excess / WINDOW_S)
-            self._least, self._watched = self.waiting, 0.0
+@equation
+def _drop(line: DelayLine) -> None:
+    """The oldest wave has gone."""
+    line.first = (line.first + 1) % _RING
+    line.count -= 1
+
+
+@equation
+def _next(line: DelayLine, wanted: float) -> float:
+    """Integrals of the oldest waves and of their squares over at most `wanted` seconds; returns the time they cover."""
+    n, total, squares, took = line.n, line.total, line.squares, 0.0
+    for i in range(n):
+        total[i] = squares[i] = 0.0
+    while line.count and took < wanted:
+        value, span = line.values[line.first], line.spans[line.first]
+        part = wanted - took
+        copy(n, value, line.last)
+        if span > part:
+            line.spans[line.first] = span - part
+            span = part
+        else:
+            _drop(line)
+        took += span
+        for i in range(n):
+            total[i] += value[i] * span
+            squares[i] += value[i] * value[i] * span
+    line.waiting = line.waiting - took if line.count else 0.0
+    return took
+
+
+@equation
+def _watch(line: DelayLine, dt: float) -> None:
+    """Choose the pace of the next window."""
+    line.least = min(line.least, line.waiting)
+    line.watched += dt
+    if line.watched >= WINDOW_S:
+        excess = max(0.0, line.least - SLACK_S)
+        line.pace = 1.0 + min(1.0, excess / WINDOW_S)
+        line.least, line.watched = line.waiting, 0.0
 
 
 _LONGEST_JITTER_S = 0.25
@@ -210,7 +266,7 @@ def ends(
     """The device's and the world's end of a law over such a line, which makes up for lost waves if its tuning says."""
 
     def whole(start: CouplingStart[T]) -> Line:
-        return IntegralLine(line(start)) if start.tuning.recovery_s else line(start)
+        return IntegralLine(line(start), believes=start.tuning.recovery_s != 0.0)
 
     def device(start: CouplingStart[T]) -> WaveDevice:
         tuning, dof = start.tuning, len(start.position)
@@ -221,6 +277,12 @@ def ends(
         return WaveWorld(tuning.impedance_Ns_m, tuning.stiffness_N_m, tuning.damping_Ns_m, start.position, whole(start))
 
     return held_law(device), stepped_law(world)
+
+
+def compiled(line: type[Record]) -> tuple[type[DeviceEnd], type[WorldEnd]]:
+    """`CouplingSpec.compiled` of a law over such a line."""
+    whole = holding(IntegralLine, line=line)
+    return holding(WaveDevice, line=holding(WaveFilter, line=whole)), holding(WaveWorld, line=whole)
 
 
 SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
@@ -247,5 +309,6 @@ LAW = CouplingSpec(
     device_sends=messages.Wave,
     world_sends=messages.Wave,
     covers=lambda params, tuning, virtual: params.of(WaveParams).missing == "zero",
+    compiled=compiled(DelayLine),
     searched={**SEARCHED, "wave.recovery_s": Between(0.01, 1.0, log=True)},
 )

@@ -27,5 +27,6 @@ LAW = CouplingSpec(
     set_positions=BOTH_SIDES,
     scaled=True,
     joint=False,
+    compiled=(None, None),
     searched=feel.SEARCHED,
 )

@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.kernel import link as links
 from hapnet.kernel.link import ENERGY, STREAM, Link, Message
 from hapnet.records.equation import equation
-from hapnet.records.record import Record, Wholes
+from hapnet.records.record import Reals, Record, Wholes
 from hapnet.wire import energy_channel as channels
+from hapnet.wire import replay_window
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
-from hapnet.wire.numbering import DOUBTFUL, LATE
+from hapnet.wire.integral import Integral, integrate
+from hapnet.wire.numbering import AGAIN, DOUBTFUL, LATE
 from hapnet.wire.path import InUse, Path, arrive
 from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
+from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.stream import BACKLOG
 
 _MAX_COORDINATE = MAX_COORDINATE
+_NANO = 1e-9
+
+POSITION, PROXY, MOTION, PORT, WAVE = range(5)
+"""What a side sends."""
+
+MOST_AMOUNT = 1e6
+"""Of a port's energy [J], and of a wave's span [s]."""
 
 CREDITS = 256
 """How many credits may wait for the next tick."""
@@ -28,10 +39,10 @@ class Endpoint(Record):
 
     first, waiting, backlog : the samples that wait for the next tick are a ring. credits : how many credits wait too.
     used : the newest sample in use.
-    proxies, accepts_stale : does it send, and accept, such messages?
+    kind : what it sends. waves : are waves sent to it? accepts_stale : does it accept such messages?
     stream_bytes, energy_bytes : the least size of its messages. plane_bytes, level_bytes : what each plane, and the
-    level, add. stale, leaps : messages that were dropped, and the number of the last stale one. impossible : it would
-    send what no receiver accepts.
+    level, add. stale, leaps : messages that were dropped, and the number of the last stale one; came_late : did it come
+    after later ones? impossible : it would send what no receiver accepts.
     """
 
     n: int
@@ -41,7 +52,8 @@ class Endpoint(Record):
     credits: int
     next_sequence: int
     used: InUse
-    proxies: int
+    kind: int
+    waves: int
     accepts_stale: int
     stream_bytes: int
     plane_bytes: int
@@ -49,18 +61,21 @@ class Endpoint(Record):
     energy_bytes: int
     stale: int
     last_stale: int
+    came_late: int
     leaps: int
     impossible: int
 
 
 class Wire(Record):
-    """An endpoint with its channel, what it knows of peer and path, the samples that wait, when they came and how long
-    they took [ns], and the credits that wait [nJ]."""
+    """An endpoint with its channel, what it knows of peer and path, the waves that it has seen, the integral of those
+    that it sent, the samples that wait, when they came and how long they took [ns], and the credits that wait [nJ]."""
 
     endpoint: Endpoint
     channel: EnergyChannel
     monitor: PeerMonitor
     path: Path
+    window: ReplayWindow
+    integral: Integral
     samples: Annotated[Sequence[Message], (BACKLOG,)]
     came_ns: Annotated[Wholes, (BACKLOG,)]
     took_ns: Annotated[Wholes, (BACKLOG,)]
@@ -96,11 +111,21 @@ def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     place = arrive(path, wire.monitor, now_ns, sequence, message.stamp_ns, message.echo_ns, message.came_ns)
     if place == DOUBTFUL:
         endpoint.leaps += 1
-    elif place == LATE and not endpoint.accepts_stale:
+    elif _is_stale(wire, place, sequence):
         endpoint.stale += 1
-        endpoint.last_stale = sequence
+        endpoint.last_stale, endpoint.came_late = sequence, int(place == LATE)
     else:
         _put(wire, message, now_ns, path.under_way_ns)
+
+
+@equation
+def _is_stale(wire: Wire, place: int, sequence: int) -> bool:
+    """Is a message in this place used no more? Every wave counts once, however late it comes."""
+    if not wire.endpoint.waves:
+        return place == LATE and not wire.endpoint.accepts_stale
+    if place == AGAIN:
+        replay_window.restart(wire.window, sequence)
+    return not replay_window.accept(wire.window, sequence)
 
 
 @equation
@@ -130,9 +155,13 @@ def poll(wire: Wire, link: Link, now_ns: int) -> None:
 
 
 @equation
-def finish(wire: Wire, message: Message, now_ns: int) -> None:
-    """`PositionStream`: number and stamp a message of the stream; position, and a proxy's content, are there."""
+def finish(wire: Wire, message: Message, now_ns: int, amount: float) -> None:
+    """`PositionStream`: number and stamp a message of the stream; vectors, and a proxy's content, are there.
+
+    amount : a port's energy [J], or a wave's span [s].
+    """
     endpoint = wire.endpoint
+    kind = endpoint.kind
     message.kind = STREAM
     message.sequence, message.stamp_ns = endpoint.next_sequence, now_ns
     message.echo_ns, message.came_ns = wire.path.echo_ns, wire.path.came_ns
@@ -140,14 +169,34 @@ def finish(wire: Wire, message: Message, now_ns: int) -> None:
     message.octets = endpoint.stream_bytes
     if message.level >= 0.0:
         message.octets += endpoint.level_bytes
-    for i in range(endpoint.n):
-        if not abs(message.position[i]) <= _MAX_COORDINATE:
-            endpoint.impossible = 1
-    if endpoint.proxies:
+    if not _within(endpoint.n, message.position) or not amount <= MOST_AMOUNT:
+        endpoint.impossible = 1
+        return
+    if kind == PROXY:
         message.octets += _width(message.aimed_ns) + message.planes * endpoint.plane_bytes
+        if not _within(endpoint.n, message.force):
+            endpoint.impossible = 1
+    elif kind == PORT:
+        message.amount = max(0, math.floor(amount / _NANO))
+        message.octets += _width(message.amount)
+    elif kind == WAVE:
+        message.amount = max(1, round(amount / _NANO))
+        integrate(wire.integral, endpoint.n, message.position, message.amount)
+        message.elapsed_ns = wire.integral.elapsed_ns
         for i in range(endpoint.n):
-            if not abs(message.force[i]) <= _MAX_COORDINATE:
-                endpoint.impossible = 1
+            message.more[i] = wire.integral.total[i]
+        message.octets += _width(message.amount) + _width(message.elapsed_ns)
+    if kind >= MOTION and not _within(endpoint.n, message.more):
+        endpoint.impossible = 1
+
+
+@equation
+def _within(n: int, vector: Reals) -> bool:
+    """May a message carry these coordinates?"""
+    fits = True
+    for i in range(n):
+        fits = fits and bool(abs(vector[i]) <= _MAX_COORDINATE)
+    return fits
 
 
 @equation

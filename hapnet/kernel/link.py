@@ -26,7 +26,9 @@ class Message(Record):
     """A message, and where it is on the link.
 
     kind : `STREAM` or `ENERGY`. order : its number on the link. offered_ns : when it was offered. octets : its size.
-    sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; of a proxy besides aimed_ns, force, planes.
+    sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; of a proxy besides aimed_ns, force, planes;
+    of a law's `more` (a motion's velocity, a wave's integral), `amount` (a port's energy [nJ], a wave's span [ns]), and
+    elapsed_ns (of the integral).
     total_nJ, acked_nJ : of an energy message. level : how full its sender's reservoir is; below 0: not told. reach_m :
     of a proxy; below 0: not told.
     """
@@ -40,6 +42,9 @@ class Message(Record):
     echo_ns: int
     came_ns: int
     position: OfAxes
+    more: OfAxes
+    amount: int
+    elapsed_ns: int
     aimed_ns: int
     force: OfAxes
     planes: int
@@ -238,11 +243,12 @@ def copy_message(source: Message, target: Message) -> None:
     )  # fmt: skip
     target.sequence, target.stamp_ns = source.sequence, source.stamp_ns
     target.echo_ns, target.came_ns = source.echo_ns, source.came_ns
+    target.amount, target.elapsed_ns = source.amount, source.elapsed_ns
     target.aimed_ns, target.planes = source.aimed_ns, source.planes
     target.total_nJ, target.acked_nJ = source.total_nJ, source.acked_nJ
     target.level, target.reach_m = source.level, source.reach_m
     for i in range(AXES):
-        target.position[i], target.force[i] = source.position[i], source.force[i]
+        target.position[i], target.more[i], target.force[i] = source.position[i], source.more[i], source.force[i]
     for k in range(source.planes):
         target.offset[k], target.stiffness[k] = source.offset[k], source.stiffness[k]
         target.velocity[k] = source.velocity[k]

@@ -66,8 +66,8 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
     if side.model.in_use:
         _part(row, side, n)
     _account(row, DEVICE_VECTORS * n, side, x)
-    _times(row, DEVICE_VECTORS * n + 7, wire, now_ns)
-    _energies(row, DEVICE_VECTORS * n + 9, coupling.ledger)
+    add_times(row, DEVICE_VECTORS * n + 7, wire, now_ns)
+    add_energies(row, DEVICE_VECTORS * n + 9, coupling.ledger)
     row[DEVICE_VECTORS * n + 13] = coupling.ledger.work if within else side.hand.work
 
 
@@ -102,14 +102,14 @@ def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
 
 
 @equation
-def _times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
+def add_times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.used`: age and transit of the newest sample in use."""
     row[at] = age_s(wire.endpoint.used, now_ns)
     row[at + 1] = transit_s(wire.endpoint.used)
 
 
 @equation
-def _energies(row: Floats, at: int, ledger: Ledger) -> None:
+def add_energies(row: Floats, at: int, ledger: Ledger) -> None:
     """Bound, work, stored and account."""
     row[at] = ledger.bound
     row[at + 1] = ledger.work
@@ -141,5 +141,5 @@ def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns:
     row[first + 5] = ledger.credited
     row[first + 6] = ledger.margin
     row[first + 7] = ledger.slack
-    _times(row, first + 8, wire, now_ns)
-    _energies(row, first + 10, ledger)
+    add_times(row, first + 8, wire, now_ns)
+    add_energies(row, first + 10, ledger)

@@ -18,7 +18,7 @@ from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupli
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.kernel import contact_model
 from hapnet.kernel.contact_model import Answer
-from hapnet.kernel.endpoint import Wire, finish
+from hapnet.kernel.endpoint import PROXY, Wire, finish
 from hapnet.kernel.link import Message
 from hapnet.plant import device as devices
 from hapnet.plant import integrator
@@ -117,7 +117,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
         return False
     copy(side.plant.dof, side.plant.read_position, message.position)
     message.planes, message.reach_m, message.level = 0, -1.0, level(side.coupling)
-    finish(wire, message, now_ns)
+    finish(wire, message, now_ns, 0.0)
     return True
 
 
@@ -132,7 +132,7 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
     """`SampledDeviceSide._control`, with `SampledServo.tick`."""
     device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.dof
     copy(n, device.state.position, servo.wanted)  # where it was before
-    ledgers.put_in(side.hand, _advance(device, hand))
+    ledgers.put_in(side.hand, advance(device, hand))
     true_work = hold(side.true_work, servo.held, servo.wanted, device.state.position, dt)
     devices.read(device)
     _take(side, wire, now_ns)
@@ -156,7 +156,7 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
 def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
     device, servo, coupling = side.plant, side.within, side.coupling
-    work = _advance(device, hand)
+    work = advance(device, hand)
     copy(device.dof, device.state.position, device.read_position)
     x, kinetic = device.read_position, devices.kinetic_at(device, device.state.velocity)
     _take(side, wire, now_ns)
@@ -173,7 +173,7 @@ def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: in
 
 
 @equation
-def _advance(device: SimulatedDevice, hand: Hand) -> float:
+def advance(device: SimulatedDevice, hand: Hand) -> float:
     """`SimulatedDevice.advance`, to the next point of the hand's path."""
     work = make_tick(device.model, device.state, hand.path, hand.at)
     hand.at += 1
@@ -199,9 +199,8 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the device."""
     endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.dof
     for k in range(endpoint.waiting):
-        at = (endpoint.first + k) % endpoint.backlog
-        sample = wire.samples[at]
-        _note(coupling, wire, at, n)
+        sample = note(wire, k)
+        _give(coupling, sample, n)
         if side.model.in_use:
             _tell(side, sample, n, age_of_content_s(endpoint.used, now_ns, sample.aimed_ns * _NANO))
     endpoint.first = endpoint.waiting = 0
@@ -209,14 +208,21 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
 
 
 @equation
-def _note(coupling: SetPositionCoupling, wire: Wire, at: int, n: int) -> None:
-    """The coupling receives the sample at this place of the backlog."""
-    sample = wire.samples[at]
+def note(wire: Wire, k: int) -> Message:
+    """The sample that waits in this place of the backlog is the newest in use."""
+    endpoint = wire.endpoint
+    at = (endpoint.first + k) % endpoint.backlog
+    sample, used = wire.samples[at], endpoint.used
+    used.sent_ns, used.came_ns, used.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
+    return sample
+
+
+@equation
+def _give(coupling: SetPositionCoupling, sample: Message, n: int) -> None:
+    """The coupling receives the sample."""
     couplings.receive(coupling, n, sample.position, sample.stamp_ns * _NANO)
     if coupling.shares:
         coupling.peer_level = sample.level
-    used = wire.endpoint.used
-    used.sent_ns, used.came_ns, used.took_ns = sample.stamp_ns, wire.came_ns[at], wire.took_ns[at]
 
 
 @equation
@@ -279,7 +285,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     message.planes = message.aimed_ns = 0
     message.reach_m = -1.0
     if side.predicted.in_use:
-        if wire.endpoint.proxies:
+        if wire.endpoint.kind == PROXY:
             reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
             _say(side, min(_MOST_REACH_M, reach_m), dt, message)
         _predict(side, dt, coupling.y)
@@ -288,22 +294,36 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     couplings.update(coupling, dt, mass.x, mass.dissipated, 0.0)
     ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
     message.level = level(coupling)
-    finish(wire, message, now_ns)
-    counts.steps += 1
-    counts.stepped_s += dt
-    counts.longest_step_s = max(counts.longest_step_s, dt)
-    counts.step_s = dt
+    finish(wire, message, now_ns, 0.0)
+    count_step(counts, dt)
     stored_J = walls.stored(side.contacts, mass.x)
     account.settle(side.environment, ledger.work, stored_J, side.contacts.supplied_J)
 
 
 @equation
+def count_step(counts: Counts, dt: float) -> None:
+    """A step of the world has ended."""
+    counts.steps += 1
+    counts.stepped_s += dt
+    counts.longest_step_s = max(counts.longest_step_s, dt)
+    counts.step_s = dt
+
+
+@equation
 def _move(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
-    """`PassiveIntegrator.step`, with `Contacts.solve`."""
-    n = mass.n
+    """`PassiveIntegrator.step`."""
     if mass.factored_dt != dt or mass.factored_drag != integrator.OWN:
         integrator.factor(mass, dt, integrator.OWN)
     integrator.drive(mass, dt, ybar)
+    meet(mass, contacts, dt)
+    integrator.finish(mass, dt)
+    mass.penetration = walls.penetration(contacts, mass.x)
+
+
+@equation
+def meet(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
+    """vhat and the force among the contacts: `Contacts.solve`."""
+    n = mass.n
     integrator.solve(mass, mass.c, mass.vhat)
     copy(n, mass.vhat, mass.c)
     for i in range(n):
@@ -312,8 +332,6 @@ def _move(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) 
         if walls.meets(contacts, k, dt, mass.x, mass.c):
             integrator.solve(mass, contacts.axes[k].normal, contacts.response)
             walls.push(contacts, k, dt, mass.x, mass.c, mass.force, mass.vhat)
-    integrator.finish(mass, dt)
-    mass.penetration = walls.penetration(contacts, mass.x)
 
 
 @equation
@@ -332,9 +350,8 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the world."""
     endpoint, coupling, n = wire.endpoint, side.coupling, side.mass.n
     for k in range(endpoint.waiting):
-        at = (endpoint.first + k) % endpoint.backlog
-        sample = wire.samples[at]
-        _note(coupling, wire, at, n)
+        sample = note(wire, k)
+        _give(coupling, sample, n)
         if side.predicted.in_use:
             prediction.receive(side.predicted, n, sample.position, coupling.sent_s, age_s(endpoint.used, now_ns))
     endpoint.first = endpoint.waiting = 0

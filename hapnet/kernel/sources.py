@@ -20,16 +20,18 @@ def directory() -> Path:
     return found
 
 
-def _mark() -> Path:
-    """The file that has the digest of what the machine code was made from. Packages of two places have two."""
-    return directory() / f"compiled-{hashlib.sha256(str(_HERE).encode()).hexdigest()[:16]}"
+def _mark(kind: str) -> Path:
+    """The file that has the digest of what a kind's machine code was made from. Packages of two places have two."""
+    return directory() / f"compiled-{kind}-{hashlib.sha256(str(_HERE).encode()).hexdigest()[:16]}"
 
 
 @cache
 def digest() -> str:
     """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
     packages = [_HERE.parents[1] / "netem"]
-    packages += [_HERE.parent / name for name in ("kernel", "records", "control", "mechanics", "plant", "wire")]
+    packages += [
+        _HERE.parent / name for name in ("kernel", "records", "control", "couplings", "mechanics", "plant", "wire")
+    ]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         found.update(path.read_bytes())
@@ -41,18 +43,18 @@ def is_switched_off() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
-def are_compiled() -> bool:
-    """Is there machine code of the present sources?"""
+def are_compiled(kind: str) -> bool:
+    """Is there machine code of the present sources for this kind of scenario?"""
     try:
-        return _mark().read_text("utf-8") == digest()
+        return _mark(kind).read_text("utf-8") == digest()
     except OSError:
         return False
 
 
-def mark() -> None:
+def mark(kind: str) -> None:
     """Note that there is; where nothing can be written there is none for later processes."""
     with suppress(OSError):
-        _mark().write_text(digest(), "utf-8")
+        _mark(kind).write_text(digest(), "utf-8")
 
 
 def _compiler() -> str:

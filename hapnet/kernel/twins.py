@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
@@ -29,15 +29,17 @@ _PARTS: set[str] = set()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def entry(function: F, cache: str) -> F:
+def entry(function: F, cache: str, choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> F:
     """The compiled twin of the function through which all others are called: its machine code is kept in `cache`.
+
+    choices : functions in whose place others are compiled.
 
     The environment's `NUMBA_CACHE_DIR` goes before that. Numba looks only at the entry's own file to see whether its
     cache is still valid. So the entry must be a closure that uses a digest of the sources, which changes with any of
     them.
     """
     assert isinstance(function, FunctionType)
-    twin = _with_globals(function, _twins()[function.__module__])
+    twin = _with_globals(function, _twins(choices)[function.__module__])
     given = _config.CACHE_DIR
     try:
         _config.CACHE_DIR = given or cache
@@ -49,9 +51,9 @@ def entry(function: F, cache: str) -> F:
     return made
 
 
-def _twins() -> dict[str, dict[str, Any]]:
+def _twins(choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> dict[str, dict[str, Any]]:
     """The globals of each module with equations, with their twins in place of them."""
-    modules = {function.__module__ for function in EQUATIONS}
+    modules = {function.__module__ for function in (*EQUATIONS, *choices)}
     names = {module: dict(vars(sys.modules[module])) for module in modules}
     stubs = {module: ModuleType(module) for module in modules}
     made: dict[Any, Any] = {}
@@ -59,6 +61,7 @@ def _twins() -> dict[str, dict[str, Any]]:
         source = function if other is None else other
         _PARTS.add(source.__qualname__)
         made[function] = _njit(**_LEAN)(_with_globals(source, names[source.__module__]))
+    made |= {function: made[chosen] for function, chosen in choices.items()}
     for known in names.values():
         for name, value in known.items():
             if isinstance(value, FunctionType) and value in made:

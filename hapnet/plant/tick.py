@@ -178,7 +178,7 @@ def _joined(*axes: Floats) -> TickResult:
 def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -> float:
     """One tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
     if not state.coupled:
-        return _held(model, state, path[at], path[at + 1])
+        return held_tick(model, state, path, at)
     if not state.at_limit:
         if model.decoupled:
             if along_axes(model, state, path, at, 1, model.results):
@@ -192,7 +192,7 @@ def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -
 
 
 @equation
-def _held(model: TickModel, state: DeviceState, begin: Reals, end: Reals) -> float:
+def held_tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -> float:
     """A tick without a coupling, so that only the held torque acts, and no limit. Returns the hand's work [J].
 
     `along_axes` gives the same in twice the time, as it keeps extremes and the damper's dissipation.
@@ -200,7 +200,7 @@ def _held(model: TickModel, state: DeviceState, begin: Reals, end: Reals) -> flo
     h, period, substeps, kh = model.h, model.period, model.substeps, model.hand_stiffness
     rate_drive, rate_step, mobility = model.rate_drive, model.rate_step, model.mobility
     inertia, hand_mass, response = model.inertia, model.hand_mass, model.response
-    total = 0.0
+    begin, end, total = path[at], path[at + 1], 0.0
     for axis in range(model.n):
         x, v, torque, a = state.position[axis], state.velocity[axis], state.torque[axis], begin[axis]
         rate = (end[axis] - a) / period

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, MutableSequence, Sequence
 from functools import partial
-from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -64,10 +64,17 @@ def zero(kind: type[R]) -> R:
     return record
 
 
+def holding(kind: type[R], **parts: type[Record]) -> type[R]:
+    """The class `kind` with these classes of records in its fields: for a layout, where `kind` takes any."""
+    name = "Of".join([kind.__name__, *[part.__name__ for part in parts.values()]])
+    return type(name, (kind,), {"__annotations__": parts})
+
+
 def fields(kind: type[Record]) -> dict[str, Any]:
     """The fields of a class of records by name, with their types."""
     if kind not in _FIELDS:
-        _FIELDS[kind] = get_type_hints(kind, include_extras=True)
+        hints = get_type_hints(kind, include_extras=True)
+        _FIELDS[kind] = {name: type_ for name, type_ in hints.items() if get_origin(type_) is not ClassVar}
     return _FIELDS[kind]
 
 

@@ -88,7 +88,7 @@ def simulate_batch(
         require_room("seeds", seeds, len(chosen) * len(seeds), RUN_BYTES, "runs")
     seed_list = [checks.whole("seeds", seed, at_least=0) for seed in seeds]
     cases = [(one, seed) for one in chosen for seed in seed_list]
-    coverage.compile_for(len(seed_list) * sum(one.duration_s * one.device.servo_hz for one in chosen))
+    coverage.compile_for((one, len(seed_list) * one.duration_s * one.device.servo_hz) for one in chosen)
     workers = min(workers, len(cases))
     if workers <= 1:
         return _simulate(cases, progress or (lambda share: None))

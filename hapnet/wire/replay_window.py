@@ -2,33 +2,54 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from hapnet.records.equation import equation
+from hapnet.records.record import Record, Wholes
+
 WINDOW = 1024
 
 
-class ReplayWindow:
-    """An anti-replay window as in RFC 6479: one bit for each of the newest `WINDOW` numbers."""
+class ReplayWindow(Record):
+    """An anti-replay window as in RFC 6479, over the newest `WINDOW` numbers.
+
+    Attributes
+    ----------
+    newest : the highest number that was seen. first : all numbers before it count as seen. seen : the last number seen
+        in each place modulo `WINDOW`; -1: none.
+    """
+
+    newest: int
+    first: int
+    seen: Annotated[Wholes, (WINDOW,)]
 
     def __init__(self) -> None:
-        self._newest = -1
-        self._bits = 0
+        super().__init__()
+        self.newest = -1
+        self.seen = [-1] * WINDOW
 
+    @equation
     def accept(self, number: int) -> bool:
         """Mark `number` as seen; True if it was not seen before. A number behind the window counts as seen."""
-        if number > self._newest:
-            ahead = min(number - self._newest, WINDOW)
-            self._bits = (self._bits << ahead | 1) & ((1 << WINDOW) - 1)
-            self._newest = number
-            return True
-        behind = self._newest - number
-        if behind >= WINDOW or self._bits >> behind & 1:
+        place = number % WINDOW
+        behind = number <= self.newest
+        if behind and (number < self.first or self.newest - number >= WINDOW or self.seen[place] == number):
             return False
-        self._bits |= 1 << behind
+        self.newest = max(self.newest, number)
+        self.seen[place] = number
         return True
 
+    @equation
     def restart(self, number: int) -> None:
         """The peer's numbers continue from here after all (see `Numbering`); those before this one count as seen.
 
         If this number is within the window, nothing changes: the window says which numbers were seen.
         """
-        if self._newest - number >= WINDOW:
-            self._newest, self._bits = number - 1, (1 << WINDOW) - 1
+        if self.newest - number >= WINDOW:
+            self.newest, self.first = number - 1, number
+            for k in range(WINDOW):
+                self.seen[k] = -1
+
+
+accept, restart = ReplayWindow.accept, ReplayWindow.restart
+"""As equations call them."""

@@ -106,7 +106,7 @@ class Session:
         """What was wrong with the last message that was dropped, for each kind in `dropped`."""
         self.closed: bool = False
         self._expects = self.settings.expects
-        self._replay_window = ReplayWindow()
+        self.replay_window = ReplayWindow()
         self.path: Path = Path()
         """What the peer's stream shows of the path between the sides."""
         self._monitor = PeerMonitor(self.settings.silence_ns)
@@ -354,13 +354,13 @@ class Session:
         if place != LATE:
             if type(message) is Wave:
                 if place == AGAIN:
-                    self._replay_window.restart(sequence)
-                if not self._replay_window.accept(sequence):
+                    self.replay_window.restart(sequence)
+                if not self.replay_window.accept(sequence):
                     raise BadMessage("stale", f"wave {sequence} came before")
             heard = monitor.ended
             return (received,) if heard is None else (received, heard)
         if type(message) is Wave:
-            if not self._replay_window.accept(sequence):
+            if not self.replay_window.accept(sequence):
                 raise BadMessage("stale", f"wave {sequence} came before, or comes long after later waves")
         elif type(message) is not Position or not self.settings.accept_stale:
             raise BadMessage("stale", f"{_word(message)} {sequence} comes after a later one")
@@ -384,7 +384,7 @@ class Session:
             self._monitor.begin(now_ns)
             every = peer.about.get(SAMPLED)
             self.path.begin(now_ns, every if type(every) is int and 1 <= every <= MOST_SAMPLED else 1)
-            self._replay_window = ReplayWindow()
+            self.replay_window = ReplayWindow()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
                 self.peers_J = reservoir_J  # the peers after it start with none

@@ -8,6 +8,7 @@ from typing import Any
 import msgpack
 
 from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
+from hapnet.wire.integral import Integral, integrate
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, level_of, start_of
 
@@ -31,8 +32,7 @@ class PositionStream:
         self._start_of_more = start_of(Proxy.KIND, incarnation, 5)
         self._pack: Callable[..., bytes] = msgpack.Packer().pack
         self._echo = echo_of(0, 0)
-        self._integral: tuple[float, ...] = ()
-        self._elapsed_ns = 0
+        self.integral: Integral = Integral()
 
     def echo(self, sent_ns: int, came_ns: int) -> None:
         """Let the next messages echo `sent_ns`, the stamp of the peer's message that came last, at `came_ns`."""
@@ -60,12 +60,10 @@ class PositionStream:
 
     def wave(self, now_ns: int, wave: Sequence[float], span_ns: int) -> bytes:
         """The next frame: a wave [sqrt(W)], the mean over `span_ns`, with the integral of all waves so far."""
-        wave, seconds = _floats(wave), span_ns * 1e-9
-        before = self._integral or (0.0,) * len(wave)
-        self._integral = tuple([total + value * seconds for total, value in zip(before, wave, strict=True)])
-        self._elapsed_ns += span_ns
+        wave, integral = _floats(wave), self.integral
+        integrate(integral, len(wave), wave, span_ns)
         frame = self._next(self._starts[Wave.KIND], now_ns, (wave, span_ns))
-        return frame + self._pack({INTEGRAL: (self._integral, self._elapsed_ns)})
+        return frame + self._pack({INTEGRAL: (integral.total[: len(wave)], integral.elapsed_ns)})
 
     def proxy(
         self,

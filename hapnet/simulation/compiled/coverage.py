@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
 
 from hapnet.assembly.build import Setup
-from hapnet.couplings import pspm, zoh
+from hapnet.couplings.registry import known
 from hapnet.kernel import sources
+from hapnet.kernel.kinds import Kind
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
@@ -27,29 +29,47 @@ class NotCompiledError(Exception):
 _WORTH_TICKS = 200_000
 """The reference takes as long for so many ticks as compiling the kernel takes, once for all processes."""
 
-_ticks = 0
+_ticks: Counter[str] = Counter()
 
 
-def unavailable(setup: Setup) -> str | None:
+def kind_of(params: Params) -> Kind | None:
+    """The kind of scenario that a run with these parameters is; None: its coupling, or stages before it, are not
+    compiled."""
+    law = known(params.coupling)
+    if law is None or law.compiled is None or (params.feel == "hapnet" and any(law.compiled)):
+        return None
+    return Kind(*law.compiled)
+
+
+def unavailable(setup: Setup, kind: Kind) -> str | None:
     """Why the kernel is not there for this run; None: it is.
 
     As long as it is not compiled, a process first runs some on the reference, which gives the same bits.
     """
-    global _ticks
     if (why := no_compiler()) is not None:
         return why
-    if sources.are_compiled():
+    if sources.are_compiled(kind.name):
         return None
-    _ticks += round(setup.params.duration_s * setup.params.device.servo_hz)
-    return None if _ticks >= _WORTH_TICKS else "compiling it would take longer than this run"
+    _ticks[kind.name] += round(setup.params.duration_s * setup.params.device.servo_hz)
+    return None if _ticks[kind.name] >= _WORTH_TICKS else "compiling it would take longer than this run"
 
 
-def compile_for(ticks: float) -> None:
-    """Compile the kernel now, if so many ticks are about to be run, here or in processes that would each compile it."""
-    if ticks >= _WORTH_TICKS and no_compiler() is None and not sources.are_compiled():
-        from hapnet.simulation.compiled.run import make_ready  # here, since it loads numba
+def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
+    """Compile now what is about to be run for many ticks, here or in processes that would each compile it.
 
-        make_ready()
+    runs : their parameters, and how many ticks they have.
+    """
+    if no_compiler() is not None:
+        return
+    ticks = Counter[Kind]()
+    for params, count in runs:
+        if (kind := kind_of(params)) is not None:
+            ticks[kind] += count  # type: ignore[assignment]  # half a tick is as good
+    for kind, count in ticks.items():
+        if count >= _WORTH_TICKS and not sources.are_compiled(kind.name):
+            from hapnet.simulation.compiled.run import make_ready  # here, since it loads numba
+
+            make_ready(kind)
 
 
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
@@ -62,10 +82,10 @@ def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None
         return "it is switched off"
     if watcher is not None:
         return f"{watcher} runs the events itself"
-    why = why_not(setup)
-    if why is not None:
+    why, kind = why_not(setup), kind_of(setup.params)
+    if why is not None or kind is None:
         return why
-    return unavailable(setup) if kernel is None else no_compiler()
+    return unavailable(setup, kind) if kernel is None else no_compiler()
 
 
 def no_compiler() -> str | None:
@@ -82,8 +102,9 @@ def why_not(setup: Setup) -> str | None:
 
 def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
-    if not any(setup.coupling is one for one in (pspm.LAW, zoh.LAW)):  # a user's own may be made of the same parts
-        yield f"the coupling {params.coupling}"
+    if kind_of(params) is None:
+        before = "the stages before " if known(params.coupling) and params.feel == "hapnet" else ""
+        yield f"{before}the coupling {params.coupling}"
     if setup.servo == "sampled" and setup.harvest != "measured":
         yield f"the harvest {setup.harvest} of a held force"
     yield from _of_scene(setup)

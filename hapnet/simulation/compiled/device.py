@@ -2,73 +2,57 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.ledger import Ledger
+from hapnet.control.coupling import LawServo, LawState
+from hapnet.control.law import DeviceEnd
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.told_plane import ToldPlane
-from hapnet.kernel import sides
 from hapnet.kernel.contact_model import Answer
 from hapnet.kernel.memory import fill, load, store
 from hapnet.plant.device import SimulatedDevice
+from hapnet.records.record import Record
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 
 
-def read_side(record: sides.DeviceSide, side: DeviceSide) -> None:
-    device, coupling = side.device, coupling_of(side)
+def read_side(record: Any, side: DeviceSide) -> None:
+    for part, own in _parts(record, side):
+        store(part, own)
+    if isinstance(side.coupling, SetPositionCoupling) and isinstance(model := side.coupling.source, ContactModel):
+        store(record.model, model)
+        _told(record.told, model)
+
+
+def _parts(record: Any, side: DeviceSide) -> list[tuple[Record, Record]]:
+    """The records of the device's side, each with the side's own."""
+    device, coupling = side.device, side.coupling
     assert isinstance(device, SimulatedDevice)
-    store(record.plant, device)
-    store(record.coupling, coupling)
+    assert isinstance(coupling, SetPositionCoupling | LawState)
+    parts: list[tuple[Record, Record]] = [(record.plant, device), (record.coupling, coupling)]
     if isinstance(side, ContinuousDeviceSide):
-        store(record.within, side.servo)
-    else:
-        sampled = _sampled(side)
-        store(record.servo, _servo_of(sampled))
-        store(record.true_ledger, _true_ledger_of(sampled))
-        store(record.true_work, sampled.true_work)
-        store(record.hand, sampled.hand_ledger)
-    if isinstance(coupling.source, ContactModel):
-        store(record.model, coupling.source)
-        _told(record.told, coupling.source)
-
-
-def coupling_of(side: DeviceSide) -> SetPositionCoupling:
-    coupling = side.coupling
-    assert isinstance(coupling, SetPositionCoupling)
-    return coupling
-
-
-def write_side(record: sides.DeviceSide, side: DeviceSide, reference: Vector) -> None:
-    device, coupling = side.device, coupling_of(side)
-    assert isinstance(device, SimulatedDevice)
-    load(coupling, record.coupling)
-    load(device, record.plant)
-    device.references, device.position = [reference], tuple(device.state.position)
-    if isinstance(side, ContinuousDeviceSide):
-        load(side.servo, record.within)
-        return
-    sampled = _sampled(side)
-    load(_servo_of(sampled), record.servo)
-    load(_true_ledger_of(sampled), record.true_ledger)
-    load(sampled.hand_ledger, record.hand)
-    sampled.x = tuple(device.read_position)
-
-
-def _sampled(side: DeviceSide) -> SampledDeviceSide:
+        return [*parts, (record.within, side.servo)]
     assert isinstance(side, SampledDeviceSide)
-    return side
-
-
-def _servo_of(side: SampledDeviceSide) -> SampledServo:
-    assert isinstance(side.servo, SampledServo)
-    return side.servo
-
-
-def _true_ledger_of(side: SampledDeviceSide) -> Ledger:
+    assert isinstance(side.servo, SampledServo | LawServo)
     assert side.true_ledger is not None, "control has started"
-    return side.true_ledger
+    if isinstance(side.servo, LawServo):
+        assert isinstance(side.servo.law, DeviceEnd), "a law that is compiled"
+        parts.append((record.law, side.servo.law))
+    own = side.servo, side.true_ledger, side.true_work, side.hand_ledger
+    return [*parts, *zip((record.servo, record.true_ledger, record.true_work, record.hand), own, strict=True)]
+
+
+def write_side(record: Any, side: DeviceSide, reference: Vector) -> None:
+    device = side.device
+    assert isinstance(device, SimulatedDevice)
+    for part, own in _parts(record, side):
+        load(own, part)
+    device.references, device.position = [reference], tuple(device.state.position)
+    if isinstance(side, SampledDeviceSide):
+        side.x = tuple(device.read_position)
 
 
 def _told(record: Answer, model: ContactModel) -> None:

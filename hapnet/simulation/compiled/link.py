@@ -9,13 +9,14 @@ import numpy as np
 
 from hapnet.errors import BadMessage
 from hapnet.kernel import link as links
+from hapnet.kernel.endpoint import MOTION, PORT, POSITION, WAVE
 from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
 from hapnet.kernel.memory import fill, plain
 from hapnet.side.packet import Packet
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.wire import put_proxy
-from hapnet.wire.fields import LEVEL, REACH
-from hapnet.wire.messages import Energy, Position, Proxy, decode, encode
+from hapnet.wire.fields import INTEGRAL, LEVEL, REACH
+from hapnet.wire.messages import Energy, Motion, Port, Position, Proxy, Wave, decode, encode
 from hapnet.wire.session import Session
 from netem import Link
 from netem.draws import Fates
@@ -72,8 +73,8 @@ class CompiledLink:
         record.fates[: len(lost)] = LOST * lost.astype(np.int64) + AHEAD * ahead.astype(np.int64)
         record.delays_ns[: len(lost)], record.luck[: len(lost)] = delay_ns, luck
 
-    def write_back(self, sender: Session, *, proxies: bool) -> None:
-        """Give the state back to the reference's link; `sender` has sent what is on it, with `proxies` or without."""
+    def write_back(self, sender: Session, kind: int) -> None:
+        """Give the state back to the reference's link; `sender` has sent what is on it, messages of this kind."""
         self._count()
         link, record = self._link, self._record
         used = int(record.offered - record.begun)
@@ -89,7 +90,7 @@ class CompiledLink:
         for at in range(int(record.queued)):
             message = record.messages[record.slots[at]]
             entry: tuple[int, int, Packet, int, int] = (
-                int(record.due_ns[at]), int(message.order), _packet(message, sender, proxies), int(message.offered_ns),
+                int(record.due_ns[at]), int(message.order), _packet(message, sender, kind), int(message.offered_ns),
                 int(message.octets),
             )  # fmt: skip
             link.queue.append(entry)
@@ -117,11 +118,20 @@ class CompiledLink:
             else:
                 message.kind, message.sequence, message.stamp_ns = STREAM, content.sequence, content.sent_ns
                 message.echo_ns, message.came_ns = content.echo_ns, content.came_ns
-                fill(message.position, content.position)
+                fill(message.position, content.vector)
                 more = content.more or {}
                 message.level = more.get(LEVEL, -1.0)
-                if isinstance(content, Proxy):
-                    put_proxy(message, content.aimed_ns, content.force, content.planes, more.get(REACH))
+                match content:
+                    case Proxy():
+                        put_proxy(message, content.aimed_ns, content.force, content.planes, more.get(REACH))
+                    case Motion():
+                        fill(message.more, content.velocity)
+                    case Port():
+                        message.amount = content.energy_nJ
+                    case Wave():
+                        total, message.elapsed_ns = more[INTEGRAL]
+                        message.amount = content.span_ns
+                        fill(message.more, total)
             record.due_ns[slot], record.slots[slot] = due_ns, slot
         record.queued = len(self._link.queue)
         record.unused = record.capacity - record.queued
@@ -133,7 +143,7 @@ def _from(fates: Fates, first: int) -> Fates:
     return Fates(fates.lost[first:], fates.ahead[first:], fates.delay_ns[first:], fates.luck[first:])
 
 
-def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
+def _packet(message: Message, sender: Session, kind: int) -> Packet:
     """The message as the reference has it on a link."""
     me, peer, n = sender.identity.incarnation, sender.peer, sender.identity.dof
     assert peer is not None
@@ -142,7 +152,14 @@ def _packet(message: Message, sender: Session, proxies: bool) -> Packet:
     start = me, int(message.sequence), int(message.stamp_ns), tuple(plain(message.position[:n]))
     echo = int(message.echo_ns), int(message.came_ns)
     more = {name: float(told) for name, told in ((REACH, message.reach_m), (LEVEL, message.level)) if told >= 0.0}
-    if not proxies:
+    if kind == MOTION:
+        return Packet("position", encode(Motion(*start, tuple(plain(message.more[:n])), *echo)))
+    if kind == PORT:
+        return Packet("position", encode(Port(*start, int(message.amount), *echo)))
+    if kind == WAVE:
+        integral = {INTEGRAL: (tuple(plain(message.more[:n])), int(message.elapsed_ns))}
+        return Packet("position", encode(Wave(*start, int(message.amount), *echo, integral)))
+    if kind == POSITION:
         return Packet("position", encode(Position(*start, *echo, more or None)))
     planes = tuple(
         (tuple(plain(message.normal[k][:n])), float(message.offset[k]), float(message.stiffness[k]), 0.0,

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapnet.control.two_port import TwoPort
-from hapnet.kernel import progress, sources
+from hapnet.couplings.feel import FeelTuning
+from hapnet.kernel import kinds, progress, sources
+from hapnet.kernel.kinds import Kind, scenario
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
 from hapnet.kernel.sides import TICKS
 from hapnet.kernel.simulation import (
@@ -32,7 +34,7 @@ from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
-from hapnet.simulation.compiled import device, wire, world
+from hapnet.simulation.compiled import coverage, device, wire, world
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.link import CompiledLink
 
@@ -55,14 +57,14 @@ _WORLD_SCALARS = (
 
 
 @cache
-def make_ready() -> Callable[[Scenario, int], int]:
+def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
-    run = entry(entry_of(sources.digest()), str(sources.directory()))
-    scenario = new(Scenario)
+    run = entry(entry_of(f"{sources.digest()} {kind.name}"), str(sources.directory()), kind.choices())
+    record = new(scenario(kind))
     with as_one_unit(), telling(progress.told.get()):
-        run(bare(scenario), -1)  # nothing is due at that time
-    give_back(scenario, Scenario)
-    sources.mark()
+        run(bare(record), -1)  # nothing is due at that time
+    give_back(record, scenario(kind))
+    sources.mark(kind.name)
     return run
 
 
@@ -82,31 +84,35 @@ class CompiledRun:
         self._rng = simulation.world.rng.bit_generator
         self._rng_state, self._steps_used = self._rng.state, 0
         tuning = simulation.setup.tuning
-        self._proxies = bool(tuning.contact_model)
         self._kind: type[DeviceSample | MotionSample] = DeviceSample if side.write_motion is None else MotionSample
-        scenario = self._scenario = new(Scenario)
+        kind = coverage.kind_of(simulation.setup.params)
+        assert kind is not None, "it is covered"
+        self._record_kind = kinds.scenario(kind)
+        scenario = self._scenario = new(self._record_kind)
         self._up, self._down = CompiledLink(scenario.up, simulation.up), CompiledLink(scenario.down, simulation.down)
         counts, clock = scenario.counts, scenario.clock
         counts.device_last_ns, counts.ticks = side.last_ns, side.ticks
         counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
-        counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
+        if isinstance(tuning, FeelTuning):
+            counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
         clock.now_ns, clock.period_ns = simulation.now_ns, simulation.period_ns
         clock.apart = int(simulation.hand is not simulation.two_port)
         clock.steps_used = STEPS
         scenario.rows.every = side.record_every
         device.read_side(scenario.at_device, side)
         world.read_side(scenario.at_world, simulation.world)
-        wire.read_wire(scenario.device_wire, simulation.device_endpoint, proxies=False)
-        wire.read_wire(scenario.world_wire, simulation.world_endpoint, proxies=self._proxies)
+        sends = simulation.setup.coupling.sends
+        wire.read_wire(scenario.device_wire, simulation.device_endpoint, sends("device", simulation.setup.params))
+        wire.read_wire(scenario.world_wire, simulation.world_endpoint, sends("world", simulation.setup.params))
         for record, port in self._ports():
             store(record, port)
         due = (simulation.up.next_due_ns, simulation.down.next_due_ns,
                simulation.device_endpoint.next_due_ns, simulation.world_endpoint.next_due_ns,
                simulation.step_due_ns, simulation.tick_ns)  # fmt: skip
-        for kind, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
-            clock.due[kind] = NEVER if at_ns is None else at_ns
+        for event, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
+            clock.due[event] = NEVER if at_ns is None else at_ns
         self._provide()
-        self._run_events = make_ready()
+        self._run_events = make_ready(kind)
 
     def run_until(self, end_ns: int) -> None:
         """Run every event until then; `Simulation._until`.
@@ -153,14 +159,14 @@ class CompiledRun:
         self._rng.state = self._rng_state
         self._rng.advance(self._steps_used + int(clock.steps_used) - STEPS)  # type: ignore[attr-defined]
         sessions = simulation.device_endpoint.session, simulation.world_endpoint.session
-        self._up.write_back(sessions[0], proxies=False)
-        self._down.write_back(sessions[1], proxies=self._proxies)
+        self._up.write_back(sessions[0], scenario.device_wire.endpoint.kind)
+        self._down.write_back(sessions[1], scenario.world_wire.endpoint.kind)
         wire.write_wire(scenario.device_wire, simulation.device_endpoint)
         wire.write_wire(scenario.world_wire, simulation.world_endpoint)
         for record, port in self._ports():
             load(port, record)
         simulation.resume(int(clock.now_ns), int(clock.due[STEP]), int(clock.due[TICK]))
-        give_back(scenario, Scenario)
+        give_back(scenario, self._record_kind)
 
     def _provide(self) -> None:
         """Provide draws, lengths of steps, the hand's path, and room for samples."""

@@ -5,42 +5,68 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-from hapnet.control.coupling import Proxy, level_of, vector_of
+from hapnet.control.coupling import Motion, Port, Proxy, Wave, level_of, vector_of
 from hapnet.kernel import endpoint as endpoints
+from hapnet.kernel.endpoint import MOTION, PORT, POSITION, PROXY, WAVE
 from hapnet.kernel.link import Message
 from hapnet.kernel.memory import fill, load, store
+from hapnet.records.record import Record
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
-from hapnet.wire.fields import LEVEL, REACH
-from hapnet.wire.messages import Energy, Position, encode
-from hapnet.wire.messages import Proxy as ProxyMessage
+from hapnet.wire import messages
+from hapnet.wire.fields import INTEGRAL, LEVEL, REACH
+from hapnet.wire.messages import encode
 from hapnet.wire.session import Session
 
 Endpoint = DeviceEndpoint | WorldEndpoint
 
 
-def read_wire(wire: endpoints.Wire, endpoint: Endpoint, *, proxies: bool) -> None:
-    """`proxies`: does this side send proxies, and not bare positions?"""
+KINDS: dict[type[messages.Stream], int] = {
+    messages.Position: POSITION, messages.Proxy: PROXY, messages.Motion: MOTION, messages.Port: PORT,
+    messages.Wave: WAVE,
+}  # fmt: skip
+"""What the kernel calls the messages of a stream."""
+
+
+def read_wire(wire: endpoints.Wire, endpoint: Endpoint, sends: type[messages.Stream]) -> None:
+    """`sends`: the messages of this side's stream."""
     session, record, arrived = endpoint.session, wire.endpoint, endpoint.waiting
-    record.n, record.backlog, record.proxies = session.identity.dof, arrived.maxlen or 0, int(proxies)
+    expects = session.settings.expects
+    record.n, record.backlog, record.kind = session.identity.dof, arrived.maxlen or 0, KINDS[sends]
     record.next_sequence = session.positions.next_sequence
     store(record.used, endpoint.in_use)
-    record.accepts_stale = int(session.settings.accept_stale and session.settings.expects is Position)
+    record.accepts_stale = int(session.settings.accept_stale and expects is messages.Position)
+    record.waves = int(expects is messages.Wave)
     _sizes(record, session)
     for k, (sample, sent_ns, came_ns, took_ns, _) in enumerate(arrived):
         message = wire.samples[k]
         message.stamp_ns, wire.came_ns[k], wire.took_ns[k] = sent_ns, came_ns, took_ns
         fill(message.position, vector_of(sample))
         message.level = _or_none(level_of(sample))
-        if isinstance(sample, Proxy):
-            put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes, sample.reach_m)
+        match sample:
+            case Proxy():
+                put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes, sample.reach_m)
+            case Motion(_, velocity):
+                fill(message.more, velocity)
+            case Port(_, energy):
+                message.amount = round(energy / NANO)
+            case Wave(_, span, total, total_s):
+                fill(message.more, total)
+                message.amount, message.elapsed_ns = round(span / NANO), round(total_s / NANO)
     record.waiting = len(arrived)
     waiting = list(endpoint.credits)
     fill(wire.credits_nJ, waiting)
     record.credits = len(waiting)
-    store(wire.channel, session.channel)
-    store(wire.monitor, session.monitor)
-    store(wire.path, session.path)
+    for part, own in _parts(wire, session):
+        store(part, own)
+
+
+def _parts(wire: endpoints.Wire, session: Session) -> list[tuple[Record, Record]]:
+    """The records of a side's wire, each with the session's own."""
+    return [
+        (wire.channel, session.channel), (wire.monitor, session.monitor), (wire.path, session.path),
+        (wire.window, session.replay_window), (wire.integral, session.positions.integral),
+    ]  # fmt: skip
 
 
 def _or_none(told: float | None) -> float:
@@ -68,23 +94,25 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
         if count:
             session.dropped[kind] += count
     if side.stale:
-        word = session.settings.expects.__name__.lower()
-        session.dropped_for["stale"] = f"{word} {side.last_stale} comes after a later one"
-    load(session.channel, record.channel)
-    load(session.monitor, record.monitor)
-    load(session.path, record.path)
+        word, after = session.settings.expects.__name__.lower(), "after a later one"
+        session.dropped_for["stale"] = f"{word} {side.last_stale} comes {after}"
+        if side.waves:
+            came = "came before, or comes long after later waves" if side.came_late else "came before"
+            session.dropped_for["stale"] = f"wave {side.last_stale} {came}"
+    for part, own in _parts(record, session):
+        load(own, part)
 
 
 def _sizes(record: endpoints.Endpoint, session: Session) -> None:
     """The least sizes of the messages, with all headers [bytes]."""
     assert session.peer is not None
     me, peer = session.identity.incarnation, session.peer.incarnation
-    sizes = _least_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, bool(record.proxies))
+    sizes = _least_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, record.kind)
     record.stream_bytes, record.level_bytes, record.plane_bytes, record.energy_bytes = sizes
 
 
 @lru_cache
-def _least_sizes(my_bits: int, peer_bits: int, dof: int, proxies: bool) -> tuple[int, int, int, int]:
+def _least_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, int, int, int]:
     """The sizes of a message of the stream, of the level and of each plane in it, and of a message of the energy
     channel [bytes].
 
@@ -93,10 +121,16 @@ def _least_sizes(my_bits: int, peer_bits: int, dof: int, proxies: bool) -> tuple
     me, peer, still = 1 << my_bits - 1, 1 << peer_bits - 1, (0.0,) * dof
 
     def size(more: dict[str, float], planes: Any = ()) -> int:
-        if proxies:
-            return len(encode(ProxyMessage(me, 0, 0, still, 0, still, planes, more={REACH: 0.0, **more}))) - 1
-        return len(encode(Position(me, 0, 0, still, more=more or None)))
+        if kind == PROXY:
+            return len(encode(messages.Proxy(me, 0, 0, still, 0, still, planes, more={REACH: 0.0, **more}))) - 1
+        if kind == MOTION:
+            return len(encode(messages.Motion(me, 0, 0, still, still)))
+        if kind == PORT:
+            return len(encode(messages.Port(me, 0, 0, still, 0))) - 1
+        if kind == WAVE:
+            return len(encode(messages.Wave(me, 0, 0, still, 1, more={INTEGRAL: (still, 0)}))) - 2
+        return len(encode(messages.Position(me, 0, 0, still, more=more or None)))
 
-    bare, energy = size({}), len(encode(Energy(me, peer, 0, 0)))
+    bare, energy = size({}), len(encode(messages.Energy(me, peer, 0, 0)))
     plane = size({}, ((still, 0.0, 1.0, 0.0, 0.0),)) - bare
     return FRAME_OVERHEAD + bare, size({LEVEL: 0.0}) - bare, plane, FRAME_OVERHEAD + energy - 2

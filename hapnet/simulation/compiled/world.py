@@ -2,48 +2,48 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from hapnet.control.coupling import LawState
+from hapnet.control.law import WorldEnd
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.kernel import sides
 from hapnet.kernel.memory import load, store
+from hapnet.kernel.sides import Counts
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
+from hapnet.records.record import Record
 from hapnet.side.world import WorldSide, WorldState
 
 
-def read_side(record: sides.WorldSide, side: WorldSide) -> None:
-    coupling, contacts = coupling_of(side), side.scene.contacts
+def read_side(record: Any, side: WorldSide) -> None:
+    contacts, coupling = side.scene.contacts, side.coupling
     assert isinstance(contacts, Contacts)
-    store(record.mass, _integrator(side))
     store(record.contacts, contacts)
-    store(record.coupling, coupling)
-    store(record.environment, environment_of(side))
-    if isinstance(coupling.source, PredictedDevice):
+    if isinstance(coupling, SetPositionCoupling) and isinstance(coupling.source, PredictedDevice):
         store(record.predicted, coupling.source)
+    for part, own in _parts(record, side):
+        store(part, own)
 
 
-def coupling_of(side: WorldSide) -> SetPositionCoupling:
+def _parts(record: Any, side: WorldSide) -> list[tuple[Record, Record]]:
+    """The records of the world's side, each with the side's own."""
     coupling = side.coupling
-    assert isinstance(coupling, SetPositionCoupling)
-    return coupling
-
-
-def _integrator(side: WorldSide) -> PassiveIntegrator:
     assert isinstance(side.mass, PassiveIntegrator), "a scene of walls"
-    return side.mass
-
-
-def environment_of(side: WorldSide) -> EnvironmentAccount:
     assert side.environment is not None, "control has started"
-    return side.environment
+    assert isinstance(coupling, SetPositionCoupling | LawState)
+    parts: list[tuple[Record, Record]] = [
+        (record.mass, side.mass), (record.coupling, coupling), (record.environment, side.environment),
+    ]  # fmt: skip
+    if isinstance(coupling, LawState):
+        assert isinstance(coupling.law, WorldEnd), "a law that is compiled"
+        parts.append((record.law, coupling.law))
+    return parts
 
 
-def write_side(record: sides.WorldSide, counts: sides.Counts, side: WorldSide) -> None:
-    coupling = coupling_of(side)
-    load(coupling, record.coupling)
-    load(environment_of(side), record.environment)
-    load(_integrator(side), record.mass)
+def write_side(record: Any, counts: Counts, side: WorldSide) -> None:
+    for part, own in _parts(record, side):
+        load(own, part)
     side.restore(
         WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
     )

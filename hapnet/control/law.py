@@ -1,0 +1,208 @@
+"""A law's two ends as records, with equations that plain Python runs and numba compiles.
+
+An end of hapnet's own is a `DeviceEnd` or a `WorldEnd`. Its methods that take and give records are equations; from them
+these classes make what `DeviceLaw` and `WorldLaw` ask for. A user's own law needs none of this, and is not compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from hapnet.checks import Vector
+from hapnet.control import ledger as ledgers
+from hapnet.control.ledger import Ledger
+from hapnet.control.samples import CouplingSample, Motion, Port, Wave, vector_of
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy, dot
+
+UNTOLD = -1.0
+"""The time of an integral that its sender does not tell [s]."""
+
+
+class Said(Record):
+    """What an end sends: a position [m], a port's value [m or N] or a wave [sqrt(W)]; `more` : a motion's velocity
+    [m/s]; `amount` : a port's energy [J], a wave's span [s]."""
+
+    value: OfAxes
+    more: OfAxes
+    amount: float
+
+
+class End(Record):
+    """One end of a law; n : the number of axes. y : its set-position [m]. said : what it sends next."""
+
+    n: int
+    y: OfAxes
+    said: Said
+
+    sends: ClassVar[type[Motion] | type[Port] | type[Wave] | None] = None
+    """None: bare positions."""
+
+    def __init__(self, position: Vector) -> None:
+        super().__init__()
+        self.n, self.y = len(position), list(position)
+        self.said.value, self.said.more = [0.0] * self.n, [0.0] * self.n
+
+    @property
+    def set_position(self) -> Vector:
+        """As `CouplingState.set_position`."""
+        return tuple(self.y)
+
+    def receive(self, sample: CouplingSample) -> None:
+        """As `CouplingState.receive`."""
+        match sample:
+            case Motion(position, velocity):
+                self.take(position, velocity, 0.0, UNTOLD)
+            case Port(value, energy):
+                self.take(value, value, energy, UNTOLD)
+            case Wave(value, span, total, total_s):
+                self.take(value, total, span, total_s if total else UNTOLD)
+            case _:
+                position = vector_of(sample)
+                self.take(position, position, 0.0, UNTOLD)
+
+    def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
+        """A sample arrived: see `Said`; of a wave `more` is its integral [sqrt(W) s] over `total_s` [s]."""
+        raise NotImplementedError
+
+    def _sample(self) -> CouplingSample:
+        said = self.said
+        value = tuple(said.value)
+        if self.sends is Motion:
+            return Motion(value, tuple(said.more))
+        if self.sends is Port:
+            return Port(value, said.amount)
+        return Wave(value, said.amount) if self.sends is Wave else value
+
+    @classmethod
+    def lines(cls) -> dict[Callable[..., Any], Callable[..., Any]]:
+        """What is compiled in place of functions that ask an object of this end."""
+        return {}
+
+
+class DeviceEnd(End):
+    """The device's end of a law: a `DeviceLaw`. out : room for its force."""
+
+    out: OfAxes
+
+    def __init__(self, position: Vector) -> None:
+        super().__init__(position)
+        self.out = [0.0] * self.n
+
+    def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
+        """The force to hold [N]; the arguments are those of `DeviceLaw.force`."""
+        self.render(dt, x, v, held, self.out)
+        return tuple(self.out)
+
+    def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
+        """The sample to send."""
+        self.say(x, v)
+        return self._sample()
+
+    def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+        """`force`, into `out`."""
+        raise NotImplementedError
+
+    def say(self, x: Reals, v: Reals) -> None:
+        """`next_sample`, into `said`."""
+        raise NotImplementedError
+
+
+class WorldEnd(End):
+    """The world's end of a law: a `WorldLaw`. push : of the running step [N]."""
+
+    push: OfAxes
+
+    def __init__(self, position: Vector) -> None:
+        super().__init__(position)
+        self.push = [0.0] * self.n
+
+    @equation
+    def stamp(self, value: Reals, sent_s: float, age_s: float) -> None:
+        """A position or a port's value arrived: when it was sent, and how old it is, as `CouplingState.receive`."""
+
+    @equation
+    def begin(self) -> None:
+        """A step begins. It uses what has arrived by now."""
+
+    def impedance(self, dt: float) -> tuple[float, Vector]:
+        """Drag g [Ns/m] and push p [N] of a step of `dt` seconds."""
+        drag = self.drag(dt)
+        return drag, tuple(self.push)
+
+    def drag(self, dt: float) -> float:
+        """The drag of a step; its push goes into `push`."""
+        raise NotImplementedError
+
+    def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
+        """As `WorldLaw.moved`."""
+        raise NotImplementedError
+
+    def next_sample(self) -> CouplingSample:
+        """The sample to send, after each step."""
+        self.say()
+        return self._sample()
+
+    def say(self) -> None:
+        """`next_sample`, into `said`."""
+        raise NotImplementedError
+
+
+class LawAccount(Record):
+    """What a law's end counts. It has no reservoir, but the same share of d^2 as PSPM, so that margins compare.
+
+    account : that share [J]. shuffled : always 0.
+    """
+
+    ledger: Ledger
+    account: float
+    shuffled: float
+
+
+class HeldForce(Record):
+    """The force of a law, held from tick to tick.
+
+    held : the force [N]. position : at the last tick [m]. due : a sample is sent in the tick at which so much time has
+    passed [s]; elapsed : since the last one. limit : greatest force to ask of the actuator [N].
+    """
+
+    n: int
+    held: OfAxes
+    position: OfAxes
+    due: float
+    elapsed: float
+    limit: float
+
+
+@equation
+def begin_tick(servo: HeldForce, law: LawAccount, x: Reals) -> None:
+    """Count the work of the force that was held until the device came to x [m]."""
+    work = 0.0
+    for i in range(servo.n):
+        work += servo.held[i] * (x[i] - servo.position[i])
+    ledgers.put_in(law.ledger, -work)
+    copy(servo.n, x, servo.position)
+    ledgers.observe(law.ledger, 0.0, law.account)
+
+
+@equation
+def cut(servo: HeldForce) -> None:
+    """Keep the force within its limit."""
+    square = dot(servo.n, servo.held, servo.held)
+    if square > servo.limit * servo.limit:
+        share = servo.limit / math.sqrt(square)
+        for i in range(servo.n):
+            servo.held[i] = share * servo.held[i]
+
+
+@equation
+def sends(servo: HeldForce, dt: float) -> bool:
+    """Is a sample to be sent in this tick, `dt` seconds after the last?"""
+    servo.elapsed += dt
+    if servo.elapsed < servo.due:
+        return False
+    servo.elapsed = 0.0
+    return True

@@ -1,0 +1,317 @@
+"""The world's end of the coupling tdpa, and the observer that both its ends have; tdpa.py says what they do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hapnet.checks import Vector
+from hapnet.control import prediction
+from hapnet.control.coupling import CouplingSample, vector_of
+from hapnet.control.law import WorldEnd
+from hapnet.control.prediction import MotionPredictor
+from hapnet.control.samples import Port
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy, dot, length
+
+_RATE_S = 0.03
+"""Time constant of the world's estimate of the device's velocity [s]; a typical world step."""
+_LONGEST_S = 0.1
+"""The device's motion is extrapolated for no longer than this after its newest sample [s]."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The parameters of both ends, each chosen.
+
+    debt_limit_J : D. stiffness_N_m, damping_Ns_m : K and B between the world's set-position and its mass. What exceeds
+    speed_limit_m_s follows later.
+    """
+
+    stiffness_N_m: float
+    damping_Ns_m: float
+    velocity_floor_m_s: float
+    force_floor_N: float
+    damping_cap_Ns_m: float
+    speed_limit_m_s: float
+    debt_limit_J: float
+    recovery_s: float = 0.0
+    predicts: bool = False
+
+
+class PassivityObserver(Record):
+    """The account of one port: the energy that went in, and its debt, output beyond what went in at the other port.
+
+    Several peers may use a total one after the other, but no joule of it may be used twice. So E_in never starts at
+    zero again, and the first total from a new peer grants nothing: later totals are counted from it. All that the old
+    peer was granted came before that first total. (The only exception would be a message older than the old peer's
+    newest that was in flight while the new peer started and shook hands.) This costs hardly anything: until a world has
+    a sample of its device, it commands no displacement and makes no force, so neither port has taken in energy yet.
+    Only a device that joins a world whose spring is tense may lose some. Debt and credit stay when the peer changes,
+    because that energy really came out or went in here. A side that ends leaves its debt unpaid, and every debt is
+    bounded.
+
+    Attributes
+    ----------
+    debt : E_out, less what the controller dissipated, less the peers' E_in that was granted here [J]. put_in : E_in
+        [J]. newest : the peer's E_in [J], if it is `known`.
+    """
+
+    debt: float
+    put_in: float
+    newest: float
+    known: int
+
+    @equation
+    def observe(self, given: float, dissipated: float) -> None:
+        """Count a tick or a step: the energy that came out here, negative if it went in, and what the controller
+        dissipated of it [J]."""
+        if given > 0.0:
+            self.debt += given
+        else:
+            self.put_in -= given
+        self.debt -= dissipated
+
+    @equation
+    def receive(self, energy: float) -> None:
+        """The peer's E_in [J], in any order."""
+        if not self.known:
+            self.known, self.newest = 1, energy
+        elif energy > self.newest:
+            self.debt -= energy - self.newest
+            self.newest = energy
+
+    def on_peer_changed(self) -> None:
+        """A new peer, with its own count, has replaced the old one."""
+        self.known = 0
+
+
+@compiled_as(PassivityObserver.observe)
+def observe(observer: PassivityObserver, given: float, dissipated: float) -> None:
+    """`PassivityObserver.observe`, or that of a class of its kind."""
+    observer.observe(given, dissipated)
+
+
+@compiled_as(PassivityObserver.receive)
+def grant(observer: PassivityObserver, energy: float) -> None:
+    """`PassivityObserver.receive`."""
+    observer.receive(energy)
+
+
+class TdpaWorld(WorldEnd):
+    """The world's end: a set-position that moves as the device does, and yields to the force as the account demands.
+
+    Each step commands a displacement: from where the previous step should have brought y to where the device will be at
+    the end of this step, by its newest position, that position's age and its velocity. So a lost message loses no
+    displacement, alternate steps of 10 and 50 ms cause no jerks, and steps shorter than the device's period continue
+    between two messages. What y yields is lost (the known drift) unless `recovery` commands it again; the law as first
+    published has no recovery.
+
+    More than twenty attributes: six parameters, and two positions with their rates, ages and forces, of this end and of
+    the device's newest message.
+
+    Parameters
+    ----------
+    position : (n,) the mass's position [m]; a device's first position counts as the same place.
+    predictor : of the device's motion, from stamped positions; None: its velocity is taken from what comes here.
+
+    Attributes
+    ----------
+    x, vhat : the mass's position [m], and its mean velocity over the last step [m/s]. force : of that step [N]; ended :
+        the spring's at its end [N]. way : displacement commanded in it [m]; lost : commanded but not made by y [m].
+    dt : its length [s]. share : s. used, age : the device's newest position [m], and its age [s], from the step that
+        first used it; rate : the device's velocity [m/s]. goal : where the last step should have brought y [m].
+    arrived, news : a position that no step has used yet [m], if there is one.
+    """
+
+    observer: PassivityObserver
+    predictor: MotionPredictor
+    predicts: int
+    newest_age: float
+    K: float
+    B: float
+    floor_square: float
+    speed_limit: float
+    debt_limit: float
+    recovery: float
+    x: OfAxes
+    vhat: OfAxes
+    force: OfAxes
+    ended: OfAxes
+    way: OfAxes
+    lost: OfAxes
+    dt: float
+    share: float
+    used: OfAxes
+    age: float
+    rate: OfAxes
+    goal: OfAxes
+    arrived: OfAxes
+    news: int
+    following: int
+    whole: OfAxes
+    ahead: OfAxes
+
+    sends = Port
+
+    def __init__(self, tuning: Tuning, position: Vector, predictor: MotionPredictor | None = None) -> None:
+        super().__init__(position)
+        self.observer = PassivityObserver()
+        self.predicts = int(predictor is not None)
+        if predictor is not None:
+            self.predictor = predictor
+            predictor.make_room(self.n)
+        self.K, self.B = tuning.stiffness_N_m, tuning.damping_Ns_m
+        self.floor_square = tuning.force_floor_N * tuning.force_floor_N
+        self.speed_limit, self.debt_limit = tuning.speed_limit_m_s, tuning.debt_limit_J
+        self.recovery = tuning.recovery_s
+        for name in ("vhat", "way", "force", "ended", "lost", "rate", "whole", "ahead"):
+            setattr(self, name, [0.0] * self.n)
+        for name in ("x", "used", "goal", "arrived"):
+            setattr(self, name, list(position))
+        self.share = 1.0
+
+    @property
+    def drift(self) -> Vector:
+        """Displacement commanded but not made by y [m]."""
+        return tuple(self.lost)
+
+    @equation
+    def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
+        """The device's position and E_in arrived."""
+        copy(self.n, value, self.arrived)
+        self.news = 1
+        grant(self.observer, amount)
+
+    def on_peer_changed(self) -> None:
+        """Another device starts anew from where it is."""
+        self.observer.on_peer_changed()
+        self.predictor.reset()
+        self.news = self.following = 0
+        self.goal[:], self.rate[:] = self.used, [0.0] * self.n
+
+    def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        """A sample for the predictor, as `CouplingState.receive`."""
+        self.stamp(vector_of(sample), sent_s, age_s)
+
+    @equation
+    def stamp(self, value: Reals, sent_s: float, age_s: float) -> None:
+        """A position for the predictor."""
+        if self.predicts:
+            p = self.predictor
+            prediction.note(p, self.n, value, sent_s)
+            if p.count and sent_s == p.times[p.start + p.count - 1]:
+                self.newest_age = age_s
+
+    @equation
+    def begin(self) -> None:
+        """The step uses the newest position that has arrived by its start."""
+        self.age += self.dt
+        if not self.news:
+            return
+        self.news = 0
+        if self.following:
+            gain = 1.0 / (_RATE_S + self.age)
+            for i in range(self.n):
+                rate = self.rate[i]
+                self.rate[i] = rate + gain * (self.arrived[i] - self.used[i] - rate * self.age)
+        else:
+            self.following = 1
+            copy(self.n, self.arrived, self.goal)
+        copy(self.n, self.arrived, self.used)
+        self.age = self.newest_age
+
+    @equation
+    def drag(self, dt: float) -> float:
+        """g = s a, p = s (a v_y + K (y - x))."""
+        self.dt = dt
+        _command(self, dt)
+        a = self.B + 0.5 * self.K * dt
+        self.share = _passive_share(self, a)
+        for i in range(self.n):
+            self.push[i] = self.share * _unyielding(self, i, a, 0.0)
+        return self.share * a
+
+    @equation
+    def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
+        """Observe the completed step."""
+        n, a, share = self.n, self.B + 0.5 * self.K * dt, self.share
+        give = (1.0 - share) * dt / a  # s beta T
+        yielded = self.ahead
+        for i in range(n):
+            whole = _unyielding(self, i, a, vhat[i])
+            self.force[i], yielded[i] = share * whole, give * whole
+        observe(self.observer, dot(n, self.force, self.way), dot(n, self.force, yielded))
+        half = 0.5 * self.K  # sends the spring's force at the step's end, not its mean: half a step less delay
+        for i in range(n):
+            made = self.way[i] - yielded[i]
+            self.y[i] = self.y[i] + made
+            self.lost[i] = self.lost[i] + yielded[i]
+            self.ended[i] = self.force[i] + half * (made - vhat[i] * dt)
+        copy(n, x, self.x)
+        copy(n, vhat, self.vhat)
+
+    @equation
+    def say(self) -> None:
+        """The force, and E_in."""
+        copy(self.n, self.ended, self.said.value)
+        self.said.amount = self.observer.put_in
+
+
+@equation
+def _command(law: TdpaWorld, dt: float) -> None:
+    """Choose y's displacement, v_y T, within the limits of speed and debt."""
+    n, ahead, way = law.n, law.ahead, law.way
+    part = dt / (law.recovery + dt) if law.recovery != 0.0 else 0.0
+    _reach(law, dt, ahead)
+    for i in range(n):
+        ahead[i] = ahead[i] - law.goal[i]
+        way[i] = ahead[i] + part * law.lost[i]
+    far, longest = length(n, way), law.speed_limit * dt
+    cut = 1.0 if far <= longest else longest / far
+    debt = law.observer.debt
+    share = cut if debt <= 0.0 else cut * max(0.0, 1.0 - debt / law.debt_limit)
+    kept = 1.0 - cut * part
+    for i in range(n):
+        law.goal[i] = law.goal[i] + cut * ahead[i]
+        law.lost[i] = kept * law.lost[i] + (cut - share) * way[i]
+        way[i] = share * way[i]
+
+
+@equation
+def _reach(law: TdpaWorld, dt: float, out: Floats) -> None:
+    """Where the device will be at the end of a step of `dt` seconds [m]."""
+    if law.predicts and law.following:
+        prediction.predict(law.predictor, law.n, law.age + dt, out)
+        return
+    age = min(law.age + dt, _LONGEST_S)
+    for i in range(law.n):
+        out[i] = law.used[i] + law.rate[i] * age
+
+
+@equation
+def _unyielding(law: TdpaWorld, i: int, a: float, vhat: float) -> float:
+    """f_1 of the step on an axis, if the mass moves with vhat on it [N]."""
+    return a * (law.way[i] / law.dt - vhat) + law.K * (law.y[i] - law.x[i])
+
+
+@equation
+def _passive_share(law: TdpaWorld, a: float) -> float:
+    """s that leaves no debt if the mass moves as in the last step; how it really moves is observed afterwards.
+
+    The larger root of s f_1.v_y T - s (1 - s) f_1^2 T/a = -debt, limited to 1/2 to 1.
+    """
+    n, expected = law.n, law.whole
+    if dot(n, law.force, law.force) < law.floor_square:
+        return 1.0
+    for i in range(n):
+        expected[i] = _unyielding(law, i, a, law.vhat[i])
+    given = max(0.0, dot(n, expected, law.way))
+    debt = law.observer.debt
+    most = dot(n, expected, expected) * law.dt / a
+    if given <= -debt or most == 0.0:
+        return 1.0
+    rest = most - given
+    share = (rest + math.sqrt(max(0.0, rest * rest - 4.0 * most * debt))) / (2.0 * most)
+    return max(0.5, share)

@@ -1,0 +1,60 @@
+"""The kinds of scenarios, each compiled on its own: by the coupling's two ends.
+
+A side whose end is a law has the law's record in it, and calls the law's equations; a side of set-positions is that of
+sides.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+from hapnet.control.law import DeviceEnd, WorldEnd
+from hapnet.kernel import law_sides, samples, sides
+from hapnet.kernel.simulation import Scenario
+from hapnet.plant.tick import held_tick
+from hapnet.plant.tick import tick as make_tick
+
+Choices = dict[Callable[..., Any], Callable[..., Any]]
+
+
+class Kind(NamedTuple):
+    """The ends of a coupling; None: a set-position's."""
+
+    device: type[DeviceEnd] | None = None
+    world: type[WorldEnd] | None = None
+
+    @property
+    def name(self) -> str:
+        """Tells it from all other kinds."""
+        return "-".join("SetPosition" if end is None else end.__name__ for end in self)
+
+    def choices(self) -> Choices:
+        """What is compiled in place of other functions."""
+        chosen: Choices = {}
+        if (device := self.device) is not None:
+            chosen |= device.lines() | {
+                make_tick: held_tick, sides.tick: law_sides.tick, samples.record_tick: law_sides.record_tick,
+                law_sides.take_at_device: device.take, law_sides.render: device.render,
+                law_sides.say_at_device: device.say,
+            }  # fmt: skip
+        if (world := self.world) is not None:
+            chosen |= world.lines() | {
+                sides.step: law_sides.step, samples.record_step: law_sides.record_step,
+                law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
+                law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
+            }  # fmt: skip
+        return chosen
+
+
+@cache
+def scenario(kind: Kind) -> type[Scenario]:
+    """The record of such a scenario."""
+    made: dict[str, type] = {}
+    for name, side, end in (
+        ("at_device", law_sides.LawDevice, kind.device), ("at_world", law_sides.LawWorld, kind.world)
+    ):  # fmt: skip
+        if end is not None:
+            made[name] = type(side.__name__, (side,), {"__annotations__": {"law": end}})
+    return type("Scenario", (Scenario,), {"__annotations__": made}) if made else Scenario

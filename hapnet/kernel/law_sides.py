@@ -1,0 +1,226 @@
+"""A tick and a step of the sides whose end is a law: `LawServo` and `LawSteps` between device, mass and wire."""
+
+from __future__ import annotations
+
+import math
+
+from hapnet.control import ledger as ledgers
+from hapnet.control.harvest import MeasuredHarvest, hold
+from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd, begin_tick, cut, sends
+from hapnet.control.ledger import Ledger
+from hapnet.kernel.endpoint import Wire, finish
+from hapnet.kernel.link import Message
+from hapnet.kernel.samples import DEVICE_VECTORS, WORLD_VECTORS, Rows, add_energies, add_times
+from hapnet.kernel.sides import Counts, Hand, advance, count_step, meet, note
+from hapnet.plant import device as devices
+from hapnet.plant import integrator
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds import account
+from hapnet.plant.worlds import walls as contact
+from hapnet.plant.worlds.account import EnvironmentAccount
+from hapnet.plant.worlds.walls import Contacts
+from hapnet.records.equation import equation
+from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy
+from hapnet.wire.path import age_s
+
+_NANO = 1e-9
+
+
+class LawDevice(Record):
+    """Everything of the device's side; before : where it was at the last tick [m]."""
+
+    plant: SimulatedDevice
+    servo: HeldForce
+    coupling: LawAccount
+    law: DeviceEnd
+    true_ledger: Ledger
+    true_work: MeasuredHarvest
+    hand: Ledger
+    before: OfAxes
+
+
+class LawWorld(Record):
+    """Everything of the world's side."""
+
+    mass: PassiveIntegrator
+    contacts: Contacts
+    coupling: LawAccount
+    law: WorldEnd
+    environment: EnvironmentAccount
+
+
+@equation
+def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
+    """`SampledDeviceSide.tick` with a `LawServo`: is there a sample to send? It is then in `message`."""
+    device, servo, law, n = side.plant, side.servo, side.law, side.plant.dof
+    dt = max((now_ns - counts.device_last_ns) * _NANO, device.period)
+    counts.device_last_ns = now_ns
+    counts.ticks += 1
+    copy(n, device.state.position, side.before)
+    ledgers.put_in(side.hand, advance(device, hand))
+    work = hold(side.true_work, servo.held, side.before, device.state.position, dt)
+    devices.read(device)
+    for k in range(wire.endpoint.waiting):
+        sample = note(wire, k)
+        take_at_device(law, sample.position, sample.more, sample.amount * _NANO, sample.elapsed_ns * _NANO)
+    wire.endpoint.first = wire.endpoint.waiting = wire.endpoint.credits = 0
+    x, v = device.read_position, device.read_velocity
+    begin_tick(servo, side.coupling, x)
+    if dt > 0.0:
+        render(law, dt, x, v, servo.held, law.out)
+        copy(n, law.out, servo.held)
+        cut(servo)
+    sending = sends(servo, dt)
+    if sending:
+        say_at_device(law, x, v)
+    devices.hold(device, servo.held)
+    copy(n, device.state.torque, servo.held)
+    ledgers.put_in(side.true_ledger, work)
+    ledgers.observe(side.true_ledger, 0.0, side.coupling.account)
+    if sending:
+        copy(n, law.said.value, message.position)
+        copy(n, law.said.more, message.more)
+        message.planes, message.reach_m, message.level = 0, -1.0, -1.0
+        finish(wire, message, now_ns, law.said.amount)
+    return sending
+
+
+@equation
+def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
+    """`WorldSide.step` with `LawSteps`: the message is in `message`."""
+    mass, law, ledger, n = side.mass, side.law, side.coupling.ledger, side.mass.n
+    dt = (now_ns - counts.world_last_ns) * _NANO
+    counts.world_last_ns = now_ns
+    pull = drag(law, dt)
+    if mass.factored_dt != dt or mass.factored_drag != pull:
+        integrator.factor(mass, dt, pull)
+    integrator.carry_on(mass, dt)
+    for i in range(n):
+        mass.c[i] += law.push[i]
+    meet(mass, side.contacts, dt)
+    mass.dissipated = 0.0
+    for i in range(n):
+        mass.coupling_force[i] = law.push[i] - pull * mass.vhat[i]
+    integrator.move(mass, dt)
+    mass.penetration = contact.penetration(side.contacts, mass.x)
+    moved(law, dt, mass.vhat, mass.x, mass.v)
+    for k in range(wire.endpoint.waiting):
+        sample = note(wire, k)
+        stamped(law, sample.position, sample.stamp_ns * _NANO, age_s(wire.endpoint.used, now_ns))
+        take_at_world(law, sample.position, sample.more, sample.amount * _NANO, sample.elapsed_ns * _NANO)
+    wire.endpoint.first = wire.endpoint.waiting = wire.endpoint.credits = 0
+    ledgers.put_in(ledger, mass.work)
+    kinetic = integrator.kinetic(mass)
+    ledgers.observe(ledger, kinetic, side.coupling.account)
+    begin(law)
+    say_at_world(law)
+    ledgers.observe(ledger, kinetic, side.coupling.account)
+    copy(n, law.said.value, message.position)
+    copy(n, law.said.more, message.more)
+    message.planes, message.reach_m, message.level = 0, -1.0, -1.0
+    finish(wire, message, now_ns, law.said.amount)
+    count_step(counts, dt)
+    account.settle(side.environment, ledger.work, contact.stored(side.contacts, mass.x), side.contacts.supplied_J)
+
+
+@equation
+def record_tick(rows: Rows, side: LawDevice, wire: Wire, hand: Hand, now_ns: int) -> None:
+    """A `DeviceSample`; what the force is made of is not told."""
+    device, coupling, ledger, n, at = side.plant, side.coupling, side.coupling.ledger, side.plant.dof, rows.device_rows
+    row = rows.at_device[at]
+    rows.device_rows = at + 1
+    rows.device_ns[at] = now_ns
+    for i in range(n):
+        row[i] = device.read_position[i]
+        row[n + i] = row[2 * n + i] = side.law.y[i]
+        row[3 * n + i] = side.servo.held[i]
+        row[4 * n + i] = device.state.hand_force[i]
+        row[5 * n + i] = hand.path[hand.at][i]
+        for k in range(6, 10):
+            row[k * n + i] = math.nan
+        row[10 * n + i] = device.read_velocity[i]
+    first = DEVICE_VECTORS * n
+    row[first + 1] = 0.0
+    _account(row, first, 2, coupling)
+    add_times(row, first + 7, wire, now_ns)
+    add_energies(row, first + 9, ledger)
+    row[first + 13] = side.hand.work
+
+
+@equation
+def record_step(rows: Rows, side: LawWorld, wire: Wire, counts: Counts, now_ns: int) -> None:
+    """A `WorldSample`."""
+    mass, coupling, n, at = side.mass, side.coupling, side.mass.n, rows.world_rows
+    row = rows.at_world[at]
+    rows.world_rows = at + 1
+    rows.world_ns[at] = now_ns
+    for i in range(n):
+        row[i] = mass.x[i]
+        row[n + i] = mass.v[i]
+        row[2 * n + i] = row[3 * n + i] = side.law.y[i]
+        row[4 * n + i] = mass.coupling_force[i]
+        row[5 * n + i] = mass.force[i]
+    first = WORLD_VECTORS * n
+    row[first] = counts.step_s
+    row[first + 1] = mass.penetration
+    _account(row, first + 2, 1, coupling)
+    add_times(row, first + 8, wire, now_ns)
+    add_energies(row, first + 10, coupling.ledger)
+
+
+@equation
+def _account(row: Floats, at: int, then: int, coupling: LawAccount) -> None:
+    """Reservoir; and from `then` on potential, sent, credited, margin, slack."""
+    row[at] = coupling.account
+    row[at + then] = 0.0
+    row[at + then + 1] = coupling.ledger.sent
+    row[at + then + 2] = coupling.ledger.credited
+    row[at + then + 3] = coupling.ledger.margin
+    row[at + then + 4] = coupling.ledger.slack
+
+
+def take_at_device(law: DeviceEnd, value: Reals, more: Reals, amount: float, total_s: float) -> None:
+    """`take` of the device's law. It and those below are compiled as the methods of a law's ends: see kinds.py."""
+    law.take(value, more, amount, total_s)
+
+
+def render(law: DeviceEnd, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+    """`render` of the device's law."""
+    law.render(dt, x, v, held, out)
+
+
+def say_at_device(law: DeviceEnd, x: Reals, v: Reals) -> None:
+    """`say` of the device's law."""
+    law.say(x, v)
+
+
+def take_at_world(law: WorldEnd, value: Reals, more: Reals, amount: float, total_s: float) -> None:
+    """`take` of the world's law."""
+    law.take(value, more, amount, total_s)
+
+
+def stamped(law: WorldEnd, value: Reals, sent_s: float, age_s: float) -> None:
+    """`stamp` of the world's law."""
+    law.stamp(value, sent_s, age_s)
+
+
+def begin(law: WorldEnd) -> None:
+    """`begin` of the world's law."""
+    law.begin()
+
+
+def drag(law: WorldEnd, dt: float) -> float:
+    """`drag` of the world's law."""
+    return law.drag(dt)
+
+
+def moved(law: WorldEnd, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
+    """`moved` of the world's law."""
+    law.moved(dt, vhat, x, v)
+
+
+def say_at_world(law: WorldEnd) -> None:
+    """`say` of the world's law."""
+    law.say()
