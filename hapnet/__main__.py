@@ -10,6 +10,7 @@ EVALUATED = ("<string>", "<module>")
 
 def main() -> int:
     """Run the command; returns its exit code."""
+    _open_streams()
     signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _leave)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
@@ -21,6 +22,17 @@ def main() -> int:
     from hapnet.commands.output import unless_closed
 
     return unless_closed(command)
+
+
+def _open_streams() -> None:
+    """Put something in the place of standard streams that are closed (``>&-``), which other files would take.
+
+    To write there is an error, as it would be without this.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            os.open(os.devnull, os.O_RDONLY)  # it gets the lowest number that is free
+            setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -107,8 +107,30 @@ class Limitless(Arm):
 class ExitingArm(Arm):
     def apply(self, force): sys.exit(0)
 
+class Unplugged(Arm):
+    def __init__(self, dof): raise OSError("no such port")
+
 class Unread(Arm):
     def read(self): sys.exit(0)
+
+def valued(value):
+    def law(position, velocity, time): return value
+    return law
+
+no_number, nothing, words = valued([float("nan")]), valued(None), valued("force")
+
+def unlucky(position, velocity, time): raise ValueError("no\\nluck")
+def deep(position, velocity, time): return deep(position, velocity, time)
+def full(position, velocity, time): raise MemoryError
+async def later(position, velocity, time): return [0.0]
+def several(position, velocity, time): yield [0.0]
+def timeless(position, velocity): return [0.0]
+
+class Massless(Hand):
+    def __init__(self, dof, impedance): self.impedance = None
+
+class Nowhere(Hand):
+    def reference(self, t): return None
 
 class Law:
     def __init__(self, start): pass
@@ -169,6 +191,15 @@ FILES = {
     "large.toml": "[vary]\nseed = [99999999999999999999999]\n",
     "tune.toml": "[tune]\nobjective = { nosuch = 1.0 }\n[search]\n'contact_model.lead' = {}\n",
     "users.txt": "nobody\n",
+    "soft.toml": "[device]\nstiffness = 'soft'\n",
+    "truth.toml": "[device]\nstiffness = true\n",
+    "typo.toml": "[device]\nstiffnes = 3\n",
+    "array.toml": "duration_s = [1]\n",
+    "twice.toml": "[device]\nstiffness = 1\n[device]\nstiffness = 2\n",
+    "nan.csv": "time_s,x_m\n0,nan\n1,0\n",
+    "huge.csv": "time_s,x_m\n0,1e300\n1,0\n",
+    "head.mcap": "\u0089MCAP0\r\n",
+    "empty.xml": "",
     "trace.txt": "three\n",
     "zenoh.json5": "{mode: }",
 }
@@ -309,6 +340,8 @@ SLOW = [
     bad(
         "run", "--coupling", "parts:Raising", "--realtime", says="the coupling parts:Raising failed|KeyError: 'nothing'"
     ),
+    bad("run", "--device", "parts:Unplugged", says="parts:Unplugged|OSError: no such port"),
+    bad("run", "--device", "parts:Unplugged", "--realtime", says="parts:Unplugged|OSError: no such port"),
     bad("run", "--device", "parts:Arm", says="the device parts:Arm failed|1e+30|force_limit, 3 N"),
     bad("run", "--device", "parts:Limitless", says="the device parts:Limitless failed|1e+30|10000 N"),
     bad("run", "--device", "parts:ExitingArm", says="the device parts:ExitingArm failed|SystemExit"),

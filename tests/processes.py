@@ -93,9 +93,9 @@ class Program:
     def until_line(self, words: str) -> None:
         self.until(f"a line with {words!r}", lambda: any(words in line for line in [*self.out, *self.err]))
 
-    def end(self) -> tuple[int, str, str]:
+    def end(self, limit_s: float = LIMIT_S) -> tuple[int, str, str]:
         """Exit code, standard output and standard error without lines of progress, once it has ended."""
-        code = self.process.wait(LIMIT_S)
+        code = self.process.wait(limit_s)
         for reader in self._readers:
             reader.join(LIMIT_S)
         return code, "".join(self.out), without_progress("".join(self.err))

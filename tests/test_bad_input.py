@@ -14,6 +14,7 @@ from tests.bad_input import EVERY, FILES, SLOW, Bad
 from tests.commands import Capture
 from tests.commands import empty_directory as empty_directory
 from tests.processes import without_progress
+from tests.typed_input import TYPED
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def files(empty_directory: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize(
     "wrong",
-    [*EVERY, *(pytest.param(one, marks=pytest.mark.slow) for one in SLOW)],
+    [*EVERY, *TYPED, *(pytest.param(one, marks=pytest.mark.slow) for one in SLOW)],
     ids=lambda one: " ".join((one.program, *one.argv)),
 )
 def test_a_wrong_input_is_answered_in_one_line(wrong: Bad, files: Path, capsys: Capture) -> None:
@@ -45,5 +46,6 @@ def test_a_wrong_input_is_answered_in_one_line(wrong: Bad, files: Path, capsys: 
     for words in wrong.says:
         assert words in line
     left = {path.name for path in files.iterdir()} - {"__pycache__"} - set(FILES)
-    assert left <= ({"runs"} if wrong.argv[0] == "run" else set())  # what the processes of a run have logged
+    begun = wrong.argv[0] == "run" and "failed" in line
+    assert left <= ({"runs"} if begun else set())  # what the processes of a run have logged
     assert not [path for path in files.rglob("*") if path.is_dir() and not any(path.iterdir())]

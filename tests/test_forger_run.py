@@ -144,12 +144,13 @@ def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path:
 @pytest.mark.parametrize("keys", [False, True], ids=["without keys", "with keys"])
 @pytest.mark.parametrize(
     ("says", "codes"),
-    [pytest.param(bye, (2, 0), marks=pytest.mark.slow), pytest.param(stop, (3, 3), marks=pytest.mark.slow)],
+    [pytest.param(bye, {2, 3}, marks=pytest.mark.slow), pytest.param(stop, {3}, marks=pytest.mark.slow)],
     ids=["bye", "stop"],
 )
-def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: tuple[int, int], keys: bool, tmp_path: Path) -> None:
+def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], keys: bool, tmp_path: Path) -> None:
     """Without keys he ends the pair, and neither side knows whether it was passive; or the device's force, and both say
-    so. With keys that is dropped, and all is as without him. `codes` : of device and world, without keys."""
+    so. With keys that is dropped, and all is as without him. `codes` : without keys; the device's is 2 if it still
+    hears that it was retired, before the world leaves."""
     seconds = 3.0
     with two_sides(tmp_path, keys=keys, seconds=seconds, seed=1) as (address, world, device):
         for side in (device, world):
@@ -161,7 +162,7 @@ def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: tuple[int, int]
             forger.close()
     told = summaries(tmp_path)
     verdicts = [told[role]["verdict"] for role in ("device", "world")]
-    assert [code for code, _, _ in ends] == ([0, 0] if keys else list(codes))
+    assert {code for code, _, _ in ends} <= ({0} if keys else codes)
     if keys:
         receiver = "world" if says is bye else "device"
         assert told[receiver][receiver]["dropped"]["forged"] > 50
@@ -173,7 +174,8 @@ def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: tuple[int, int]
         assert [verdict["passive"] for verdict in verdicts] == [None, None]
         for verdict, other in zip(verdicts, ("world", "device"), strict=True):
             assert re.search(f"the {other}'s account is (not here|missing)", verdict["reason"])
-        assert "this incarnation was retired" in ends[0][2]
+        assert ends[1][0] == 3
+        assert re.search("this incarnation was retired|the world's account is (not here|missing)", ends[0][2])
         assert "the device left: that was all" in ends[1][1]
     else:
         assert all("the device's force was stopped after" in err and "he said so" in err for _, _, err in ends)

@@ -14,7 +14,7 @@ from hapnet.transport.config import free_address
 from tests.arms import ARM, assert_no_force_last, limited, linux, notices, pushing
 from tests.arms import heard as heard
 from tests.arms import here as here
-from tests.processes import HAPNET, read_json, size, started
+from tests.processes import HAPNET, LIMIT_S, read_json, size, started
 
 
 @pytest.mark.parametrize(
@@ -26,6 +26,33 @@ def test_a_recording_that_cannot_be_written_is_refused_at_the_start(file: str) -
     assert (code, stdout) == (2, "")
     assert stderr.startswith(f"hapnet: cannot write recording {file}: ")
     assert stderr.count("\n") == 1
+
+
+SUMMARY = ("simulate", "--duration", "0.3", "--no-files")
+
+
+@linux
+@pytest.mark.slow
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize(
+    ("argv", "code"),
+    [
+        (("--help",), 3),
+        (("--version",), 3),
+        (("simulate", "--show-params"), 3),
+        ((*SUMMARY, "--json", "-"), 3),
+        (SUMMARY, 0),
+        (("devices",), 0),
+    ],
+)
+def test_standard_output_that_takes_nothing_is_named(argv: tuple[str, ...], code: int, closed: bool) -> None:
+    """A full disk, or nothing at all: what was asked for is missing, text for people is not."""
+    shell = ["sh", "-c", f'exec "$@" {">&-" if closed else ">/dev/full"}', "sh"]
+    ended = subprocess.run([*shell, *HAPNET, *argv], stderr=subprocess.PIPE, text=True, timeout=LIMIT_S)
+    why = "Bad file descriptor" if closed else "No space left on device"
+    said = [line for line in ended.stderr.splitlines() if line.startswith("hapnet: ")]
+    assert (ended.returncode, said) == (code, [f"hapnet: cannot write standard output: {why}"] * bool(code))
+    assert "Traceback" not in ended.stderr
 
 
 @pytest.mark.slow

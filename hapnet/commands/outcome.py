@@ -34,12 +34,18 @@ class Outcome(NamedTuple):
 
 
 def of_pair(
-    told: Mapping[str, Summary], files: Mapping[str, Path], setup: Setup, seed: int, written: output.Written
+    told: Mapping[str, Summary],
+    files: Mapping[str, Path],
+    failed: Mapping[str, str],
+    setup: Setup,
+    seed: int,
+    written: output.Written,
 ) -> Outcome:
     """Of a run of both sides on this machine.
 
     told : by role, the summary that a process left at its end; of one that was killed the samples count. files : by
-    role, the recordings that there are. setup, seed : of the run. written : is told what is missing.
+    role, the recordings that there are. failed : by role, why a side ended before its time. setup, seed : of the run.
+    written : is told what is missing.
     """
     recordings: dict[str, Recording] = {}
     seconds = max((side["duration_s"] or 0.0 for side in told.values()), default=0.0)
@@ -59,7 +65,7 @@ def of_pair(
         whole = join(*held) if len(held) == 2 else held[0] if held else None
     except RecordingError as error:
         written.missing.append(f"no report: {error}")
-    summary = of_parts(told, recordings, whole, coupling=setup.params.coupling, seed=seed)
+    summary = of_parts(told, recordings, whole, failed, coupling=setup.params.coupling, seed=seed)
     if whole is None:
         return Outcome(summary, None, [])
     summary["motion"] = motion(whole)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import sys
@@ -95,13 +96,22 @@ _SIGPIPE = 141
 
 
 def unless_closed(command: Callable[[], int]) -> int:
-    """The exit code of `command`; 141, as after SIGPIPE, if the reader of standard output has left (``| head``)."""
+    """The exit code of `command`; 141, as after SIGPIPE, if the reader of standard output has left (``| head``).
+
+    Where standard output takes nothing (a full disk), that is said in one line.
+    """
     try:
         code = command()
         sys.stdout.flush()
     except BrokenPipeError:
         silence(sys.stdout)
         return _SIGPIPE
+    except OSError as error:
+        if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EBADF, errno.EIO):
+            raise
+        silence(sys.stdout)
+        complain(f"cannot write standard output: {error.strerror}")
+        return INCOMPLETE
     except SystemExit as error:
         if not isinstance(error.__context__, BrokenPipeError):  # click makes this of it
             raise

@@ -23,23 +23,24 @@ from hapnet.commands.side import CONSOLE, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.processes.start import (
+    LOOK_S,
+    LOOKS,
+    NOT_ON,
     NOTHING,
     PIPE,
     ProgramOnLoop,
     how_it_ended,
     side_command,
+    standing_still,
     stands_still,
     started_on_loop,
-)  # fmt: skip
+)
+from hapnet.realtime.servo_process import NOT_STARTED
 from hapnet.side.notices import Notice
 from hapnet.transport.config import free_address, local_address
 
 STOP_LIMIT_S = 30.0
 """How long the processes may take to end after the request [s]; then they are killed."""
-
-STOPPED_LOOKS, LOOK_S = 20, 0.5
-"""A process that stands still (SIGSTOP) for so many looks, so far apart [s], is asked to end. Looks are counted, as
-whoever looks may have been stopped too, and just been continued."""
 
 
 class Pair:
@@ -59,6 +60,7 @@ class Pair:
     parts : the summary of each side that has left one.
     errors : by role, the lines on standard error.
     failure : one line on the process that ended although nobody had asked it to, or that stood still; None: none.
+    failed : by role, why a side ended before its time. refused : one did so by itself, and said why.
     """
 
     def __init__(
@@ -81,6 +83,8 @@ class Pair:
         self.parts: dict[str, dict[str, Any]] = {}
         self.errors: dict[str, list[str]] = {}
         self.failure: str | None = None
+        self.failed: dict[str, str] = {}
+        self.refused = False
         self._params, self._seed, self._directory, self._on_notice = params, seed, directory, on_notice
         self._record, self._console, self._realtime = record, console, realtime
         self._children: dict[str, ProgramOnLoop] = {}
@@ -189,23 +193,23 @@ class Pair:
             self.parts[role] = json.loads(await self._reports[role])
         if code not in (0, output.INCOMPLETE) and not self._told and self.failure is None:
             own = (self.errors[role] or said) if 0 < code < 128 else []
+            self.refused = bool(own) and not own[-1].startswith(NOT_STARTED)
+            self.failed[role] = own[-1] if own else how_it_ended(code)
             self.failure = own[-1] if own else f"the {role} process {how_it_ended(code)}"
 
     async def _watch_still(self) -> None:
         """Say which process stands still, and set `failure` if it does not go on."""
         looks = dict.fromkeys(self._children, 0)
-        while max(looks.values()) < STOPPED_LOOKS:
+        while max(looks.values()) < LOOKS:
             await asyncio.sleep(LOOK_S)
             for role, child in self._children.items():
                 still = child.returncode is None and stands_still(child.pid)
                 looks[role] = looks[role] + 1 if still else 0
                 if looks[role] == 1:
-                    limit_s = STOPPED_LOOKS * LOOK_S
-                    text = f"stands still, stopped by a signal; ended after {limit_s:.0f} s unless it goes on"
-                    text += f" (kill -CONT {child.pid})"
-                    self._say(role, text)
+                    self._say(role, standing_still(child.pid))
         role = max(looks, key=looks.__getitem__)
-        self.failure = self.failure or f"the {role} process was stopped by a signal, and did not go on"
+        self.failed.setdefault(role, NOT_ON)
+        self.failure = self.failure or f"the {role} process {NOT_ON}"
 
     def _say(self, role: str, text: str) -> None:
         """A notice about a process that cannot speak for itself."""

@@ -55,6 +55,7 @@ def run(
     from hapnet.commands.outcome import FILES, of_pair, write_files
     from hapnet.commands.pair import Pair
     from hapnet.commands.repeats import Repeats
+    from hapnet.commands.side import exit_code, held_back
     from hapnet.summary.structure import SIDES
 
     setup = prepare(chosen, "sampled")
@@ -76,6 +77,7 @@ def run(
             raise HapnetError(f"cannot write to {name}: {error.strerror or error}") from None
         output.show_warnings(words, setup.warnings)
         written = output.Written()
+        caught: list[signal.Signals] = []
         with log, Progress(output.progress_console(), "starting") as progress:
             running = False
             repeats = Repeats()
@@ -96,26 +98,30 @@ def run(
                     progress.update(float(notice["text"]))
 
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime)
-            code = asyncio.run(_run(pair))
-        for role, text in repeats.rest():
-            words.print(f"{role}: {text}", markup=False)
-        for said in pair.errors.values():
-            written.missing += [line for line in said if line != pair.failure]
-        told = {role: cast("Summary", part) for role, part in pair.parts.items()}
-        recorded: dict[str, Path] = {role: file for role in SIDES if (file := pair.recording(role)).exists()}
-        if not recorded and len(told) < 2:  # a process that is interrupted while it starts leaves nothing
-            words.print("stopped before both processes ran", style="yellow")
-        found = of_pair(told, recorded, setup, seed, written)
-        known_devices.learn(chosen, found.summary)
-        if files:
-            write_files(found, directory, written)
-        output.show_summary(words, found.summary, verbose=verbose)
-        written.judge(found.summary, chosen, virtual=False)
-        if files:
-            output.show_files(words, FILES, directory)
-        with written.part():
-            output.write_json(found.summary, json_to)
-        code = written.code(code)
+            asyncio.run(_run(pair, caught))
+        with held_back(caught):
+            for role, text in repeats.rest():
+                words.print(f"{role}: {text}", markup=False)
+            for said in pair.errors.values():
+                written.missing += [line for line in said if line != pair.failure]
+            told = {role: cast("Summary", part) for role, part in pair.parts.items()}
+            recorded: dict[str, Path] = {role: file for role in SIDES if (file := pair.recording(role)).exists()}
+            if not recorded and len(told) < 2:  # a process that is interrupted while it starts leaves nothing
+                if pair.refused:
+                    if out is None:
+                        output.discard(directory, "log.jsonl", "params.toml")
+                    raise HapnetError(pair.failure or "")
+                words.print("stopped before both processes ran", style="yellow")
+            found = of_pair(told, recorded, pair.failed, setup, seed, written)
+            known_devices.learn(chosen, found.summary)
+            output.show_summary(words, found.summary, verbose=verbose)
+            if files:
+                write_files(found, directory, written)
+                output.show_files(words, FILES, directory)
+            written.judge(found.summary, chosen, virtual=False)
+            with written.part():
+                output.write_json(found.summary, json_to)
+        code = written.code(exit_code(caught))
         if pair.failure is not None:
             raise HapnetError(pair.failure)
         return code
@@ -130,18 +136,16 @@ def _expected(notice: dict[str, Any]) -> bool:
     return once or kind in ("waiting", "path")
 
 
-async def _run(pair: Pair) -> int:
-    """Run to the end, or until a signal stops it; returns the exit code."""
+async def _run(pair: Pair, caught: list[signal.Signals]) -> None:
+    """Run to the end, or until a signal stops it, which is noted in `caught`."""
     import asyncio
 
-    from hapnet.commands.side import catch, exit_code
+    from hapnet.commands.side import catch
 
     stop = asyncio.Event()
-    caught: list[signal.Signals] = []
     catch(stop, caught, again=pair.stop)
     await pair.start()
     await pair.run(stop)
-    return exit_code(caught)
 
 
 def check_sides(setup: Setup) -> None:

@@ -7,7 +7,8 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import cast, get_args
 
@@ -23,7 +24,7 @@ from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary
-from hapnet.summary.verdict import stopped
+from hapnet.summary.verdict import stopped, untold
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.transport.refusals import Refusals, watched
 from hapnet.wire.messages import Role
@@ -38,6 +39,9 @@ PLACE = "HAPNET_PLACE"
 """Environment variable of such a side: where it begins, as a JSON array of coordinates [m]."""
 
 PARENT_EVERY_S = 0.2
+
+ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+"""Signals that ask a process to end."""
 
 
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
@@ -92,6 +96,7 @@ def _main(
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     written, started_by_run = output.Written(), PARENT in os.environ
+    caught: list[signal.Signals] = []
     try:
         side = RealtimeSide(
             setup,
@@ -110,43 +115,43 @@ def _main(
             side.place(tuple(json.loads(place)))
         failure: HapnetError | None = None
         try:
-            summary, code = asyncio.run(_run(side, params.duration_s, log))
+            summary = asyncio.run(_run(side, params.duration_s, log, caught))
         except HapnetError as error:
             if side.control.origin_ns is None:
                 raise  # nothing has run
-            failure, summary, code = error, side.summary(), 0
+            failure, summary = error, side.summary()
     finally:
         log.close()
-    written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
-    if directory is not None and record is not None:
-        found = of_side(summary, record, written)
-        write_files(found, directory, written)
-        summary = found.summary
-    if words is not None:
-        output.show_summary(words, summary, verbose=given.verbose)
-        if directory is not None:
-            other = SIDES[1 - SIDES.index(role)]
-            output.show_files(words, FILES, directory, f"; hapnet report joins them with the {other}'s")
-        elif record is not None:
-            output.show_files(words, [record.name], record.parent)
-    if not started_by_run:  # hapnet run judges both sides together
-        known_devices.learn(params, summary)
-        written.judge(summary, params, virtual=False)
-    with written.part():
-        output.write_json(summary, given.json_to)
-    code = written.code(code)
+    with held_back(caught):
+        written.missing += filter(None, (side.unrecorded, log.failure, stopped(summary)))
+        if words is not None:
+            output.show_summary(words, summary, verbose=given.verbose)
+        if directory is not None and record is not None:
+            write_files(of_side(summary, record, written), directory, written)
+        if words is not None:
+            if directory is not None:
+                other = SIDES[1 - SIDES.index(role)]
+                output.show_files(words, FILES, directory, f"; hapnet report joins them with the {other}'s")
+            elif record is not None:
+                output.show_files(words, [record.name], record.parent)
+        if not started_by_run:  # hapnet run judges both sides together
+            known_devices.learn(params, summary)
+            written.judge(summary, params, virtual=False)
+            written.missing += filter(None, [untold(summary)])
+        with written.part():
+            output.write_json(summary, given.json_to)
+    code = written.code(0 if failure is not None else exit_code(caught))
     if failure is not None:
         raise failure
     return code
 
 
-async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary, int]:
+async def _run(side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals]) -> Summary:
     stop = asyncio.Event()
-    caught: list[signal.Signals] = []
     told = catch(stop, caught, again=side.hurry)
     asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, side.stop_force, "SIGUSR1")
     parent = os.environ.pop(PARENT, None)
-    beside = [] if parent is None else [asyncio.create_task(_outlive(int(parent), told))]
+    beside = [] if parent is None else [asyncio.create_task(_outlive(side, int(parent), told))]
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:
@@ -158,13 +163,14 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log) -> tuple[Summary
     finally:
         for task in beside:
             task.cancel()
-    return summary, exit_code(caught)
+    return summary
 
 
-async def _outlive(parent: int, told: Callable[[signal.Signals], None]) -> None:
+async def _outlive(side: RealtimeSide, parent: int, told: Callable[[signal.Signals], None]) -> None:
     """End as on SIGTERM when `parent` has died: nothing else would end this side, and it may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)
+    side.interrupt("hapnet run, which had started it, was killed")
     told(signal.SIGTERM)
 
 
@@ -184,10 +190,32 @@ def catch(
         caught.append(number)
         stop.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in ENDING:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             loop.add_signal_handler(number, on_signal, number)
     return on_signal
+
+
+@contextmanager
+def held_back(caught: list[signal.Signals]) -> Iterator[None]:
+    """What asks the process to end waits for this block, which writes what is left of a run, and is noted in `caught`.
+
+    The same signal once more ends it at once, as without the block; but for SIGHUP, see `catch`.
+    """
+
+    def on_signal(number: int, stack: object) -> None:
+        if number in caught and number != signal.SIGHUP:
+            signal.signal(number, before[signal.Signals(number)])
+            signal.raise_signal(number)
+        caught.append(signal.Signals(number))
+
+    kept = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, on_signal) for number in kept}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def exit_code(caught: list[signal.Signals]) -> int:

@@ -17,6 +17,13 @@ ProgramOnLoop = asyncio.subprocess.Process
 TimeoutExpired = subprocess.TimeoutExpired
 NOTHING, PIPE = subprocess.DEVNULL, subprocess.PIPE
 
+LOOKS, LOOK_S = 20, 0.5
+"""A process that stands still (SIGSTOP) for so many looks, so far apart [s], is asked to end. Looks are counted, as
+whoever looks may have been stopped too, and just been continued."""
+
+NOT_ON = "was stopped by a signal, and did not go on"
+"""Why such a process is asked to end."""
+
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -111,6 +118,12 @@ def stands_still(pid: int) -> bool:
     with suppress(ChildProcessError):
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
+
+
+def standing_still(pid: int) -> str:
+    """What is said of a child that a signal has stopped."""
+    limit_s = LOOKS * LOOK_S
+    return f"stands still, stopped by a signal; ended after {limit_s:.0f} s unless it goes on (kill -CONT {pid})"
 
 
 @contextmanager

@@ -43,7 +43,7 @@ from hapnet.recording.telemetry import Status
 from hapnet.side.endpoint import NANO, WireHalf
 from hapnet.side.link_port import LinkPort
 from hapnet.side.notices import OVER, Notice, signal_text
-from hapnet.summary.run import Summary
+from hapnet.summary.run import Summary, has_account
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.diagnosis import ConnectionDiagnosis
 from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
@@ -242,7 +242,7 @@ class RealtimeSide:
                 summary = self.summary()
                 self._housekeeping.drain()
                 self._housekeeping.watch()
-                self._reporter.recordings.end(summary, self.control.unrecorded)
+                self._reporter.recordings.end(self._told(summary), self.control.unrecorded)
         return summary
 
     async def _open(self, stop: asyncio.Event) -> None:
@@ -269,6 +269,10 @@ class RealtimeSide:
     def summary(self) -> Summary:
         """The summary so far; the other side's part is what it told, or None."""
         return self._figures.summary()
+
+    def interrupt(self, why: str) -> None:
+        """Note why this side is asked to end before its time; who does so also sets `stop`."""
+        self._figures.failed = why
 
     def forgo(self) -> None:
         """Leave without waiting for the energy in flight: it is lost, which is safe. The peer is told."""
@@ -357,14 +361,17 @@ class RealtimeSide:
         """
         self._housekeeping.drain()
         recordings = self._reporter.recordings
-        summary = self.summary()
-        # a servo's process reports its part only at its end
-        known = (part := summary[self.role]) is not None and part["ledger"]["margin_J"] is not None
-        recordings.end(summary if known else None, self.control.unrecorded)
+        recordings.end(self._told(self.summary()), self.control.unrecorded)
         if path is not None:
             recordings.begin(path)
             if not self._link_driver.port.link.is_up:
                 recordings.keep(Note(self._clock(), link_events.KIND, link_events.text_of("down")))
+
+    def _told(self, summary: Summary) -> Summary | None:
+        """The summary for a recording's end. None: it lacks the part of a servo's process, which tells it at its end
+        only, and did not if it was killed; the samples then count.
+        """
+        return summary if has_account(summary[self.role]) else None
 
     async def _part(self, reason: str, *, linger: bool) -> None:
         """After control has stopped, let the energy in flight be acknowledged, then say goodbye."""

@@ -154,13 +154,19 @@ def main(descriptor: int) -> int:
     except HapnetError as error:
         pipe.offer("refused", str(error))
         return 2
-    signal.signal(signal.SIGTERM, lambda number, stack: child.servo.stop())
+    asked: list[int] = []
+
+    def on_signal(number: int, stack: object) -> None:
+        asked.append(number)
+        child.servo.stop()
+
+    signal.signal(signal.SIGTERM, on_signal)
     with tuned_interpreter() as collect:
         child.collect = collect
         pipe.offer("ready", child.servo.start())
         child.servo.join()
     child.end()
-    return 0
+    return 128 + asked[0] if asked else 0
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ full, and to the servo it looks the same as a parent that has died.
 
 from __future__ import annotations
 
+import select
 import socket
 from contextlib import suppress
 from typing import Any
@@ -100,17 +101,15 @@ class Pipe:
 
     def wait(self, timeout_s: float | None = None) -> Any | None:
         """The next frame; None if none came within `timeout_s`. Raises `PipeClosed` as `look` does."""
-        if timeout_s is not None:
-            self._end.settimeout(timeout_s)
         try:
+            if timeout_s is not None:  # no timeout of the socket's own: with one Python would wait in `offer` as well
+                ready = select.poll()
+                ready.register(self._end, select.POLLIN)
+                if not ready.poll(timeout_s * 1e3):
+                    return None
             return self._opened(self._end.recv(LONGEST_FRAME))
-        except TimeoutError:
-            return None
         except OSError:
             raise PipeClosed from None
-        finally:
-            if timeout_s is not None:
-                self._end.settimeout(None)  # with a timeout Python would wait in `offer` as well
 
     def hang_up(self) -> None:
         """Send no more; the other end can still be read."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import time
 from collections import deque
 from contextlib import suppress
 from typing import Any
@@ -19,7 +20,19 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import LENT
-from hapnet.processes.start import NOTHING, Program, TimeoutExpired, end, how_it_ended, started
+from hapnet.processes.start import (
+    LOOK_S,
+    LOOKS,
+    NOT_ON,
+    NOTHING,
+    Program,
+    TimeoutExpired,
+    end,
+    how_it_ended,
+    standing_still,
+    stands_still,
+    started,
+)
 from hapnet.realtime.controllers import ControlCallbacks
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event
@@ -30,6 +43,7 @@ from hapnet.wire.session import Session
 
 START_LIMIT_S = 30.0
 STOP_LIMIT_S = 5.0
+NOT_STARTED = "the servo's process did not start"
 
 
 class ServoProcess:
@@ -126,8 +140,10 @@ class ServoProcess:
             except PipeClosed:
                 frame = None
             if frame is None or frame[0] != "ready":
+                assert self._process is not None
+                still = stands_still(self._process.pid)
                 how = self._end_process()
-                raise HapnetError(frame[1] if frame is not None else f"the servo's process did not start: it {how}")
+                raise HapnetError(frame[1] if frame is not None else f"{NOT_STARTED}: it {NOT_ON if still else how}")
             self._reader.start()
         refusal: str | None = frame[1]
         return refusal
@@ -138,6 +154,7 @@ class ServoProcess:
             if self._process is None:
                 return
             self._pipe.hang_up()
+            self._process.send_signal(signal.SIGCONT)  # one that stands still goes on, so that it can end in order
             if self._reader.ident is not None:
                 self._reader.join(STOP_LIMIT_S)
             self._end_process()
@@ -172,7 +189,7 @@ class ServoProcess:
                 )
             except OSError as error:
                 self._pipe.close()
-                raise HapnetError(f"the servo's process did not start: {error.strerror or error}") from error
+                raise HapnetError(f"{NOT_STARTED}: {error.strerror or error}") from error
         self._pipe.offer("setup", {
             "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "parent": os.getpid(),
         })  # fmt: skip
@@ -189,11 +206,17 @@ class ServoProcess:
         return how
 
     def _read(self) -> None:
-        """Pass on the servo's frames until its process ends."""
+        """Pass on the servo's frames until its process ends; look after it when none come."""
+        assert self._process is not None
+        looks = 0
         try:
             while True:
-                frame = self._pipe.wait()
-                assert frame is not None
+                frame = self._pipe.wait(LOOK_S)
+                if frame is None:
+                    looks = looks + 1 if stands_still(self._process.pid) else 0
+                    self._say_still(self._process.pid, looks)
+                    continue
+                looks = 0
                 try:
                     self._pass_on(frame)
                 except Exception as error:
@@ -203,11 +226,18 @@ class ServoProcess:
         except PipeClosed:
             pass
         if not self._stopping:
-            assert self._process is not None
             with suppress(TimeoutExpired):
                 self._process.wait(STOP_LIMIT_S)
             how = how_it_ended(self._process.returncode)
             self._callbacks.fail(HapnetError(f"the servo's process {how}"))
+
+    def _say_still(self, pid: int, looks: int) -> None:
+        """Say at its first look that the servo stands still; at the last one it has failed."""
+        if looks == 1:
+            text = f"the servo's process {standing_still(pid)}"
+            self._callbacks.write(Event(time.monotonic_ns(), "stopped", text, "warning"))
+        elif looks == LOOKS:
+            self._callbacks.fail(HapnetError(f"the servo's process {NOT_ON}"))
 
     def _pass_on(self, frame: Any) -> None:
         callbacks = self._callbacks

@@ -162,7 +162,8 @@ def two_port_margin(recording: Recording) -> float | None:
 def credited_early(recording: Recording) -> tuple[float | None, float | None]:
     """The most that was credited before it was sent, from the device and from the world [J]; None: not known.
 
-    The receiver's samples are held against the sender's next ones, which can only tell more.
+    The receiver's samples are held against the sender's first ones after the receiver's next, which can only tell more:
+    a tick whose thread has to wait may still credit what was sent after it began, and comes to its end before the next.
     """
     if (both := _on_one_clock(recording)) is None:
         return None, None
@@ -171,9 +172,9 @@ def credited_early(recording: Recording) -> tuple[float | None, float | None]:
 
 
 def _early(sender: Columns, receiver: Columns) -> float | None:
-    following = np.searchsorted(sender["time_s"], receiver["time_s"], side="left")
+    following = np.searchsorted(sender["time_s"], receiver["time_s"][1:], side="left")
     seen = following < len(sender["time_s"])
-    early = receiver["credited_J"][seen] - sender["sent_J"][following[seen]]
+    early = receiver["credited_J"][:-1][seen] - sender["sent_J"][following[seen]]
     known = early[np.isfinite(early)]
     return max(0.0, float(known.max())) if len(known) else None
 

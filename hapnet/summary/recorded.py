@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from hapnet.couplings.registry import jointly_passive
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import Columns, Recording, join
-from hapnet.summary.run import combine, judged, merge, recorded_margins, unknown_device
-from hapnet.summary.structure import Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
+from hapnet.summary.run import combine, has_account, judged, merge, recorded_margins, unknown_device
+from hapnet.summary.structure import SIDES, Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
 from hapnet.summary.verdict import has_reservoirs
+from hapnet.wire.messages import Role
 from netem import LinkStats
 
 MODULATED_M = 1e-9
@@ -131,6 +132,7 @@ def of_parts(
     told: Mapping[str, Summary],
     recordings: Mapping[str, Recording],
     whole: Recording | None,
+    failed: Mapping[str, str],
     *,
     coupling: str,
     seed: int,
@@ -138,9 +140,17 @@ def of_parts(
     """The summary of a run on this machine, whatever has become of its processes.
 
     told : by role, the summary that a process left at its end. recordings : by role; they count for a side that left
-    none. whole : both recordings, or the one that there is. coupling, seed : of the run.
+    none, or whose servo did not. whole : both recordings, or the one that there is. failed : by role, why a side ended
+    before its time. coupling, seed : of the run.
     """
-    parts = {role: _own(recording) for role, recording in recordings.items()} | dict(told)
+    parts: dict[Role, Summary] = {}
+    for role in SIDES:
+        left, recording = told.get(role), recordings.get(role)
+        found = left if recording is None or (left is not None and has_account(left[role])) else _own(recording)
+        if found is not None:
+            parts[role] = found
+            if (side := found[role]) is not None and role in failed:
+                side["failed"] = failed[role]
     if len(parts) == 2:
         both = whole is not None and whole.device is not None and whole.world is not None
         return merge(parts["device"], parts["world"], seed=seed, recording=whole if both else None)

@@ -130,6 +130,11 @@ def _own_account(side: WorldSide) -> EnvironmentPart:
     }
 
 
+def has_account(part: SidePart | None) -> bool:
+    """Does a side's part have the account of its half?"""
+    return part is not None and part["ledger"]["margin_J"] is not None
+
+
 def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
     """The whole part of a side at `now_ns`: what its control half and its wire half know."""
     outages = session.outages(now_ns)

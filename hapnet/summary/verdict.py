@@ -44,7 +44,7 @@ _WAYS: tuple[tuple[Way, Role, Role], ...] = (("up", "device", "world"), ("down",
 def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
-    gave = [*_givers(summary), *_away(summary), *_teller(summary)]
+    gave = [*_givers(summary), *_away(summary), *_teller(summary), *_cut_short(summary)]
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join([*against, *gave])}
     if doubts := list(_doubts(summary)):
@@ -164,8 +164,8 @@ def _with_margin(summary: Summary, tree: object) -> Summary:
     return summary
 
 
-def _coupling(summary: Summary) -> str:
-    return str(summary["coupling"])
+def _coupling(summary: Summary) -> str | None:
+    return summary["coupling"]
 
 
 def _half(summary: Summary, side: Role) -> float | None:
@@ -274,13 +274,35 @@ def _teller(summary: Summary) -> Iterator[str]:
         yield f"the {told['side']}'s account as it told it"
 
 
+def untold(tree: object) -> str | None:
+    """One line if one side was there, and the other has not told its account to the end; None if not."""
+    summary = read(tree)
+    sides = [side for side in SIDES if _half(summary, side) is not None]
+    lacking = [f"the {SIDES[1 - SIDES.index(side)]}'s account is not here" for side in sides if len(sides) == 1]
+    return next(iter([*_cut_off(summary), *lacking]), None)
+
+
+def _cut_off(summary: Summary) -> Iterator[str]:
+    """From when on the account of a process elsewhere is missing."""
+    if (told := summary["told"]) is not None and not told["whole"]:
+        when = "" if told["as_of_s"] is None else f", {told['as_of_s']:.1f} s after pairing"
+        yield f"the rest of the {told['side']}'s account is missing since it told it last{when}"
+
+
+def _cut_short(summary: Summary) -> Iterator[str]:
+    """What ended before its time, and why."""
+    whys = {side: why for side, part in _parts(summary) if (why := part["failed"])}
+    if len(whys) == 2 and len({*whys.values()}) == 1:
+        yield f"both sides ended before their time: {whys['device']}"
+    else:
+        yield from (f"the {side} ended before its time: {why}" for side, why in whys.items())
+
+
 def _doubts(summary: Summary) -> Iterator[str]:
     """Why it is not known whether it was passive."""
     margin = summary["theorem"]["margin_J"]
     yield from (f"the {side}'s recording is torn: the rest of its account is missing" for side in _torn(summary))
-    if (told := summary["told"]) is not None and not told["whole"]:
-        when = "" if told["as_of_s"] is None else f", {told['as_of_s']:.1f} s after pairing"
-        yield f"the rest of the {told['side']}'s account is missing since it told it last{when}"
+    yield from _cut_off(summary)
     if margin is None:
         yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
     for way, sender, receiver in _WAYS:

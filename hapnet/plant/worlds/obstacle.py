@@ -156,10 +156,12 @@ class Body:
 
     def _asked(self, name: str, function: Callable[..., Sequence[float] | float], *arguments: object) -> Array:
         try:
-            told = np.array(function(*arguments), dtype=float, ndmin=1)
+            given = function(*arguments)
+            told = np.array(given, dtype=float, ndmin=1)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._scene} failed: its {name} raised {failure(error)}") from error
         if told.shape != (self._dof,) or not isfinite(told.sum()):
             numbers = f"{self._dof} finite number{'s' * (self._dof > 1)}"
-            raise HapnetError(f"the scene {self._scene} failed: its {name} is {told.tolist()}, not {numbers}")
+            shown = None if given is None else told.tolist()
+            raise HapnetError(f"the scene {self._scene} failed: its {name} is {shown}, not {numbers}")
         return told

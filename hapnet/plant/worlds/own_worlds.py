@@ -56,6 +56,8 @@ def builder(name: str, allowed: str, known: Iterable[str]) -> Callable[..., obje
         required = [p for p in inspect.signature(made).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):
         raise InvalidParameter("scene", name, "module:Name of a class or function with named parameters") from None
+    if inspect.iscoroutinefunction(made) or inspect.isgeneratorfunction(made):
+        raise InvalidParameter("scene", name, "a plain function, neither `async` nor with a `yield`")
     if inspect.isfunction(made) and [p.kind is p.POSITIONAL_OR_KEYWORD for p in required].count(True) == 3:
         return partial(_force_world, made, name.rpartition(":")[2])
     return made

@@ -61,6 +61,9 @@ def make_scene(name: str, **parameters: object) -> World:
     try:
         inspect.signature(builder).bind(**parameters)
     except TypeError as error:
+        if not parameters:
+            allowed = f"a function of position, velocity and time, or what is made without arguments ({error})"
+            raise InvalidParameter("scene", name, allowed) from None
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
     if not is_own(name) or name.startswith(MUJOCO) or rigid.builder(name) is not None:
