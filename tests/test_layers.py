@@ -36,7 +36,6 @@ BASE = {
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "records": set(),
-    "processes": set(),
     "mechanics": {"records"},
     "control": {"records", "mechanics"},
     "plant": {"records", "mechanics"},

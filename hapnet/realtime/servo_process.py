@@ -8,6 +8,7 @@ through one more socket.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
 import time

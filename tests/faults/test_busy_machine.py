@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hapnet.bench.children import busy
+from hapnet.processes.child import busy
 from netem.presets import PRESETS
 from tests.processes import read_json, started
 
