@@ -7,7 +7,6 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,8 +17,9 @@ from hypothesis import settings
 
 from hapnet.checks import Array
 from hapnet.kernel import sources
+from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
-from hapnet.simulation.simulation import simulate
+from hapnet.simulation.compiled.coverage import kind_of, no_compiler
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -75,10 +75,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Before many tests the kernel is compiled, so that no single one of them takes as long as that."""
+    """Before many tests each kind of scenario is compiled, so that no single one of them takes as long as that.
+
+    Each worker begins with others, and finds the rest compiled.
+    """
     many = sum(item.get_closest_marker("quick") is None for item in session.items) > 1000
-    if many and not session.config.option.collectonly and find_spec("numba") is not None and not sources.are_compiled():
-        simulate(Params().set({"duration_s": 0.5}), kernel=True)
+    if not many or session.config.option.collectonly or no_compiler() is not None:
+        return
+    from hapnet.simulation.compiled.run import make_ready  # here: it loads numba
+
+    found = {kind.name: kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None}
+    kinds = [found[name] for name in sorted(found)]
+    first = len(kinds) // 2 * (os.environ.get("PYTEST_XDIST_WORKER", "gw0") != "gw0")
+    for kind in (*kinds[first:], *kinds[:first]):
+        if not sources.are_compiled(kind.name):
+            make_ready(kind)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
