@@ -26,6 +26,7 @@ SETTINGS: dict[str, object] = {
     "link.down": "ideal",
     "record_hz": 25.0,
     "device.force_ramp_s": 0.02,
+    "device.self_test_N": 0.0,  # the handle stands still
     "device.watchdog_s": 0,  # a machine that tests may hold a servo up, which then renders no force
     "world.silence_after_s": 0.05,
     "world.step_min_s": 0.002,
