@@ -7,7 +7,6 @@ import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapnet import HapnetError, read_recording
 
@@ -42,7 +41,7 @@ def judge(files: list[str], rounding_J: float = 1e-9) -> str:
             doubts.append(f"the {name}'s account is not what was recorded of it, or was not recorded")
         if np.max(of.get("deficit_J", 0.0)) > 1e-12:
             doubts.append(f"the {name} gave out what its reservoir did not have")
-        times: NDArray[np.int64] = of["time_ns"]
+        times: np.ndarray[Any, np.dtype[np.int64]] = of["time_ns"]
         by_then = np.searchsorted(far["time_ns"], times) if one_clock else len(times) * [-1]
         if not np.max(of["credited_J"] - np.append(far["sent_J"], far["sent_J"][-1])[by_then]) <= rounding_J:
             doubts.append(f"the {name} credited what the {other} had not sent")

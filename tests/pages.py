@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from io import StringIO
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+import pytest
 import typer
 
 from hapnet import cli
@@ -205,7 +208,10 @@ def quick(argv: Sequence[str]) -> list[str]:
 
 
 def run_python(text: str) -> None:
-    exec(compile(shorter(text), "<page>", "exec"), {"__name__": "page"})
+    module = ModuleType("page")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "page", module)  # dataclasses look there for the annotations' names
+        exec(compile(shorter(text), "<page>", "exec"), module.__dict__)
 
 
 def run_shell(block: Block) -> str:

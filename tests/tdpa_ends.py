@@ -96,6 +96,6 @@ def simulated(
             "record_hz": 100.0, **changes,
         }
     )  # fmt: skip
-    run = Simulation(params, seed)
+    run = Simulation(params, seed, kernel=False)  # compiled code does not call what watches
     result = run.run()
     return run.two_port.lowest, result

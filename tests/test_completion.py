@@ -122,7 +122,7 @@ def test_bash_takes_words_apart(words: list[str], offered: list[str], tab: Tab) 
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("", ["profiles", "show", "udp", "zenoh", "bench"]),
+        ("", ["profiles", "show", "udp", "tcp", "zenoh", "bench"]),
         ("show ", PROFILES),
         ("show --profile wan-c", ["wan-continental"]),
         ("udp --up wo", ["worst"]),

@@ -57,7 +57,7 @@ def test_there_are_nine() -> None:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_is_short_and_needs_public_names_only(name: str) -> None:
     text = EXAMPLES[name].read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 60
+    assert len(text.splitlines()) <= 70
     imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)]
     used = {(node.module, alias.name) for node in imports for alias in node.names}
     ours = {(module, name) for module, name in used if (module or "").partition(".")[0] == "hapnet"}

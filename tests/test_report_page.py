@@ -271,9 +271,9 @@ def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simu
     assert (given, default) == ("80.0", "0.0")
     assert meaning.startswith("K [N/m]: a number, one per axis, or a matrix; 0: by what the device renders")
     assert rows["device.damping"].default == ""
-    assert {row.name for row in rows.values() if row.default} == {"device.stiffness", "duration_s", "link.up"}
+    assert {row.name for row in rows.values() if row.default} == {"device.stiffness", "duration_s", "feel", "link.up"}
     found = page_of(simulated)
-    assert f"3 of {len(Params().flat())} differ" in found.sections["Settings"]
+    assert f"4 of {len(Params().flat())} differ" in found.sections["Settings"]
     assert len(found.attributes("mark")) == 3
 
 

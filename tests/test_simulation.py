@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import LawServo
 from hapnet.control.pspm import Modulation
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import held_torque
@@ -58,16 +57,6 @@ def test_ticks_made_together_are_the_same_ticks(
         assert ours is not None
         assert theirs is not None
         assert all(np.array_equal(ours[name], theirs[name], equal_nan=True) for name in theirs)
-
-
-def test_a_coupling_that_cannot_tell_which_ticks_may_wait_makes_each_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user's own may have been written before couplings were asked."""
-    params = PAPER.set({"coupling": "tdpa", "device.servo": "sampled", "duration_s": 0.5})
-    together = simulate(params, seed=3)
-    monkeypatch.delattr(LawServo, "resting")
-    alone = simulate(params, seed=3)
-    assert alone.device.resting == 0
-    assert {**alone.summary, "wall_clock": None} == {**together.summary, "wall_clock": None}
 
 
 # -- the sampled servo -----------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from hapnet.control.coupling import Motion
-from hapnet.control.virtual_coupling import VirtualCoupling
+from hapnet.control.virtual_coupling import VirtualCoupling, pass_to
 from hapnet.mechanics.spring import Spring
 
 
@@ -32,8 +32,9 @@ def test_its_spring_saturates() -> None:
 
 def test_the_way_since_the_last_measurement() -> None:
     coupling = VirtualCoupling(Spring(100.0, 2), (0.1, 0.1), (0.5, 0.25))
-    assert coupling.moved((0.75, 0.0)) == (0.25, -0.25)
-    assert coupling.moved((0.75, 1.0)) == (0.0, 1.0)
+    for position, way in (((0.75, 0.0), [0.25, -0.25]), ((0.75, 1.0), [0.0, 1.0])):
+        pass_to(coupling, position)
+        assert coupling.way == way
 
 
 def test_it_takes_bare_positions_alone() -> None:

@@ -58,6 +58,7 @@ MOST = {
     "timed_ns": 256,
     "about": 33,
     "tallies": 1216,
+    "seen": 1024,
     "dropped": len(BAD_FRAMES | BAD_MOMENTS),
 }
 """The longest that containers of a session may be; any other: 32."""

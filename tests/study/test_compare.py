@@ -89,10 +89,10 @@ def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
         for one in asked.cases()
     }
     assert found == {
-        "pspm": ("pspm", "hapnet", 0.0, 0.3),
+        "pspm": ("pspm", "auto", 0.0, 0.3),
         "pspm:feel=paper": ("pspm", "paper", 0.0, 0.3),
-        "zoh": ("zoh", "hapnet", 0.0, 0.3),
-        "wave:wave.impedance=2:wave.recovery_s=0": ("wave", "hapnet", 2.0, 0.0),
+        "zoh": ("zoh", "auto", 0.0, 0.3),
+        "wave:wave.impedance=2:wave.recovery_s=0": ("wave", "auto", 2.0, 0.0),
     }
     cases = asked.spec.cases()
     assert len(cases) == 4
