@@ -274,7 +274,7 @@ def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simu
     assert {row.name for row in rows.values() if row.default} == {"device.stiffness", "duration_s", "feel", "link.up"}
     found = page_of(simulated)
     assert f"4 of {len(Params().flat())} differ" in found.sections["Settings"]
-    assert len(found.attributes("mark")) == 3
+    assert len(found.attributes("mark")) == 4
 
 
 def test_settings_of_two_processes_and_of_another_version() -> None:
