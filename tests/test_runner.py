@@ -324,7 +324,7 @@ async def test_a_hurried_side_does_not_wait_for_what_is_in_flight(monkeypatch: p
     device, world = Running("device", address, params), Running("world", address, params)
     async with running(device, world):
         await device.until(lambda: device.side.wire.session.credited_nJ > 0)
-        device.side._link_driver._put = lambda kind, data, now_ns: True
+        device.side._link_driver._put = lambda kind, data: True
         await device.until(lambda: not device.side.wire.session.settled)
         device.stop.set()
         device.side.hurry()
