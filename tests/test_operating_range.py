@@ -320,6 +320,7 @@ def test_a_run_whose_device_leaves_its_workspace_goes_on_and_ends_with_code_3(
     (tmp_path / "driver.py").write_text(LEAVING, "utf-8")
     monkeypatch.chdir(tmp_path)
     words = ("--device", "driver:Leaving", "--scene", "free", "--duration", 2, "--out", "r", "--json", "s.json")
+    words += ("--set", "device.self_test_N=0")
     with started("run", *words, *more) as program:
         code, stdout, stderr = program.end()
     why = "it reads 0.2 m from its origin, its workspace ends at 0.1 m"

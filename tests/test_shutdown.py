@@ -64,7 +64,8 @@ def test_a_second_ctrl_c_does_not_wait_for_a_peer_that_is_gone() -> None:
         device.process.send_signal(signal.SIGINT)
         code, _, stderr = device.end()
         assert time.monotonic() - asked < LINGER_S
-    assert (code, stderr) == (130, "")
+    assert code == 130
+    assert stderr.startswith("hapnet: the rest of the world's account is missing since it told it last")
     assert_no_force_last()
     assert not read_recording("device.mcap").torn
 
