@@ -64,17 +64,20 @@ def assert_passive(columns: Columns, *, restarted: bool = False) -> None:
 def assert_credited_was_sent(receiver: Columns, sender: Columns, sender_torn: bool, since_ns: int = 0) -> None:
     """At every instant of a pair of incarnations, what one has credited is at most what the other has sent until then.
 
-    What it had sent is bounded by its next sample: what it shuffles to a new peer leaves before its next step. The pair
+    What it had sent is bounded by its first sample after the receiver's next one: what it shuffles to a new peer leaves
+    before its next step, and a tick whose thread has to wait may still credit what was sent after it began. The pair
     began at `since_ns`; before that each may have had other peers. What is compared ends with the sender's recording,
     if that was cut off.
     """
     base_credited = _at(receiver, "credited_J", np.array([since_ns]))
     base_sent = _at(sender, "sent_J", np.array([since_ns]))
-    times = receiver["time_ns"][receiver["time_ns"] >= since_ns]
-    times = times[times <= sender["time_ns"][-1]] if sender_torn else times
-    if len(times):
-        credited = _at(receiver, "credited_J", times) - base_credited
-        after = np.minimum(np.searchsorted(sender["time_ns"], times), len(sender["time_ns"]) - 1)
+    ends_ns = np.append(receiver["time_ns"][1:], np.iinfo(np.int64).max)
+    compared = receiver["time_ns"] >= since_ns
+    if sender_torn:
+        compared &= ends_ns <= sender["time_ns"][-1]
+    if compared.any():
+        credited = receiver["credited_J"][compared] - base_credited
+        after = np.minimum(np.searchsorted(sender["time_ns"], ends_ns[compared]), len(sender["time_ns"]) - 1)
         sent = sender["sent_J"][after] - base_sent
         assert (credited <= sent + 2 * NANO).all()
 
