@@ -149,7 +149,7 @@ async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tm
         await play.until(lambda: (d := play.device) is not None and d.about["params"]["device"]["smoothing_s"] == 0.02)
         with pytest.raises(InvalidParameter):
             play.stage.smoothing(-1.0)
-        play.stage.coupling("wave", None)  # which has no such filter
+        play.stage.coupling("wave", "auto")  # which has no such filter
         await play.until(lambda: play.coupled("wave"))
         assert (d := play.device) is not None
         assert d.about["params"]["device"]["smoothing_s"] == 0.0
@@ -168,7 +168,7 @@ async def test_the_hand_stays_where_it_is_when_the_coupling_changes(tmp_path: Pa
         await play.until(lambda: play.handle_m > 0.025)
         await asyncio.sleep(1.0)
         pressed = play.handle_m
-        play.stage.coupling("popc", None)
+        play.stage.coupling("popc", "auto")
         await play.until(lambda: play.coupled("popc") and (d := play.device) is not None and bool(d.recording))
         track = play.history.snapshot().device
         assert track is not None
