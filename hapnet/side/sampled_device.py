@@ -81,7 +81,7 @@ class SampledDeviceSide(DeviceSide):
                 stored += self._simulated.kinetic
             self.true_ledger = Ledger(stored, servo.coupling.account)
             self._resting_dt = max(self._period_ns * NANO, self._simulated.period)
-            self._resting = getattr(servo, "resting", None)  # a user's own coupling may have been written without it
+            self._resting = servo.resting
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
 
