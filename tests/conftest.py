@@ -32,10 +32,10 @@ settings.load_profile("hapnet")
 
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
-              "netem.zenoh_relay", "tests.faults", "tests.processes", "tests.view")  # fmt: skip
-_PROCESSES = ("multiprocessing", "subprocess", "tests.processes", "hapnet.processes")
+              "netem.zenoh_relay", "tests.faults", "tests.support.processes", "tests.view")  # fmt: skip
+_PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
 _WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.simulation", "hapnet.study", "netem.cli")
-_VIRTUAL_TIME = ("tests.study", "tests.test_processes")
+_VIRTUAL_TIME = ("tests.study", "tests.simulation.test_processes")
 
 
 def pytest_configure() -> None:

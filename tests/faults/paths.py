@@ -32,7 +32,7 @@ from typing import Any
 from examples.secure.make_certificates import main as make_certificates
 from hapnet.transport.sampled import SPACING_S
 from tests.faults.namespaces import Host, two_hosts
-from tests.processes import HAPNET, Program
+from tests.support.processes import HAPNET, Program
 
 PROFILES = ("delay 5ms", "delay 40ms 10ms", "delay 40ms 10ms loss 5%", "delay 40ms 10ms loss 15%",
             "delay 100ms 30ms", "delay 150ms 10ms loss 15%")  # fmt: skip

@@ -19,7 +19,7 @@ from hapnet.recording.mcap import read_recording
 from hapnet.summary.run import merge
 from hapnet.transport.config import free_address
 from hapnet.wire.messages import Role
-from tests.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json, resident_kB
+from tests.support.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json, resident_kB
 
 OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 

@@ -13,7 +13,7 @@ import pytest
 
 from hapnet.processes.child import busy
 from netem.presets import PRESETS
-from tests.processes import read_json, started
+from tests.support.processes import read_json, started
 
 LOOPS = 4
 SCENES = ("wall", "box", "free", "paper", "moving", "sphere", "cuboid", "cylinder + plane")

@@ -18,7 +18,7 @@ import pytest
 
 from hapnet.recording.mcap import read_recording
 from tests.faults.support import let_pass
-from tests.processes import Program, child_of, read_json, size, started
+from tests.support.processes import Program, child_of, read_json, size, started
 
 VERDICTS = ("passive: ", "NOT passive: ", "passivity not known: ")
 WHO = ("launcher", "device", "world", "servo")

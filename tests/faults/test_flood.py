@@ -9,7 +9,7 @@ import pytest
 
 from hapnet.wire.messages import Role
 from tests.faults.support import pair
-from tests.processes import Program
+from tests.support.processes import Program
 
 SECONDS = 3.0
 ALLOWED_HZ, ALLOWED_AT_ONCE = 10_000, 2_000  # as the protocol's page says

@@ -13,7 +13,7 @@ from hapnet.recording.mcap import read_recording
 from hapnet.wire.messages import Role
 from tests.faults.support import Side
 from tests.faults.test_namespaces import BLOCKED_MS, LITTLE, assert_all_credited, joined
-from tests.processes import assert_side_passive
+from tests.support.processes import assert_side_passive
 
 LOSSY = "delay 40ms 10ms loss 5%"
 ROLES: tuple[Role, Role] = ("world", "device")

@@ -27,7 +27,7 @@ from tests.faults.invariants import NANO, columns_of
 from tests.faults.namespaces import LIMIT_S, Host, Unavailable, two_hosts
 from tests.faults.support import FEEL, OTHER, RECOVERY_S, Side
 from tests.faults.tun import CABLE
-from tests.processes import HAPNET, assert_side_passive
+from tests.support.processes import HAPNET, assert_side_passive
 
 PORT = 17447
 

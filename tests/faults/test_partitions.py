@@ -23,7 +23,7 @@ from tests.faults.invariants import (
     columns_of,
 )
 from tests.faults.support import METRONOME, OTHER, RECOVERY_S, Side, let_pass, pair
-from tests.processes import NETEM, started
+from tests.support.processes import NETEM, started
 
 LINK = "delay 20ms 5ms loss 1%"
 ROUND_TRIP_S = 0.05

@@ -13,7 +13,7 @@ from hapnet.recording.mcap import read_recording
 from hapnet.wire.messages import Role
 from tests.faults.invariants import NANO, assert_pair_kept_the_rules, columns_of
 from tests.faults.support import RECOVERY_S, Pair, asleep, let_pass, pair
-from tests.processes import child_of
+from tests.support.processes import child_of
 
 LINK = ("--delay", "20ms", "--jitter", "5ms", "--loss", "1%")
 ROUND_TRIP_S = 0.05

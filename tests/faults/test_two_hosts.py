@@ -17,7 +17,7 @@ from hapnet.wire.messages import Role
 from tests.conftest import ROOT
 from tests.faults.namespaces import Host, Unavailable, two_hosts
 from tests.faults.tun import CABLE
-from tests.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json
+from tests.support.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json
 
 SOON = ("operator_hand.wait_s=0", "operator_hand.reach_s=0.4", "device.watchdog_s=0")
 """The hand is at the wall at once; and a machine that tests may hold a servo up."""

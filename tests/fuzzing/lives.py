@@ -8,7 +8,7 @@ from hapnet.assembly.build import prepare
 from tests.fuzzing import corpus
 from tests.fuzzing.decoder import decoded, hold
 from tests.fuzzing.rig import MS, Rig
-from tests.paper import PAPER
+from tests.support.paper import PAPER
 
 _WAITS_NS = tuple(100_000 << power for power in range(10))  # to 51 ms
 _HEADER = 3

@@ -1,5 +1,5 @@
 // A board on this machine: what the sketch uses of Arduino, with standard input and output as its serial port. The
-// handle is led: it goes to and fro by 10 mm, once a second. Built by tests/test_serial_sketch.py.
+// handle is led: it goes to and fro by 10 mm, once a second. Built by tests/devices/test_serial_sketch.py.
 
 #include <algorithm>
 #include <chrono>

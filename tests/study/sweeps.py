@@ -20,7 +20,7 @@ from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal
 from hapnet.study.spec import Spec
 from hapnet.study.task import Task, run
-from tests.processes import until
+from tests.support.processes import until
 
 DEADLY, BROKEN, FATAL = 666.0, 13.0, 999.0
 TOUCHY = f"""

@@ -21,8 +21,8 @@ from hapnet.study.cluster import DaskCluster
 from hapnet.study.runner import Sweep
 from hapnet.study.spec import Case
 from netem.versions import DISTRIBUTION
-from tests.processes import Program
 from tests.study.sweeps import DEADLY, SHORT, TOUCHY, journal_of
+from tests.support.processes import Program
 
 DASK = (sys.executable, "-m", "dask")
 QUIET = ("--no-dashboard", "--host", "127.0.0.1")

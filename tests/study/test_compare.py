@@ -29,9 +29,9 @@ from hapnet.study.journal import Row
 from hapnet.study.sections import QUICK
 from hapnet.study.spec import params_of
 from tests.conftest import DATA
-from tests.processes import started, without_progress
 from tests.study.comparisons import LINKS, QUICK_PARAMS, compared, known, outcomes, plan
 from tests.study.sweeps import Here
+from tests.support.processes import started, without_progress
 
 Capture = pytest.CaptureFixture[str]
 

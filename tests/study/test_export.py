@@ -12,8 +12,8 @@ from hapnet.errors import InvalidParameter, MissingLibrary, RecordingError
 from hapnet.recording import export as tables
 from hapnet.study import export
 from hapnet.study.task import CaseResult
-from tests.processes import no_room
 from tests.study.sweeps import journal_of
+from tests.support.processes import no_room
 
 TEXT = """
 [fixed]

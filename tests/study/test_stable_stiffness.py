@@ -19,7 +19,7 @@ from hapnet.study import stable_stiffness
 from hapnet.study.impedance import Transmission
 from hapnet.study.stable_stiffness import Case, ZWidth, bound, cases, stable, stiffest
 from hapnet.study.transparency import Task
-from tests.paper import PAPER
+from tests.support.paper import PAPER
 
 MASS_KG, HAND_N_M = 0.045, 135.0
 HELD = PAPER.set({"coupling": "zoh"})

@@ -25,8 +25,8 @@ from hapnet.study.journal import NAME, Journal
 from hapnet.study.spec import Spec
 from hapnet.study.task import CaseResult, Task, run
 from tests.conftest import ENVIRONMENT, ROOT
-from tests.processes import Program, started, without_progress
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
+from tests.support.processes import Program, started, without_progress
 
 Capture = pytest.CaptureFixture[str]
 

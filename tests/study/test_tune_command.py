@@ -19,8 +19,8 @@ from hapnet.study.backend import TaskOutcome
 from hapnet.study.case import Measures
 from hapnet.study.tune_figure import draw
 from tests.conftest import ROOT
-from tests.processes import without_progress
 from tests.study.sweeps import Here, spec_file
+from tests.support.processes import without_progress
 
 Capture = pytest.CaptureFixture[str]
 

@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, Page, expect
 from hapnet.transport.config import ZenohSettings
 from hapnet.view.history import History, Snapshot
 from hapnet.view.watcher import Watcher
-from tests.processes import Program, started
+from tests.support.processes import Program, started
 from tests.view.test_page import CHROMIUM, LIMIT_MS, browser, keep
 
 __all__ = ["browser"]

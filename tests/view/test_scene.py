@@ -23,7 +23,7 @@ from hapnet.plant.worlds.shapes import Cylinder
 from hapnet.view.contacts import turned_to
 from hapnet.view.history import Snapshot, Track
 from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _view_of
-from tests.solids import torus, write_stl
+from tests.support.solids import torus, write_stl
 
 
 def test_the_spring_is_turned_to_where_it_leads() -> None:
@@ -91,7 +91,7 @@ def test_the_solids_of_a_rigid_scene_are_drawn_and_where_a_wall_is_touched(tmp_p
 
 
 def test_solids_that_cannot_be_made_here_are_not_drawn() -> None:
-    for words in ("wall", "mesh:not_here.stl?unit=mm", "tests.test_scene:Own", None, 3):
+    for words in ("wall", "mesh:not_here.stl?unit=mm", "tests.plant.worlds.test_scene:Own", None, 3):
         assert parts_of_words(words) == ()
 
 

@@ -1,0 +1,250 @@
+"""The compiled kernel gives what the reference gives, in every covered feature: the same bits."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+import pytest
+
+from hapnet import cli, simulate_batch
+from hapnet.couplings.registry import COUPLINGS
+from hapnet.kernel import sources, twins
+from hapnet.params import Params
+from hapnet.simulation.compiled import coverage
+from hapnet.simulation.simulation import Simulation
+from tests.support.kernel_cases import LOSSY, differences, kernel_case
+from tests.support.kernel_edges import ONE_AXIS, SEVERAL_AXES
+from tests.support.paper import PAPER
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLED = Params().set({"device.servo": "sampled", "duration_s": 2.0})
+
+
+def test_numba_is_there() -> None:
+    """It is in extra `test`; without it the tests of this file would compare the reference with itself."""
+    assert coverage.no_compiler() is None
+
+
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("seed", range(6))
+def test_one_axis_gives_the_same_bits(seed: int, servo: str) -> None:
+    assert not differences(kernel_case(seed, 1, servo), seed)
+
+
+@pytest.mark.parametrize("seed", range(100, 104))
+def test_several_axes_give_the_same_bits_with_a_held_force(seed: int) -> None:
+    assert not differences(kernel_case(seed, 0), seed)
+
+
+@pytest.mark.parametrize("seed", range(200, 204))
+def test_several_axes_give_the_same_bits_with_the_continuous_servo(seed: int) -> None:
+    assert not differences(kernel_case(seed, 0, "continuous"), seed)
+
+
+def test_energy_that_is_lost_and_sent_again_gives_the_same_bits() -> None:
+    assert not differences(LOSSY, 1)
+
+
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("edge", ONE_AXIS)
+def test_at_the_edges_one_axis_gives_the_same_bits(edge: str, servo: str) -> None:
+    params = PAPER.set({"duration_s": 1.2, **ONE_AXIS[edge], "device.servo": servo})
+    assert not differences(params, 1)
+
+
+@pytest.mark.parametrize("edge", SEVERAL_AXES)
+def test_at_the_edges_several_axes_give_the_same_bits(edge: str) -> None:
+    assert not differences(PAPER.set({"duration_s": 1.2, **SEVERAL_AXES[edge]}), 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("seed", range(1000, 1025))
+def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
+    assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed)
+
+
+LAWS = sorted(set(COUPLINGS) - {"pspm", "zoh"})
+ROUGH = {"link.up": "delay 5ms 4ms loss 20% resend 2 3ms unordered limit 4", "link.down": "delay 20ms 10ms reorder 20%"}
+OF_LAWS: dict[str, dict[str, Any]] = {
+    "over 4g": {"link.up": "4g", "link.down": "4g"},
+    "in a box, over a slow link": {
+        "scene": "box", "operator": "hand-3", "link.up": "delay 20ms 5ms loss 20% rate 1mbit", "link.down": "wifi",
+    },
+    "lost, late and again": {"operator": "sine", **ROUGH},
+    "with encoders and a limit": {"device.resolution_m": 5e-5, "record_hz": 130.0, "device.force_limit_N": 0.5},
+    "as first published": {"feel": "paper", "wave.recovery_s": 0.0, "tdpa.recovery_s": 0.0, **ROUGH},
+    "predicting": {"tdpa.predict": True, "wave.missing": "hold", "link.up": "wifi", "link.down": "wifi"},
+    "another servo and three axes": {
+        "device.servo_hz": 500.0, "scene": "box", "dof": 3, "operator": "sine", "link.down": "4g", "duration_s": 1.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", OF_LAWS)
+@pytest.mark.parametrize("coupling", LAWS)
+def test_every_law_gives_the_same_bits(coupling: str, case: str) -> None:
+    assert not differences(SAMPLED.set({"duration_s": 1.5, "coupling": coupling, **OF_LAWS[case]}), 5)
+
+
+def test_every_law_is_compiled_on_its_own() -> None:
+    """Of the eight couplings only PSPM and the plain one are of one kind."""
+    kinds = {name: coverage.kind_of(SAMPLED.set({"coupling": name})) for name in COUPLINGS}
+    assert None not in kinds.values()
+    assert len({kind.name for kind in kinds.values() if kind is not None}) == 7
+    assert kinds["pspm"] == kinds["zoh"]
+
+
+@pytest.mark.parametrize("coupling", ["pspm", "zoh"])
+@pytest.mark.parametrize("operator", ["press", "sine", "rest", "hand-4"])
+def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, operator: str) -> None:
+    params = SAMPLED.set({"coupling": coupling, "operator": operator, "link.up": "4g", "link.down": "4g"})
+    assert not differences(params, 3)
+
+
+def test_a_study_records_the_motion_alone() -> None:
+    one, other = (Simulation(SAMPLED, 2, motion_only=True, kernel=kernel).run() for kernel in (False, True))
+    for side in ("device", "world"):
+        expected, found = getattr(one.recording, side), getattr(other.recording, side)
+        assert list(expected) == list(found)
+        assert all(expected[name].tobytes() == found[name].tobytes() for name in expected)
+
+
+def test_progress_does_not_change_the_result() -> None:
+    shares: list[float] = []
+    one = Simulation(SAMPLED, 1, kernel=True).run()
+    other = Simulation(SAMPLED, 1, kernel=True).run(shares.append)
+    assert shares == pytest.approx([0.5, 1.0, 1.5, 2.0])
+    assert one.summary == other.summary
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
+def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None:
+    """A device that is too light for its spring, with no limit of force: held for a tick, the spring throws it away."""
+    changes: dict[str, Any] = {
+        "coupling": "zoh", "device.force_limit_N": 0.0, "device.stiffness": 1e5, "device.mass": 0.001,
+        "device.own_damping": 0.0, "operator_hand.damping": 0.0, "operator_hand.mass": 0.0,
+    }  # fmt: skip
+    params = SAMPLED.set({**changes, "feel": "paper"})
+    simulation = Simulation(params, 1, kernel=True)
+    simulation.run()
+    assert simulation.not_compiled == "it leaves the range that messages can carry"
+    assert not differences(params, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"coupling": "tests.support.kernel_cases:MINE"}, "the coupling tests.support.kernel_cases:MINE"),
+        ({"coupling": "popc", "feel": "hapnet"}, "the stages before the coupling popc"),
+        ({"scene": "moving"}, "the scene moving"),
+        (
+            {"scene": "box", "dof": 2, "world.stiffness": [[500.0, 100.0], [100.0, 400.0]]},
+            "walls that act on one another",
+        ),
+        ({"link.up": "delay 5ms slot 10ms"}, "slots in the uplink"),
+        ({"link.down_timeline": "at 1s: down"}, "a timeline of the downlink"),
+        ({"link.up": "rate 1mbit loss 1% resend 2 1ms unordered"}, "unordered resends before a rate in the uplink"),
+        ({"wire.deadband": 0.1}, "a deadband"),
+        ({"wire.admission_burst_J": 5.0}, "wire.admission_burst_J above 4"),
+    ],
+)
+def test_says_why_it_does_not_cover_a_run(changes: dict[str, object], reason: str) -> None:
+    assert Simulation(SAMPLED.set(changes), kernel=True).not_compiled == reason
+
+
+def test_a_simulation_that_watches_its_events_is_not_compiled() -> None:
+    class Watching(Simulation):
+        def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
+            super()._run(end_ns, done)
+
+    assert Watching(SAMPLED, kernel=True).not_compiled == "Watching runs the events itself"
+    assert Simulation(PAPER, kernel=True).not_compiled is None
+
+
+def test_a_batch_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: True)
+    (run,) = simulate_batch(SAMPLED, [4])
+    assert run.not_compiled is None
+    assert run.summary == Simulation(SAMPLED, 4, kernel=False).run().summary
+
+
+def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: False)
+    monkeypatch.setattr(coverage, "_ticks", Counter())
+    long = SAMPLED.set({"duration_s": 90.0})
+    reasons = [Simulation(long).not_compiled for _ in range(3)]
+    assert reasons == ["compiling it would take longer than this run"] * 2 + [None]
+
+
+def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert not sources.are_compiled("one")
+    sources.mark("one")
+    assert sources.are_compiled("one")
+    assert not sources.are_compiled("other")
+    assert [path.parent for path in tmp_path.rglob("compiled-*")] == [tmp_path / "cache" / "hapnet"]
+    monkeypatch.setattr(sources, "digest", lambda: "another")
+    assert not sources.are_compiled("one")
+    (tmp_path / "file").write_text("no directory")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    sources.mark("one")  # as where nothing can be written
+    assert not sources.are_compiled("one")
+
+
+@pytest.mark.slow
+def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
+    """And not beside the package. Where nothing can be written it is made for one process."""
+    run = "from hapnet.simulation.compiled.run import Kind, make_ready; make_ready(Kind())"
+    before = set((ROOT / "hapnet").rglob("*.nb?"))
+    for place, kept in ((tmp_path / "cache", True), (Path("/proc/nowhere"), False)):
+        environment = os.environ | {"XDG_CACHE_HOME": str(place)}
+        subprocess.run([sys.executable, "-c", run], cwd=ROOT, env=environment, check=True)
+        assert bool(list(place.rglob("*.nbc"))) == kept
+    assert set((ROOT / "hapnet").rglob("*.nb?")) == before
+
+
+def test_the_compiler_tells_how_far_it_is() -> None:
+    """Each function that it compiles, and the end; of what is compiled already it tells nothing."""
+    shares: list[float] = []
+    double: Any = numba.njit(lambda x: 2 * x)
+    with twins.telling(shares.append):
+        assert double(3) == 6
+    assert len(shares) == 2
+    assert 0.0 < shares[0] < shares[1] == 1.0
+    with twins.telling(shares.append):
+        assert double(4) == 8
+    assert len(shares) == 2
+
+
+def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(coverage, "find_spec", lambda name: None)
+    simulation = Simulation(SAMPLED.set({"duration_s": 0.2}), 1)
+    assert simulation.not_compiled == "numba is not installed (extra fast)"
+    assert simulation.run().summary["theorem"]["margin_J"] > 0.0
+    assert Simulation(SAMPLED, 1, kernel=True).not_compiled == "numba is not installed (extra fast)"
+
+
+def test_with_numbas_own_switch_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert Simulation(SAMPLED, 1).not_compiled == "NUMBA_DISABLE_JIT is set"
+
+
+@pytest.mark.parametrize(
+    ("words", "line"), [([], "run by the compiled kernel"), (["--scene", "moving"], "scene moving")]
+)
+def test_the_command_says_whether_the_kernel_runs_it(
+    words: list[str], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: True)
+    assert cli.main(["simulate", "-v", "--no-files", "--duration", "0.3", *words]) == 0
+    assert line in capsys.readouterr().out
+    assert cli.main(["simulate", "--no-files", "--duration", "0.3", *words]) == 0
+    assert "kernel" not in capsys.readouterr().out

@@ -1,0 +1,281 @@
+"""Faults between a force and the positions that follow: found by the doctor, when a run starts, and while it runs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import pytest
+
+from hapnet import cli
+from hapnet.assembly.build import device_session, device_side, prepare
+from hapnet.assembly.user_device import UserDevice
+from hapnet.checks import Vector
+from hapnet.commands import known_devices
+from hapnet.doctor.device import examine_device
+from hapnet.doctor.machine import OK, WARNING, Check
+from hapnet.errors import HapnetError
+from hapnet.params import Params
+from hapnet.plant.actuator_check import ActuatorCheck
+from hapnet.plant.agreement import Agreement
+from hapnet.recording.samples import Event, Sample
+from hapnet.side.endpoint import DeviceEndpoint
+from hapnet.side.real_device import RealDeviceSide
+from hapnet.summary.run import device_summary
+from tests.support.commands import Capture
+from tests.support.handles import FAULTS, DeadEncoder, Handle, Late
+
+MS = 1_000_000
+
+
+def name(kind: type) -> str:
+    return f"{kind.__module__}:{kind.__name__}"
+
+
+# The doctor
+
+
+def sleep(seconds: float) -> None:
+    Handle.now_ns += round(seconds * 1e9)
+
+
+def examined(kind: type[Handle], force_N: float = 0.3, known_mass: Vector = ()) -> tuple[Check, Handle, list[Vector]]:
+    """What the doctor says about force and motion, the handle, and the masses that it would remember."""
+    Handle.now_ns = 0
+    device = UserDevice(name(kind), 1)
+    masses: list[Vector] = []
+    checks = examine_device(
+        device, 1000.0, lambda: Handle.now_ns, sleep, force_N, known_mass=known_mass, on_mass=masses.append
+    )
+    found = {check.name: check for check in checks}
+    assert isinstance(device.device, Handle)
+    assert Handle.now_ns < 10_000 * MS
+    return found["force and motion"], device.device, masses
+
+
+@pytest.mark.parametrize(("kind", "says"), FAULTS)
+def test_the_doctor_finds_the_fault_with_0_3_N_within_10_s_and_10_mm(kind: type[Handle], says: str) -> None:
+    check, handle, _ = examined(kind)
+    assert check.state == WARNING
+    assert says in check.value
+    assert handle.hardest_N == pytest.approx(0.3)
+    assert handle.moved_m < 0.032  # 30 mm of them are the hand's own
+
+
+def test_the_doctor_finds_nothing_wrong_with_a_good_one_and_its_mass() -> None:
+    """The mass is the handle's own: 0.1 kg."""
+    check, handle, masses = examined(Handle)
+    assert (check.state, check.value) == (OK, "0.3 N move it as 0.1 kg would, at the next reading")
+    assert handle.began_after == 0
+    assert masses[0] == pytest.approx((0.1,), rel=0.03)
+
+
+def test_half_the_mass_of_before_is_another_grip_or_force() -> None:
+    check, _, _ = examined(Handle, known_mass=(0.2,))
+    assert "moves as 0.1 kg would, before as 0.2 kg: another grip, or force?" in check.value
+
+
+def test_a_force_too_small_to_show_is_no_fault() -> None:
+    check, _, masses = examined(Handle, force_N=1e-4)
+    assert check.state == WARNING
+    assert check.value == "0.0001 N do not show in its positions"
+    assert masses == []
+
+
+class Braked(Handle):
+    def braked(self) -> str:
+        return "its brake is on"
+
+
+def test_a_brake_is_said_and_nothing_is_pushed() -> None:
+    check, handle, _ = examined(Braked)
+    assert check.value == "not known: it renders no force (its brake is on)"
+    assert handle.hardest_N == 0.0
+
+
+# A run
+
+
+class Rig:
+    """A side around a handle, paired from the start; each tick is a millisecond."""
+
+    def __init__(self, kind: type[Handle], dof: int = 1, **params: object) -> None:
+        Handle.now_ns = 0
+        self.events: list[Event] = []
+        given = {"hardware": name(kind), "scene": "free", "dof": dof} | params
+        setup = prepare(Params().set(given))
+        side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: Handle.now_ns, self._write)
+        assert isinstance(side, RealDeviceSide)
+        self.side = side
+        self.handle: Handle = side.device.device  # type: ignore[attr-defined]  # the user's, inside
+        side.endpoint.pair(False)
+
+    def _write(self, sample: Sample) -> None:
+        if isinstance(sample, Event):
+            self.events.append(sample)
+
+    def run(self, until_ms: int) -> None:
+        while until_ms * MS > Handle.now_ns:
+            Handle.now_ns += MS
+            self.side.tick(Handle.now_ns)
+
+    @property
+    def said(self) -> list[str]:
+        return [event.text for event in self.events if event.kind in ("device", "stopped")]
+
+
+@pytest.mark.parametrize(("kind", "says"), FAULTS)
+def test_a_run_finds_the_fault_within_half_a_second_and_10_mm(kind: type[Handle], says: str) -> None:
+    rig = Rig(kind)
+    try:
+        rig.run(500)
+        said = rig.said
+    except HapnetError as error:
+        said = [str(error)]
+        assert "reversed" in says
+    assert any(says in text for text in said)
+    assert rig.handle.moved_m < 0.01
+    assert rig.handle.hardest_N < 0.301
+    if kind is DeadEncoder:
+        assert rig.side.stopped is not None
+
+
+@pytest.mark.parametrize("dof", [1, 2])
+def test_a_good_device_is_pushed_then_control_begins_and_its_mass_is_told(dof: int) -> None:
+    rig = Rig(Handle)
+    rig.run(300)
+    assert rig.side.origin_ns is None
+    rig.run(450)
+    assert rig.said == []
+    assert rig.side.origin_ns is not None
+    assert rig.side.origin_ns < 450 * MS
+    driver = device_summary(rig.side, "pspm")["driver"]
+    assert driver is not None
+    assert driver["mass_kg"] == pytest.approx([0.1], rel=0.05)
+    assert rig.side.coupling.ledger.work == pytest.approx(0.0, abs=1e-6)  # the pushes are not the coupling's
+
+
+def test_who_does_not_want_it_is_not_pushed() -> None:
+    rig = Rig(Handle, **{"device.self_test_N": 0.0})
+    rig.run(5)
+    assert rig.side.origin_ns == MS
+    assert rig.handle.hardest_N == 0.0
+
+
+class Switched(Handle):
+    dead_man = 0
+
+    def buttons(self) -> tuple[bool, ...]:
+        return (False,)
+
+
+@pytest.mark.parametrize("kind", [Switched, Braked])
+def test_without_its_switch_or_with_its_brake_on_it_is_not_pushed_and_that_is_said(kind: type[Handle]) -> None:
+    rig = Rig(kind)
+    rig.run(5)
+    assert rig.side.origin_ns is not None
+    assert rig.handle.hardest_N == 0.0
+    assert "are not checked: its" in rig.said[0]
+
+
+def test_axes_are_pushed_one_after_another() -> None:
+    check = ActuatorCheck(3, 0.3, 1e-3)
+    force: Vector = (0.0,) * 3
+    pushed = []
+    for k in itertools.count():
+        force = check.step(1e-3 if k else 0.0, force, (1e-9 * k,) * 3, (0.0,) * 3)
+        if check.done:
+            break
+        assert sum(map(bool, force)) <= 1
+        pushed += [i for i, part in enumerate(force) if part]
+    assert k < 450
+    assert pushed == sorted(pushed)
+    assert [pushed.count(i) for i in range(3)] == pytest.approx([128] * 3, abs=2)
+
+
+# While it runs
+
+
+def driven(mass: float, stiffness: float, seconds: float, hand_N: float = 0.0) -> tuple[str, float]:
+    """A handle on a spring of `stiffness`, told as `stiffness` that pulls: below zero the motor is reversed."""
+    watch, x, v, f, said = Agreement(mass), 1e-4, 0.0, 0.0, ""
+    for _ in range(round(seconds / 1e-3)):
+        for _ in range(10):
+            v += 1e-4 * (math.copysign(1.0, stiffness) * f + hand_N - 4.0 * v) / mass
+            x += 1e-4 * v
+        said = said or watch.wrong(1e-3, (f,), (x,))
+        if said:
+            break
+        f = max(-3.0, min(3.0, -abs(stiffness) * x))
+    return said, x
+
+
+@pytest.mark.parametrize("stiffness", [-200.0, -600.0])
+def test_a_motor_that_is_reversed_while_it_runs_ends_the_force(stiffness: float) -> None:
+    said, x = driven(0.1, stiffness, 1.0)
+    assert abs(x) < 0.03
+    assert "accelerates against its force for 100 ms: is the motor reversed?" in said
+
+
+@pytest.mark.parametrize("hand_N", [0.0, 1.0, 3.0])
+def test_a_hand_that_pushes_into_a_spring_is_none(hand_N: float) -> None:
+    assert driven(0.1, 200.0, 2.0, hand_N)[0] == ""
+
+
+@pytest.mark.parametrize("way_s", [0.15, 0.3, 0.6, 1.2])
+@pytest.mark.parametrize("stiffness", [100.0, 600.0])
+def test_a_hand_that_moves_as_fast_as_hands_do_is_none(way_s: float, stiffness: float) -> None:
+    """Minimum jerk (Flash and Hogan 1985), 150 mm, against a damper of 1 Ns/m and a spring to a place 5 mm behind."""
+    watch = Agreement(0.1)
+    for k in range(round(way_s / 1e-3)):
+        s = k * 1e-3 / way_s
+        x = 0.15 * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        v = 0.15 / way_s * (30 * s**2 - 60 * s**3 + 30 * s**4)
+        force = max(-3.3, -v - stiffness * min(0.005, 0.02 * v))
+        assert watch.wrong(1e-3, (force,), (x,)) == ""
+
+
+@pytest.mark.parametrize(("changes_N", "still"), [(1.5, True), (0.5, False)])
+def test_a_position_that_stands_still_while_the_force_changes_is_named(changes_N: float, still: bool) -> None:
+    watch, said = Agreement(None), ""
+    for k in range(500):
+        said = said or watch.wrong(1e-3, (changes_N * math.sin(0.02 * k),), (0.01,))
+    assert ("reads the same position while its force changes" in said) == still
+
+
+# The first start with a device
+
+
+def test_a_new_device_is_asked_about_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    asked: list[str] = []
+    params = Params().set({"hardware": "my:Arm"})
+    assert known_devices.introduced(Params(), asked.append) == Params()
+    assert known_devices.introduced(params, asked.append) == params
+    (text,) = asked
+    assert "my:Arm is new here" in text
+    assert "up to 0.3 N" in text
+    known_devices.learn(params, {"device": {"driver": {"mass_kg": [0.2, 0.3]}}})  # type: ignore[typeddict-item]
+    assert known_devices.introduced(params, asked.append).device.known_mass_kg == (0.2, 0.3)
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"my:Arm": {"mass_kg": ["x"]}}'])
+def test_a_file_that_is_broken_makes_devices_new(content: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    known_devices.file().parent.mkdir()
+    known_devices.file().write_text(content)
+    assert known_devices.mass_of("my:Arm") is None
+
+
+def test_what_cannot_be_written_is_no_failure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    known_devices.remember("my:Arm", (0.1,))
+    assert known_devices.mass_of("my:Arm") is None
+
+
+def test_a_mass_for_another_number_of_axes_is_refused(capsys: Capture) -> None:
+    assert cli.main(["run", "--device", name(Late), "--dof", "1", "--set", "device.known_mass_kg=[1, 2]"]) == 2
+    assert "device.known_mass_kg" in capsys.readouterr().err

@@ -1,0 +1,41 @@
+"""The local contact model when the world changes under the hand, or lies: no jump, right again soon, passive."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.denial import CHANGES, HANDS, Denied, denied
+
+STEP_N = 0.5  # device.step_limit_N
+LEAD_N = 0.06  # half of the damper's drag is cancelled in free motion, with a delay: the light hand leaves at 0.1 m/s
+
+
+def assert_mended(change: str, one: Denied) -> None:
+    assert one.slack >= -1e-9
+    assert one.margin >= 0.0
+    assert one.step <= STEP_N * (1.0 + 1e-9)
+    if one.wrong is not None:
+        assert one.right is not None
+        assert one.wrong <= 0.1 * one.right + (LEAD_N if change in ("vanishes", "comes") else 0.005)
+
+
+@pytest.mark.parametrize("change", ["moves by 3 mm", "vanishes", "lies"])
+def test_what_changes_under_the_hand_is_right_after_100_ms_and_passive(change: str) -> None:
+    assert_mended(change, denied(change, "light", 1.7))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("change", CHANGES)
+def test_at_any_moment_of_a_contact(change: str, hand: str) -> None:
+    """A wall that comes throws a light hand out, the faster the stiffer the spring: there with the paper's."""
+    stiffness = 100.0 if (change, hand) == ("comes", "light") else 0.0
+    for seed in range(6):
+        assert_mended(change, denied(change, hand, 1.2 + 0.37 * seed, seed=seed, stiffness=stiffness))
+
+
+def test_the_same_stages_without_pspm_create_energy() -> None:
+    """The local contact model makes the feel; what makes it passive is PSPM."""
+    lies = denied("lies", "light", 1.7, coupling="zoh")
+    assert lies.slack < -0.01
+    assert lies.margin < 0.0

@@ -1,0 +1,69 @@
+"""A device that knows when it took its readings: the account goes by its clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from hapnet.errors import HapnetError
+from tests.side.test_real_device import Arm, Rig
+
+
+class Timed(Arm):
+    """It takes a reading each 2 ms of its own clock, whenever that comes."""
+
+    told_s = 0.002
+
+    def interval(self) -> float:
+        return self.told_s
+
+
+class InMilliseconds(Timed):
+    told_s = 2.0
+
+
+@pytest.mark.parametrize(("device", "fastest"), [(Timed, 0.4), (Arm, 4.0)])
+def test_readings_that_come_together_are_no_fast_motion_where_the_device_has_a_clock(
+    device: type[Arm], fastest: float
+) -> None:
+    """0.8 mm in each of its 2 ms; the machine was busy for 3.8 ms, and then two readings came 0.2 ms apart."""
+    rig = Rig(device)
+    for k in range(1, 20):
+        rig.now_ns += (3_600_000 if k % 2 else 0) - 1_800_000
+        rig.tick(8e-4 * k)
+    assert rig.side.held_forces()["speed_max_mps"] == pytest.approx(fastest)
+
+
+class Slow(Timed):
+    told_s = 0.0014
+
+
+def test_an_interval_in_another_unit_is_named_before_it_does_anything() -> None:
+    rig = Rig(InMilliseconds)
+    with pytest.raises(HapnetError, match=r"the sum of its interval\(\) is 2 s in 0.002 s \(is the unit s\?\)"):
+        rig.tick(0.0)
+
+
+def test_a_clock_that_runs_slow_is_named() -> None:
+    """It tells 1.4 ms for each 2 ms: what a trusted damper takes would count too much."""
+    rig = Rig(Slow)
+
+    def a_second() -> None:
+        for _ in range(500):
+            rig.tick(0.0)
+
+    with pytest.raises(HapnetError, match=r"the sum of its interval\(\) is 0.\d+ s in 0.\d+ s"):
+        a_second()
+
+
+def test_a_servo_that_was_away_is_no_fault_of_the_devices_clock() -> None:
+    """For 3 s; some readings waited meanwhile and come at once afterwards, the others are lost."""
+    rig = Rig(Timed)
+    for _ in range(600):
+        rig.tick(0.0)
+    rig.tick(0.0, ms=3000)
+    for _ in range(500):
+        rig.now_ns += 100_000
+        rig.tick(0.0, ms=0)
+    for _ in range(600):
+        rig.tick(0.0)
+    assert rig.side.overruns == 1

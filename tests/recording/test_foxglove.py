@@ -1,0 +1,114 @@
+"""What viewers draw without being told how: Foxglove's own schemas, field by field, and what is written in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapnet.recording.mcap import RecordingWriter, read_recording, repair
+from hapnet.recording.samples import Event, Sample
+from tests.recording.test_samples import META, ORIGIN, device_sample, world_sample
+from tests.support.mcap_messages import messages
+
+PUBLISHED = {  # number, name and type of each field, as Foxglove publishes them (read from its own packages)
+    "foxglove.FrameTransform": "1 timestamp google.protobuf.Timestamp, 2 parent_frame_id string, "
+    "3 child_frame_id string, 4 translation foxglove.Vector3, 5 rotation foxglove.Quaternion",
+    "foxglove.PoseInFrame": "1 timestamp google.protobuf.Timestamp, 2 frame_id string, 3 pose foxglove.Pose",
+    "foxglove.Log": "1 timestamp google.protobuf.Timestamp, 2 level foxglove.Log.Level, 3 message string, "
+    "4 name string, 5 file string, 6 line fixed32",
+    "foxglove.Pose": "1 position foxglove.Vector3, 2 orientation foxglove.Quaternion",
+    "foxglove.Vector3": "1 x double, 2 y double, 3 z double",
+    "foxglove.Quaternion": "1 x double, 2 y double, 3 z double, 4 w double",
+    "google.protobuf.Timestamp": "1 seconds int64, 2 nanos int32",
+}
+_TYPES = {1: "double", 3: "int64", 5: "int32", 7: "fixed32", 9: "string"}
+LATER_NS = 10**15
+EVENTS = (
+    Event(ORIGIN, "paired", "with the world"),
+    Event(ORIGIN + 1, "overrun", "the servo was away for 24.0 ms: no force", "warning"),
+    Event(ORIGIN + 2, "stopped", "the device renders no force any more: it left its workspace", "error"),
+)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tenth of a second of a device with two axes, five steps of a world, and an event of each level."""
+    path = tmp_path_factory.mktemp("foxglove") / "a.mcap"
+    samples: list[Sample] = [device_sample(i) for i in range(100)] + [world_sample(i) for i in range(5)]
+    writer = RecordingWriter(path, META | {"utc_origin_ns": ORIGIN + LATER_NS})
+    for sample in [*samples, *EVENTS]:
+        writer.write(sample)
+    writer.close()
+    return path
+
+
+def kinds(descriptor: Any) -> dict[str, str]:
+    """The fields of a message and of those in it, in the words of `PUBLISHED`."""
+    found = {}
+    for field in descriptor.fields:
+        if field.message_type is not None:
+            found |= kinds(field.message_type)
+    words = [
+        f"{field.number} {field.name} "
+        + (field.message_type or field.enum_type or type("", (), {"full_name": _TYPES.get(field.type)})).full_name
+        for field in descriptor.fields
+    ]
+    return {descriptor.full_name: ", ".join(words)} | found
+
+
+def test_the_schemas_are_those_that_foxglove_publishes(file: Path) -> None:
+    found = {}
+    for topic, read in messages(file).items():
+        if not topic.endswith("/state"):
+            found |= kinds(read[0][1].DESCRIPTOR)
+    assert found == PUBLISHED
+
+
+def test_an_event_has_foxgloves_level(file: Path) -> None:
+    lines = [line for _, line in messages(file)["/events"]]
+    level = lines[0].DESCRIPTOR.enum_types_by_name["Level"]
+    assert [name.name for name in level.values] == ["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]
+    assert [level.values_by_number[line.level].name for line in lines] == ["INFO", "WARNING", "ERROR"]
+    assert tuple(read_recording(file).events) == EVENTS
+
+
+def test_handle_and_proxy_are_frames_and_set_positions_are_poses_in_the_scene(file: Path) -> None:
+    read = messages(file)
+    utc_ns, handle = read["/device/frame"][2]
+    sample = device_sample((utc_ns - ORIGIN - LATER_NS) // 1_000_000)
+    assert (handle.parent_frame_id, handle.child_frame_id) == ("scene", "device")
+    assert (handle.translation.x, handle.translation.y, handle.translation.z) == (*sample.position_m, 0.0)
+    assert (handle.rotation.x, handle.rotation.y, handle.rotation.z, handle.rotation.w) == (0.0, 0.0, 0.0, 1.0)
+    pose = read["/device/set_position"][2][1]
+    assert pose.frame_id == "scene"
+    assert (pose.pose.position.x, pose.pose.position.y) == sample.set_position_m
+    assert pose.pose.orientation.w == 1.0
+    assert read["/world/frame"][0][1].child_frame_id == "proxy"
+    assert read["/world/set_position"][1][1].pose.position.x == world_sample(1).set_position_m[0]
+
+
+def test_stamps_are_log_times_some_60_a_second(file: Path) -> None:
+    read = messages(file)
+    for topic, found in read.items():
+        if not topic.endswith("/state"):
+            assert [stamped.timestamp.ToNanoseconds() for _, stamped in found] == [at_ns for at_ns, _ in found]
+    assert len(read["/device/frame"]) == len(read["/device/set_position"]) == 7  # 0, 16, ... 96 ms
+    assert len(read["/world/frame"]) == 5
+
+
+@pytest.mark.parametrize("change", [{"position_m": (float("nan"), 0.0)}, {"set_position_m": (float("inf"), 0.0)}])
+def test_what_is_no_place_in_space_is_not_drawn(tmp_path: Path, change: dict[str, Any]) -> None:
+    for name, sample in (("a", device_sample(0)._replace(**change)), ("b", device_sample(0, 4))):
+        writer = RecordingWriter(tmp_path / f"{name}.mcap", META)
+        writer.write(sample)
+        writer.close()
+        assert list(messages(tmp_path / f"{name}.mcap")) == ["/device/state"]
+
+
+def test_readers_pass_over_them_and_a_repaired_copy_keeps_them(file: Path, tmp_path: Path) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(file.read_bytes()[:-200])
+    assert read_recording(file).device is not None
+    assert len(messages(repair(torn))["/device/frame"]) == 7

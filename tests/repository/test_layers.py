@@ -1,0 +1,323 @@
+"""The rules of import: who may know whom."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from hapnet.laws import COUPLING_NAMES
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = sorted(path.relative_to(ROOT) for package in ("hapnet", "netem") for path in (ROOT / package).rglob("*.py"))
+
+FILES = {"csv", "io", "os", "pathlib", "shutil", "tempfile"}
+CLOCKS_AND_OTHERS = {
+    "asyncio", "datetime", "multiprocessing", "random", "secrets", "select", "signal", "socket", "subprocess",
+    "threading", "time", "uuid", "zenoh",
+}  # fmt: skip
+"""Clocks, generators of their own, and whatever waits for, or speaks with, threads, processes and networks."""
+
+PURE_NETEM = {  # all that a link in virtual time consists of
+    f"netem/{name}.py"
+    for name in ("draws", "effects", "expectation", "line", "link", "loss_chain", "models", "presets", "profile",
+                 "resend", "slots", "stats", "timeline", "trace", "units")
+}  # fmt: skip
+LONGEST = 420
+MOST_ATTRIBUTES = 20
+
+BASE = {
+    "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema",
+    "loading", "versions",
+}  # fmt: skip
+BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
+MAY_IMPORT = {  # a package, and what it may know beside itself and the base
+    "records": set(),
+    "mechanics": {"records"},
+    "control": {"records", "mechanics"},
+    "plant": {"records", "mechanics"},
+    "wire": {"records"},
+    "recording": {"mechanics", "plant", "wire"},
+    "side": {"records", "mechanics", "control", "plant", "wire", "recording"},
+    "couplings": {"records", "mechanics", "control", "wire"},
+    "kernel": {"records", "mechanics", "control", "couplings", "plant", "wire"},  # it compiles some of their functions
+    "processes": set(),
+    "devices": {"plant"},
+    "assembly": BELOW_ASSEMBLY | {"devices"},
+    "summary": BELOW_ASSEMBLY,
+    "metrics": BELOW_ASSEMBLY | {"summary"},
+    "transport": {"records", "wire"},
+    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "report", "processes"},  # a result draws itself
+    "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport", "processes"},
+    "report": BELOW_ASSEMBLY | {"assembly", "summary"},
+    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "report", "processes"},
+    "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
+    "view": BELOW_ASSEMBLY | {"summary", "report", "transport"},  # it subscribes to telemetry
+    "bench": BELOW_ASSEMBLY
+    | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "report", "processes"},
+}
+READS_FILES = {
+    "hapnet/laws.py": "a law is a file of a package",
+    "hapnet/params.py": "--params names a file",
+    "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
+    "netem/trace.py": "a recorded link is a file",
+    "netem/units.py": "opens the files that a profile names",
+    "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",
+    "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
+    "hapnet/kernel/sources.py": "compiled code is cached as long as its sources stay the same",
+}
+"""What may reach files, of all that lies below `assembly`, and why. Clocks and generators are arguments there too."""
+
+ADDS_UP = {"records", "mechanics", "control", "plant", "couplings", "side"}
+"""Whose recordings' bits depend on how a sum is rounded: they add up with `inner` and `added`."""
+
+COUNTS = {f"hapnet/{name}.py" for name in ("plant/integrator", "plant/worlds/mesh", "records/histogram")}
+"""Modules of those that count with `sum`, or ask whether any of several numbers is none."""
+
+OPENS_ZENOH = {
+    "hapnet/bench/latency.py": "raw Zenoh is what hapnet's latency is held against",
+}
+"""Modules outside of `transport` that use Zenoh itself, and why."""
+
+
+def name_of(module: Path) -> str:
+    return ".".join(module.with_suffix("").parts).removesuffix(".__init__")
+
+
+def package_of(name: str) -> str:
+    """The part of hapnet that a module belongs to; of another package its name."""
+    parts = name.split(".")
+    if parts[0] != "hapnet" or len(parts) == 1:
+        return parts[0]
+    return "base" if parts[1] in BASE else parts[1]
+
+
+@cache
+def nodes(source: str) -> tuple[ast.AST, ...]:
+    """All of a module's tree."""
+    return tuple(ast.walk(ast.parse(source)))
+
+
+def imports(source: str, module: str, is_package: bool = False) -> Iterator[str]:
+    """Every module that `source` imports, anywhere in it, under its absolute name."""
+    package = module if is_package else module.rpartition(".")[0]
+    for node in nodes(source):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+@cache
+def imports_of(module: Path) -> set[str]:
+    return set(imports((ROOT / module).read_text("utf-8"), name_of(module), module.name == "__init__.py"))
+
+
+def roots(names: set[str]) -> set[str]:
+    return {name.partition(".")[0] for name in names}
+
+
+def test_every_way_to_import_is_seen() -> None:
+    source = "import a.b\nfrom . import c\nfrom ..d import e\ndef f():\n    import g\n    from h.i import j\n"
+    found = set(imports(source, "p.q.r"))
+    assert {"a.b", "p.q", "p.q.c", "p.d", "p.d.e", "g", "h.i", "h.i.j"} == found
+    assert set(imports("from . import c", "p.q", is_package=True)) == {"p.q", "p.q.c"}
+
+
+def test_every_package_has_its_rule() -> None:
+    packages = {path.parent.name for path in (ROOT / "hapnet").glob("*/*.py")}
+    assert packages <= {*MAY_IMPORT, "commands"}
+    assert {str(module) for module in MODULES} >= PURE_NETEM
+
+
+def test_imports_go_one_way() -> None:
+    wrong = {}
+    for module in MODULES:
+        own = package_of(name_of(module))
+        if own not in MAY_IMPORT and own != "base":
+            continue
+        found = {package_of(name) for name in imports_of(module) if name.startswith("hapnet.")}
+        wrong[module] = found - {own, "base", *MAY_IMPORT.get(own, set())}
+    assert len(wrong) > 250
+    assert not {module: names for module, names in wrong.items() if names}
+
+
+def test_core_reaches_nothing_outside_itself() -> None:
+    """No clock, no generator but one passed in, no I/O: below `assembly`, time and randomness are arguments."""
+    wrong = {}
+    for module in MODULES:
+        if package_of(name_of(module)) in {"base", "kernel", "metrics", *BELOW_ASSEMBLY} or str(module) in PURE_NETEM:
+            may_read = READS_FILES.keys() & {module.as_posix(), module.parent.as_posix()}
+            found = reached((ROOT / module).read_text("utf-8"), name_of(module), module.name == "__init__.py")
+            wrong[module] = found - (FILES | {"open"} if may_read else set())
+    assert len(wrong) > 150
+    assert not {module: names for module, names in wrong.items() if names}
+
+
+def reached(source: str, module: str, is_package: bool = False) -> set[str]:
+    """What of clocks, files and generators a module uses: imported modules, `open`, functions of numpy.random."""
+    names = set(imports(source, module, is_package))
+    tree = nodes(source)
+    dotted = {
+        f"numpy.random.{part.attr}"
+        for part in tree
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Attribute)
+        if ast.unparse(part.value) in ("np.random", "numpy.random")
+    }
+    generators = {each for each in names | dotted if re.fullmatch(r"numpy\.random\.[a-z]\w*", each)}
+    return roots(names) & (FILES | CLOCKS_AND_OTHERS) | called(source) & {"open", "input"} | generators
+
+
+def test_every_way_out_is_seen() -> None:
+    source = "import os.path\nfrom time import time\nx = np.random.default_rng(), open('f')\ny: np.random.Generator"
+    assert reached(source, "p.q") == {"os", "time", "open", "numpy.random.default_rng"}
+    assert reached("from numpy.random import rand, PCG64", "p.q") == {"numpy.random.rand"}
+
+
+def test_equations_add_up_the_same_on_every_python() -> None:
+    """Python's own `sum` rounds otherwise from 3.12 on; where it only counts, or asks for a NaN, it may stay."""
+    equations = [module for module in MODULES if package_of(name_of(module)) in ADDS_UP]
+    found = {module.as_posix() for module in equations if "sum" in called((ROOT / module).read_text("utf-8"))}
+    assert len(equations) > 80
+    assert found == COUNTS
+
+
+def called(source: str) -> set[str]:
+    """Every function that is called by its bare name."""
+    calls = [node.func for node in nodes(source) if isinstance(node, ast.Call)]
+    return {function.id for function in calls if isinstance(function, ast.Name)}
+
+
+def test_only_transport_knows_zenoh() -> None:
+    knowing = {
+        module.as_posix() for module in MODULES if "zenoh" in roots(imports_of(module)) and module.parts[0] == "hapnet"
+    }
+    assert {each for each in knowing if not each.startswith("hapnet/transport/")} == set(OPENS_ZENOH)
+
+
+def test_netem_knows_nothing_of_hapnet() -> None:
+    of_netem = [module for module in MODULES if module.parts[0] == "netem"]
+    assert len(of_netem) > 20
+    assert not [module for module in of_netem if "hapnet" in roots(imports_of(module))]
+
+
+def test_only_commands_measure() -> None:
+    """Benchmarks look at everything; nothing looks at them but their command, which they do not know."""
+    for module in MODULES:
+        found = imports_of(module)
+        if module.parts[:2] == ("hapnet", "bench"):
+            assert not {name for name in found if name.startswith(("hapnet.commands", "hapnet.cli"))}, module
+        elif module.parts[:2] != ("hapnet", "commands"):
+            assert not {name for name in found if name.startswith("hapnet.bench")}, module
+
+
+def test_modules_stay_short() -> None:
+    """Tests and examples too."""
+    files = [path for folder in ("hapnet", "netem", "tests", "examples") for path in (ROOT / folder).rglob("*.py")]
+    lengths = {str(path.relative_to(ROOT)): len(path.read_text("utf-8").splitlines()) for path in files}
+    assert len(lengths) > 400
+    assert not {name: length for name, length in lengths.items() if length > LONGEST}
+
+
+def test_nobody_asks_for_a_coupling_by_its_name() -> None:
+    """What a coupling is or needs is said by its `CouplingSpec`."""
+    for module in [module for module in MODULES if module.parts[0] == "hapnet"]:
+        tree = nodes((ROOT / module).read_text("utf-8"))
+        asked = [part for part in tree if isinstance(part, ast.Compare)]
+        constants = [part for each in asked for part in ast.walk(each) if isinstance(part, ast.Constant)]
+        assert not [(part.lineno, part.value) for part in constants if part.value in COUPLING_NAMES], module
+
+
+def attributes_of(source: str) -> Iterator[tuple[ast.ClassDef, set[str]]]:
+    """Every class of a module with the names that it declares, or sets on `self`."""
+    for node in nodes(source):
+        if isinstance(node, ast.ClassDef):
+            declared = {
+                line.target.id
+                for line in node.body
+                if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name)
+            }
+            yield (
+                node,
+                declared
+                | {
+                    part.attr
+                    for part in ast.walk(node)
+                    if isinstance(part, ast.Attribute) and isinstance(part.ctx, ast.Store)
+                    if isinstance(part.value, ast.Name) and part.value.id == "self"
+                },
+            )
+
+
+def test_all_attributes_of_a_class_are_seen() -> None:
+    source = "class A:\n    a: int\n    def f(self):\n        self.b, other.c = self.d = self.e[0] = 1"
+    assert [(node.name, found) for node, found in attributes_of(source)] == [("A", {"a", "b", "d"})]
+
+
+def test_a_class_of_many_attributes_says_why() -> None:
+    for module in MODULES:
+        for node, found in attributes_of((ROOT / module).read_text("utf-8")):
+            # a record of the kernel has the state of several objects: nobody but compiled code looks at it
+            if len(found) > MOST_ATTRIBUTES and "Record" not in map(ast.unparse, node.bases):
+                assert "More than twenty attributes:" in (ast.get_docstring(node) or ""), (node.name, len(found))
+
+
+BY_NAME = {
+    "hapnet/doctor/machine.py": "sys tells so whether there is a lock, from Python 3.13 on",
+    "hapnet/kernel/twins.py": "numba has no other way to optimise many functions together",
+}
+"""Modules that name attributes which are private to others, and why."""
+
+
+def test_nobody_reaches_private_attributes_by_their_names() -> None:
+    """The linter sees `other._name`; it does not see names in strings, or names that are put together."""
+    found = {}
+    for module in MODULES:
+        source = (ROOT / module).read_text("utf-8")
+        for node in nodes(source):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
+                called = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+                if called in {"getattr", "setattr", "hasattr", "delattr", "attrgetter", "__getattribute__"}:
+                    strings = [part.value for one in node.args for part in ast.walk(one)
+                               if isinstance(part, ast.Constant) and isinstance(part.value, str)]  # fmt: skip
+                    if any(re.match(r"_(?!_)", text) for text in strings):
+                        found[str(module)] = ast.unparse(node)
+        if re.search(r"\(\"_[a-z]\w*\", \d\)", source):  # a table of such names
+            found.setdefault(str(module), "a table of names")
+    assert found.keys() == BY_NAME.keys(), found
+
+
+ASKS_WHAT_IT_GOT = {
+    "hapnet/plant/worlds/own_worlds.py": "makes a user's world a whole one",
+    "hapnet/plant/hand_path.py": "an operator may give many points at once",
+    "hapnet/assembly/build.py": "reads parameters by their names",
+}
+"""Modules that ask a part what it has, of those that know worlds: everyone else has protocols with defaults."""
+
+KNOW_WORLDS = {"world.py", "set_position_coupling.py", "build.py"}
+
+
+def test_nobody_asks_a_world_what_it_has() -> None:
+    know = [each for each in MODULES if package_of(name_of(each)) in {"mechanics", "plant"} or each.name in KNOW_WORLDS]
+    asking = {each.as_posix() for each in know if {"getattr", "hasattr"} & called((ROOT / each).read_text("utf-8"))}
+    assert asking == ASKS_WHAT_IT_GOT.keys()
+
+
+STARTS_PROCESSES = {
+    "hapnet/processes": "all others ask it",
+    "netem/bench.py": "it knows nothing of hapnet",
+    "hapnet/transport/security.py": "openssl makes the keys",
+}
+"""Who starts programs, or children that run a function, and why."""
+
+
+def test_one_package_starts_child_processes() -> None:
+    for module in MODULES:
+        if not {module.as_posix(), module.parent.as_posix()} & STARTS_PROCESSES.keys():
+            assert not roots(imports_of(module)) & {"subprocess", "multiprocessing"}, module
+            assert "create_subprocess" not in (ROOT / module).read_text("utf-8"), module

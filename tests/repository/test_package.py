@@ -1,0 +1,70 @@
+"""The package as an index and a stranger's machine see it: its page, its pages, and the types of what README shows."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import hapnet
+from tests.conftest import ROOT
+from tests.support.pages import ALL
+
+
+def test_on_an_index_no_link_of_the_readme_is_relative() -> None:
+    """By the project's own substitutions, as they are given to whoever builds the package."""
+    project = tomllib.loads(text("pyproject.toml"))
+    hook = project["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
+    page = text("README.md")
+    for each in hook["substitutions"]:
+        page = re.sub(each["pattern"], each["replacement"], page)
+    assert not [target for target in re.findall(r"\]\(([^)\s]+)\)", page) if "://" not in target]
+    pictures = re.findall(r"!\[([^\]]+)\]", text("README.md"))
+    assert pictures
+    assert all(f"*{what}.*" in page for what in pictures)
+
+
+def test_pages_that_messages_name_are_beside_the_code() -> None:
+    """Those of the installed package, which may be a wheel."""
+    from hapnet.doctor import device
+
+    pages = [value for value in vars(device).values() if isinstance(value, Path)]
+    assert pages
+    assert all(page.is_relative_to(Path(hapnet.__file__).parent) and page.is_file() for page in pages)
+
+
+def test_what_readme_and_examples_show_has_strict_types(tmp_path: Path) -> None:
+    """By pyright, as editors do. The programs that draw README's pictures are not among them: matplotlib's own types
+    have gaps."""
+    pytest.importorskip("pyright")
+    shown = [block for block in ALL if block.page == ROOT / "README.md" and block.language == "python"]
+    for number, block in enumerate(shown):
+        (tmp_path / f"readme_{number}.py").write_text(block.text, "utf-8")
+    shutil.copytree(ROOT / "examples", tmp_path / "examples", ignore=shutil.ignore_patterns("pictures", "__pycache__"))
+    settings = {"typeCheckingMode": "strict", "extraPaths": [str(Path(hapnet.__file__).parents[1])]}
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings), "utf-8")
+    command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson", "-p", str(tmp_path)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    if not done.stdout.startswith("{"):
+        pytest.skip(f"pyright is not to be had: {(done.stderr or done.stdout).strip()[-200:]}")
+    found = json.loads(done.stdout)
+    assert not [each for each in found["generalDiagnostics"] if each["severity"] == "error"]
+    assert found["summary"]["filesAnalyzed"] == len(list(tmp_path.rglob("*.py"))) > len(shown) >= 2
+
+
+def text(name: str) -> str:
+    return (ROOT / name).read_text("utf-8")
+
+
+def test_the_version_is_the_newest_of_the_changelog() -> None:
+    version = tomllib.loads(text("pyproject.toml"))["project"]["version"]
+    cited = re.search(r"(?m)^version: (.+)$", text("CITATION.cff"))
+    assert re.findall(r"(?m)^## (.+)$", text("CHANGELOG.md"))[0] == version
+    assert cited is not None
+    assert cited[1] == version

@@ -1,0 +1,107 @@
+"""What a real device's side believes of a force when the device is silent for a short time, or tells only sometimes.
+
+Each test is one that a fault put into `hapnet/side/real_device.py` did not survive, where no other test saw it.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError
+from hapnet.summary.run import device_summary
+from tests.side.test_real_device import Braking, Rig
+
+
+def silent_for_10_ms(rig: Rig) -> None:
+    """Longer than the device's own watchdog (5 ms), shorter than the servo's (20 ms): nobody calls it an overrun."""
+    rig.arm.silent = True
+    for _ in range(4):
+        rig.tick(0.0)
+    rig.arm.silent = False
+
+
+def test_a_short_silence_leaves_the_force_before_it_in_doubt() -> None:
+    """2 N towards +x. Going back would have taken energy in, had the force still acted: that does not count."""
+    rig = Rig()
+    for _ in range(3):
+        rig.tick(0.0)
+    assert rig.arm.told[-1][0] == pytest.approx(2.0)
+    before = rig.work
+    silent_for_10_ms(rig)
+    rig.tick(-0.001)
+    assert rig.events[-1].endswith("the force grows")
+    assert rig.work - before == pytest.approx(0.0, abs=1e-12)
+
+
+def test_after_a_short_silence_the_force_grows_from_zero() -> None:
+    rig = Rig(device__force_ramp_s=0.02)
+    for _ in range(20):
+        rig.tick(0.0)
+    assert rig.arm.told[-1][0] == pytest.approx(2.0)
+    silent_for_10_ms(rig)
+    rig.tick(0.0)
+    assert 0.0 < rig.arm.told[-1][0] <= 2.0 * 12.0 / 20.0
+    grown: list[Vector] = list(rig.arm.told)
+    rig.tick(0.0)
+    assert rig.arm.told[-1][0] > grown[-1][0]
+
+
+def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
+    """2 N are held when a command is lost; then the device tells what acted, and is told 0.1 N. When it does not tell
+    any more, those 0.1 N are what may have acted."""
+    rig = Rig(Braking)
+    assert isinstance(rig.arm, Braking)
+    rig.arm.told_force = (2.0,)
+    for _ in range(3):
+        rig.tick(0.0)
+    rig.arm.deaf = True
+    rig.tick(0.0)
+    rig.arm.deaf = False
+    rig.arm.told_force = (0.5,)
+    rig.side.coupling.receive((0.001,), 0.0, 0.0)
+    rig.tick(0.0)
+    small = rig.arm.told[-1][0]
+    assert small == pytest.approx(0.1)
+    before = rig.work
+    rig.arm.told_force = None
+    rig.tick(0.0005)
+    assert rig.work - before == pytest.approx(-small * 0.0005, rel=1e-6)
+
+
+def test_a_device_that_is_silent_at_the_end_is_not_taken_for_passive() -> None:
+    rig = Rig()
+    for _ in range(3):
+        rig.tick(0.0)
+    rig.arm.silent = rig.arm.deaf = True
+    for _ in range(20):
+        rig.tick(0.0)
+    rig.side.stop()
+    stopped = device_summary(rig.side, "pspm")["stopped"]
+    assert stopped is not None
+    assert stopped["why"] is not None
+    assert "silent at the end" in stopped["why"]
+    assert rig.events[-1].endswith("the cable is out; up to 2 N may remain until its own watchdog acts")
+
+
+class Failing(Braking):
+    fails = False
+
+    def apply(self, force: Vector) -> None:  # type: ignore[override]
+        if self.fails:
+            raise SystemExit("the bus is gone")
+        super().apply(force)
+
+
+def test_an_apply_that_raises_while_a_force_is_held_is_said_with_the_force_that_may_remain() -> None:
+    rig = Rig(Failing)
+    assert isinstance(rig.arm, Failing)
+    for _ in range(3):
+        rig.tick(0.0)
+    rig.arm.fails = True
+    with pytest.raises(HapnetError, match=r"apply\(\) raised SystemExit"):
+        rig.tick(0.0)
+    with pytest.raises(HapnetError):
+        rig.side.stop()
+    assert rig.arm.closed
+    assert "up to 2 N may remain until its own watchdog acts" in rig.events[-1]

@@ -1,0 +1,137 @@
+"""How stiff a wall is felt: the formula against a simulated hand that presses, and everywhere it is said."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapnet import cli
+from hapnet.assembly.build import prepare
+from hapnet.couplings.felt import through
+from hapnet.params import Params
+from hapnet.recording.mcap import read_recording, save
+from hapnet.report.words import felt
+from hapnet.simulation.simulation import simulate
+from hapnet.summary.recorded import from_recording
+from hapnet.summary.run import combine, merge
+from tests.support.commands import Capture
+
+POSITIVE = st.floats(0.1, 1e6)
+PRESSED: dict[str, object] = {
+    "link.up": "", "link.down": "", "world.step_min_s": 0.001, "world.step_max_s": 0.001, "duration_s": 4.0,
+    "operator_hand.hold_s": 5.0,
+}  # fmt: skip
+"""Without a link, and held until the end."""
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"device.stiffness": 60.0, "world.stiffness": 900.0, "world.wall.stiffness": 700.0},
+        {"coupling": "pd", "world.wall.stiffness": 300.0},
+    ],
+    ids=str,
+)
+def test_what_is_said_is_what_a_hand_that_holds_still_feels(changes: dict[str, object]) -> None:
+    params = Params().set({**PRESSED, **changes})
+    result = simulate(params, 1)
+    device = result.recording.device
+    assert device is not None
+    last = device["time_s"] > 3.5
+    depth = float(np.mean(device["position_m"][last, 0])) - params.world.wall.position_m
+    rendered = -float(np.mean(device["force_N"][last, 0])) / depth
+    assert result.summary["environment"]["felt_stiffness_N_m"] == pytest.approx(rendered, rel=0.02)
+
+
+@given(POSITIVE, POSITIVE, POSITIVE)
+def test_no_wall_is_felt_stiffer_than_the_devices_spring(K: float, K_world: float, wall: float) -> None:
+    """And a hard wall is felt as K."""
+    assert 0.0 < through((K, K_world), wall) <= K
+    assert through((K, K_world), wall) == pytest.approx(1.0 / (1.0 / K + K_world / (K * wall)))
+    assert through((K, K_world), 1e6 * K_world) == pytest.approx(K, rel=1e-5)
+    assert through((K,), wall) == pytest.approx(1.0 / (1.0 / K + 1.0 / wall))
+
+
+@pytest.mark.parametrize(
+    ("changes", "wall", "springs"),
+    [
+        ({"device.stiffness": 400.0}, 3000.0, [400.0, 500.0]),
+        ({"scene": "box", "world.wall.stiffness": 50.0}, 50.0, [200.0, 500.0]),
+        ({"scene": "moving"}, 3000.0, [200.0, 500.0]),
+        ({"scene": "sphere"}, 3000.0, [200.0, 500.0]),
+        ({"scene": "sphere", "feel": "paper"}, 3000.0, [100.0, 500.0]),
+        ({"coupling": "pd"}, 3000.0, [100.0]),
+        ({"scene": "free"}, None, None),
+        ({"scene": "examples.planet:planet"}, None, None),
+        ({"scene": "box", "dof": 2, "device.stiffness": (100.0, 120.0)}, 3000.0, None),
+    ],
+    ids=str,
+)
+def test_of_what_is_felt_of_which_scene(
+    changes: dict[str, object], wall: float | None, springs: list[float] | None
+) -> None:
+    told = prepare(Params().set(changes)).felt
+    assert (told["stiffness_N_m"], told["springs_N_m"]) == (wall, springs)
+    assert (told["felt_stiffness_N_m"] is None) == (springs is None)
+
+
+def one_side(role: str, felt: Any) -> Any:
+    return combine(None, None, {"up": None, "down": None}, seed=1, duration_s=1.0, coupling="pspm", felt=felt)
+
+
+def test_of_two_processes_the_device_knows_its_spring_and_the_world_its_wall() -> None:
+    """What each was started with may differ."""
+    device = one_side("device", {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": 1.0, "springs_N_m": [200.0, 500.0]})
+    world = one_side("world", {"stiffness_N_m": 900.0, "felt_stiffness_N_m": 1.0, "springs_N_m": [100.0, 300.0]})
+    environment = merge(device, world)["environment"]
+    assert environment["stiffness_N_m"] == 900.0
+    assert environment["springs_N_m"] == [200.0, 300.0]
+    assert environment["felt_stiffness_N_m"] == pytest.approx(200.0 * 900.0 / 1200.0)
+    old = merge(one_side("device", None), world)["environment"]
+    assert old["springs_N_m"] == [100.0, 300.0]
+
+
+@pytest.mark.parametrize(
+    "felt", [None, {}, {"stiffness_N_m": "hard"}, {"stiffness_N_m": 0.0, "springs_N_m": [0.0, 0.0]},
+             {"stiffness_N_m": 3000.0, "springs_N_m": "100"}, {"stiffness_N_m": -1.0, "springs_N_m": [None, {}]}]
+)  # fmt: skip
+def test_of_a_file_that_says_anything_nothing_is_believed(felt: Any) -> None:
+    assert one_side("device", felt)["environment"]["felt_stiffness_N_m"] is None
+
+
+def test_a_torn_recording_still_says_it(tmp_path: Any) -> None:
+    recording = simulate(Params().set({"duration_s": 0.3}), 1).recording
+    save(recording, tmp_path / "run.mcap")
+    told = from_recording(read_recording(tmp_path / "run.mcap"))["environment"]
+    assert told["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
+
+
+def test_in_words() -> None:
+    told = {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": 85.7142, "springs_N_m": [100.0, 500.0]}
+    assert felt(told) == "3000 N/m, felt as 85.71 N/m through springs of 100 and 500 N/m"
+    assert felt(told, springs=False) == "3000 N/m, felt as 85.71 N/m"
+    assert felt(told | {"springs_N_m": [100.0]}) == "3000 N/m, felt as 85.71 N/m through a spring of 100 N/m"
+    assert felt(told | {"springs_N_m": None}) == "3000 N/m, felt as 85.71 N/m"
+    for nothing in (None, 3, {}, told | {"felt_stiffness_N_m": None}, told | {"stiffness_N_m": "hard"}):
+        assert felt(nothing) is None
+
+
+def test_a_run_says_it_once_and_one_without_walls_does_not(capsys: Capture) -> None:
+    short = ["--duration", "0.3", "--no-files"]
+    assert cli.main(["simulate", *short]) == 0
+    assert capsys.readouterr().out.count("wall: 3000 N/m, felt as 171.4 N/m through springs of 200 and 500 N/m\n") == 1
+    assert cli.main(["simulate", *short, "--scene", "free"]) == 0
+    assert "felt" not in capsys.readouterr().out
+    assert cli.main(["simulate", *short, "-v"]) == 0
+    table = capsys.readouterr().out
+    assert "felt stiffness of the wall [N/m]" in table
+    assert cli.main(["simulate", *short, "--json", "-"]) == 0
+    environment = json.loads(capsys.readouterr().out)["environment"]
+    assert environment["stiffness_N_m"] == 3000.0
+    assert environment["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
