@@ -13,7 +13,7 @@ from hapnet import ConnectedWorld, connect_device, connect_world
 SETTINGS = {"scene": "wall", "operator": "press", "link.up": "wifi", "link.down": "delay 10ms"}
 
 
-async def tell(world: ConnectedWorld) -> None:
+async def report_all(world: ConnectedWorld) -> None:
     """What happens at the world, as it happens."""
     async for event in world.events():
         print(f"world: {event.text}")
@@ -36,13 +36,13 @@ async def main() -> None:
     with tempfile.TemporaryDirectory() as directory:
         endpoint = f"unixsock-stream/{directory}/world"  # between hosts: tcp/0.0.0.0:17447, and the device dials it
         async with connect_world(SETTINGS, listen=endpoint) as world:
-            telling = asyncio.create_task(tell(world))
+            reporting = asyncio.create_task(report_all(world))
             async with connect_device(SETTINGS, connect=endpoint) as device:  # here too, so that this can be tried
                 await world.wait_paired()
                 await report(world, 3)
                 world.change_link("delay 50ms loss 5%")
                 await report(world, 3)
-        await telling  # the last event was the end
+        await reporting  # the last event was the end
     for role, own in (("world", world.summary()["world"]), ("device", device.summary()["device"])):
         assert own is not None
         print(f"{role}: energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ")

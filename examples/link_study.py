@@ -16,7 +16,7 @@ DELAYS_MS = (0, 20, 30, 40, 60, 80, 120)  # one way
 COUPLING_NAMES = {"pspm": "PSPM", "zoh": "plain virtual coupling"}
 
 RUN = {
-    "feel": "paper",  # as published: without prediction or a local contact model
+    "rendering": "paper",  # as published: without prediction or a local contact model
     "operator": "sine",
     "operator_hand.mass": 0.1,  # kg, Ns/m, N/m: relaxed fingers
     "operator_hand.damping": 0.5,

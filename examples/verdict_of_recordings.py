@@ -45,9 +45,9 @@ def judge(files: list[str], rounding_J: float = 1e-9) -> str:
         by_then = np.searchsorted(far["time_ns"], times) if one_clock else len(times) * [-1]
         if not np.max(of["credited_J"] - np.append(far["sent_J"], far["sent_J"][-1])[by_then]) <= rounding_J:
             doubts.append(f"the {name} credited what the {other} had not sent")
-    least = halves if len(files) == 2 else bound + both_ports(**sides)
-    print(f"both: margin {1e3 * least:.6f} mJ at least, of d2 = {1e3 * bound:.6f} mJ")
-    against += ["more came out than d2"] if least < -rounding_J else []
+    lowest = halves if len(files) == 2 else bound + both_ports(**sides)
+    print(f"both: margin {1e3 * lowest:.6f} mJ at least, of d2 = {1e3 * bound:.6f} mJ")
+    against += ["more came out than d2"] if lowest < -rounding_J else []
     said = "not passive: " if against else "not known: " if doubts else "passive"
     return said + "; ".join(against or doubts)
 

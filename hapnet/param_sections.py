@@ -24,14 +24,16 @@ class DeviceParams:
     More than twenty attributes: one for each key of `[device]`.
     """
 
-    servo: str = _p("auto", "auto: continuous in virtual time with the paper's feel, else sampled",
+    servo: str = _p("auto", "auto: continuous in virtual time with the paper's rendering, else sampled",
                     ("auto", "continuous", "sampled"))  # fmt: skip
     servo_hz: float = _p(1000.0, "servo rate [Hz]", Range(at_least=10.0, at_most=20_000.0))
     watchdog_s: float = _p(
         0.02, "a servo that is later than this renders no force until it is on time again [s]; 0: off", _NOT_NEGATIVE
     )
     pspm_period_s: float = _p(
-        0.005, "positions are sent this often; with the paper's feel PSPM runs as often, and on new data [s]", _POSITIVE
+        0.005,
+        "positions are sent this often; with the paper's rendering PSPM runs as often, and on new data [s]",
+        _POSITIVE,
     )
     stiffness: Matrix = _p(
         0.0,
@@ -161,7 +163,7 @@ class ContactModelParams:
     """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
     but for those that it does not see: `fade_s`, `shift_s`, `reach_m`.
 
-    hapnet/couplings/feel.py says which rule each of them enters.
+    hapnet/couplings/rendering.py says which rule each of them enters.
     """
 
     damping_ratio: float = _p(0.32, "of the device's mass on K; damping is added up to it", _NOT_NEGATIVE)

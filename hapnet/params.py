@@ -43,9 +43,12 @@ from hapnet.param_values import parameter as _p
 Section = TypeVar("Section")
 
 _BEFORE: Mapping[str, object] = {
-    "feel": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
+    "rendering": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
     "contact_model.remembers": False, "contact_model.stop_s": 0.0, "contact_model.yields_below": 0.0}  # fmt: skip
 """What recordings without such an entry were made with."""
+
+RENAMED: Mapping[str, str] = {"feel": "rendering"}
+"""Former names, which are read for one release more, and in recordings for ever."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,8 +67,8 @@ class Params:
     )
     hardware: str = _p("simulated", "the device: simulated, a name (`hapnet devices`) or your own as module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
-    feel: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, with the "
-                   "other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip
+    rendering: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, "
+                   "with the other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
     duration_s: float = _p(10.0, "duration from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples of the device per second [Hz]", _POSITIVE)
@@ -116,7 +119,9 @@ class Params:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """The section of a law."""
+            """The section of a law, or a parameter by its former name."""
+            if name in RENAMED:
+                return self.get(RENAMED[name])
             if name.startswith("_") or name not in (found := self.law_sections()):
                 raise AttributeError(name)
             return found[name]
@@ -167,6 +172,7 @@ class Params:
         ------
         InvalidParameter : there is no such parameter, or the value is not of its type.
         """
+        changes = {RENAMED.get(name, name): value for name, value in changes.items()}
         known = {name: (value, spec) for name, value, spec in leaves(self)}
         if not known.keys() >= changes.keys():  # only then are laws loaded
             known = {name: (value, spec) for name, value, spec in self.leaves()}
@@ -201,7 +207,9 @@ class Params:
         sections = {name.partition(".")[0] for name in plain.flat()}
         known = {name: value for name, value in flat.items() if "." not in name or name.partition(".")[0] in sections}
         if plain.coupling in COUPLING_NAMES and not built_in(plain.coupling).takes_positions:
-            known["feel"] = "paper" if known.get("feel", "paper") == "paper" else "auto"  # hapnet was every law's
+            known["rendering"] = (
+                "paper" if known.get("rendering", "paper") == "paper" else "auto"
+            )  # hapnet was every law's
         return plain.set({**_BEFORE, **known})
 
     def set_words(self, assignments: Iterable[str]) -> Params:

@@ -92,7 +92,11 @@ class BackgroundRelay:
         """Change both directions by a timeline that starts now; at the end of the block they are as before."""
         timeline = Timeline.parse(timeline) if isinstance(timeline, str) else timeline
         block = ExitStack()
-        self._on_loop(lambda: [block.enter_context(way.faults(timeline)) for way in (self._relay.up, self._relay.down)])
+        self._on_loop(
+            lambda: [
+                block.enter_context(direction.faults(timeline)) for direction in (self._relay.up, self._relay.down)
+            ]
+        )
         try:
             yield
         finally:

@@ -78,8 +78,8 @@ def lateness(runs: int = 5, seconds: float = 3.0) -> Lateness:
     NetemError : there is no timerfd here.
     """
     late = [[_percentiles(values) for values in run] for run in lateness_runs(runs, seconds)]
-    ways = zip(*late, strict=True)
-    middle = [(median(p50 for p50, _ in values), median(p99 for _, p99 in values)) for values in ways]
+    directions = zip(*late, strict=True)
+    middle = [(median(p50 for p50, _ in values), median(p99 for _, p99 in values)) for values in directions]
     return Lateness(runs, _count(seconds) / RATE, *middle)
 
 
@@ -170,9 +170,9 @@ class Forwarding:
         ]
 
 
-def udp(rate: int = 20_000, seconds: float = 10.0, words: str = "delay 5ms limit 100000") -> Forwarding:
+def udp(rate: int = 20_000, seconds: float = 10.0, text: str = "delay 5ms limit 100000") -> Forwarding:
     """Run a relay between two processes that send each other `rate` datagrams per second."""
-    return asyncio.run(_forward(rate, seconds, LinkProfile.parse(words)))
+    return asyncio.run(_forward(rate, seconds, LinkProfile.parse(text)))
 
 
 # Lateness

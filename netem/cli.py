@@ -178,13 +178,13 @@ def _relays(kind: str) -> Callable[..., None]:
         json_to: JsonTo = None,
     ) -> None:
         both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
-        ways = (_way("up", up, both), _way("down", down, both))
+        directions = (_direction("up", up, both), _direction("down", down, both))
 
         async def run(session: _Session) -> RelayFigures:
             from netem.relay import UdpRelay, format_address
             from netem.tcp_relay import TcpRelay
 
-            async with (UdpRelay if kind == "udp" else TcpRelay)(listen, to, *ways, seed) as relay:
+            async with (UdpRelay if kind == "udp" else TcpRelay)(listen, to, *directions, seed) as relay:
                 return await session.serve(relay, f"{format_address(relay.address)} <-> {to}")
 
         _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
@@ -241,12 +241,12 @@ def zenoh(
     queries. The words apply to both directions, unless --up or --down gives others.
     """
     both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
-    ways = (_way("up", up, both), _way("down", down, both))
+    directions = (_direction("up", up, both), _direction("down", down, both))
 
     async def run(session: _Session) -> RelayFigures:
         from netem.zenoh_relay import ZenohRelay
 
-        relay = ZenohRelay(listen, connect, *ways, seed, key=key, mode=mode.value)
+        relay = ZenohRelay(listen, connect, *directions, seed, key=key, mode=mode.value)
         try:
             await relay.open()
             return await session.serve(relay, f"{listen} <-> {connect}")
@@ -335,9 +335,9 @@ class _Session:
         if relay.up.timer.kind != "timerfd":
             print("netem: no timerfd here: delayed messages leave up to 1 ms late", file=self._out, flush=True)
         started = time.monotonic()
-        for way, timeline in zip((relay.up, relay.down), self._timelines, strict=True):
+        for direction, timeline in zip((relay.up, relay.down), self._timelines, strict=True):
             if timeline is not None:
-                way.play(timeline)
+                direction.play(timeline)
         figures = await live.show_until_stopped(lambda: relay.stats, self._out, self._duration_s)
         self._elapsed_s = time.monotonic() - started
         return figures
@@ -396,9 +396,9 @@ def _compose(
     return compose(text, profile, delay, jitter, loss, reorder, rate, resend)
 
 
-def _way(name: str, words: str | None, both: LinkProfile) -> LinkProfile:
+def _direction(name: str, text: str | None, both: LinkProfile) -> LinkProfile:
     try:
-        return both if words is None else LinkProfile.named(words)
+        return both if text is None else LinkProfile.named(text)
     except NetemError as error:
         raise NetemError(f"--{name}: {error}") from error
 

@@ -62,8 +62,10 @@ def print_table(figures: RelayFigures, elapsed_s: float, out: TextIO) -> None:
 
 def line(elapsed_s: float, figures: RelayFigures) -> str:
     """One line with the most important figures."""
-    ways = (f"{name} {_way(stats)}" for name, stats in (("up", figures.up), ("down", figures.down)))
-    return f"{elapsed_s:8.1f} s  " + "  |  ".join(ways) + "".join(f"  {k} {v}" for k, v in _alarms(figures).items())
+    directions = (f"{name} {_direction(stats)}" for name, stats in (("up", figures.up), ("down", figures.down)))
+    return (
+        f"{elapsed_s:8.1f} s  " + "  |  ".join(directions) + "".join(f"  {k} {v}" for k, v in _alarms(figures).items())
+    )
 
 
 def table(figures: RelayFigures, elapsed_s: float) -> Table:
@@ -109,7 +111,7 @@ _ROWS: Mapping[str, Callable[[LinkStats], str]] = {
 }
 
 
-def _way(stats: LinkStats) -> str:
+def _direction(stats: LinkStats) -> str:
     gone = stats.lost + stats.lost_down + stats.dropped_limit
     share = f"{100 * gone / stats.offered:.2f} %" if stats.offered else "-"
     return f"in {stats.offered} out {stats.delivered} lost {share} p50 {_ms(stats.delay_p50_ms)}"

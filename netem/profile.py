@@ -151,7 +151,7 @@ class LinkProfile:
 
 
 def compose(
-    words: str | None = None,
+    text: str | None = None,
     preset: str | None = None,
     delay: str | None = None,
     jitter: str | None = None,
@@ -170,13 +170,13 @@ def compose(
     ------
     ProfileError : a value is malformed, or two options set the same thing.
     """
-    if words is not None and preset is not None:
+    if text is not None and preset is not None:
         raise ProfileError("profile name", preset, "either the profile's name or its words, not both")
-    if words is not None:
-        profile = LinkProfile.parse(words)
+    if text is not None:
+        profile = LinkProfile.parse(text)
     else:
         profile = LinkProfile.preset(preset) if preset is not None else base or LinkProfile()
-    said = _read(words or "")[1]
+    said = _read(text or "")[1]
     said |= ({"jitter"} if "delay" in said else set()) | ({"reorder"} if "gap" in said else set())
     fields: dict[str, object] = {}
     given = {"delay": delay, "jitter": jitter, "loss": loss, "resend": resend, "reorder": reorder, "rate": rate}

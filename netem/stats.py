@@ -77,7 +77,7 @@ class Delays(NamedTuple):
     total_ns: int
     total_square: int
     """The sum of their squares [ns^2]."""
-    least_ns: int
+    min_ns: int
     most_ns: int
     counts: NDArray[np.int64]
     """How many there are in each of the `BINS`; see `bin_of`."""
@@ -96,7 +96,7 @@ class DelayHistogram:
 
     def __init__(self) -> None:
         self._counts = np.zeros(BINS, dtype=np.int64)
-        self._total_ns, self._total_square, self._least_ns, self._most_ns = 0, 0, 0, 0
+        self._total_ns, self._total_square, self._min_ns, self._most_ns = 0, 0, 0, 0
         self._count = 0
         self.pending: list[int] = []
 
@@ -111,7 +111,7 @@ class DelayHistogram:
 
     def add(self, delays: Delays) -> None:
         """Count these too."""
-        self._least_ns = min(self._least_ns, delays.least_ns) if self._count else delays.least_ns
+        self._min_ns = min(self._min_ns, delays.min_ns) if self._count else delays.min_ns
         self._most_ns = max(self._most_ns, delays.most_ns) if self._count else delays.most_ns
         self._total_ns += delays.total_ns
         self._total_square += delays.total_square
@@ -139,7 +139,7 @@ class DelayHistogram:
         rank = max(1, math.ceil(fraction * self._count))
         index = int(np.searchsorted(np.cumsum(self._counts), rank))
         middle = _FLOOR_NS * 2.0 ** ((index + 0.5) / _PER_OCTAVE)
-        return float(min(max(middle, self._least_ns), self._most_ns)) * 1e-6
+        return float(min(max(middle, self._min_ns), self._most_ns)) * 1e-6
 
     def bins_ms(self, most: int = 60) -> tuple[tuple[float, int], ...]:
         """(edge, count) as in `LinkStats.delay_histogram_ms`; neighbours are joined until few enough bins are filled.

@@ -27,7 +27,7 @@ class Survey:
     stats: LinkStats
     delays_ms: NDArray[np.float64]
     delay_correlation: float | None
-    longest_loss: int
+    max_loss: int
     mean_loss_burst: float | None
     edges_ms: list[float]
     counts: list[int]
@@ -78,7 +78,7 @@ def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
         stats=stats,
         delays_ms=np.where(gone, np.nan, delays * 1e-6),
         delay_correlation=lag_1_correlation(arrived_ms),
-        longest_loss=int(bursts.max(initial=0)),
+        max_loss=int(bursts.max(initial=0)),
         mean_loss_burst=float(bursts.mean()) if len(bursts) else None,
         edges_ms=limits.tolist(),
         counts=counts.astype(int).tolist(),
@@ -96,7 +96,7 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
     burst = "" if result.mean_loss_burst is None else f", bursts of {result.mean_loss_burst:.2f} on average"
     out.append(
         f"lost       {stats.lost} ({stats.lost * share:.2f} %, asked {100 * asked.loss:.2f} %){burst}, "
-        f"longest {result.longest_loss}"
+        f"longest {result.max_loss}"
     )
     if profile.resend is not None:
         out.append(f"resent     {stats.resent} times, recovered {stats.recovered} ({stats.recovered * share:.2f} %)")

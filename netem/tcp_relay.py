@@ -40,7 +40,7 @@ SEGMENT: Final = 1448
 WINDOW: Final = 1 << 20
 """Bytes of a stream that may be on the way, or wait for a program that does not read; then its sender waits too."""
 
-LEAST_TIMER_S, LONGEST_TIMER_S = 0.2, 60.0
+MIN_TIMER_S, MAX_TIMER_S = 0.2, 60.0
 """Bounds of the time after which a segment is sent again [s]: Linux's least, and the lowest that RFC 6298 allows as the
 greatest."""
 
@@ -255,7 +255,7 @@ class _Stream:
 
     def __init__(self, link: AsyncLink[_Arrival], back: AsyncLink[_Arrival], count_again: Callable[[], None]) -> None:
         self._link, self._back, self._count_again = link, back, count_again
-        self._on_the_way: dict[int, _Segment] = {}  # not acknowledged, by number, in the order of sending
+        self._in_transit: dict[int, _Segment] = {}  # not acknowledged, by number, in the order of sending
         self._bytes = self._number = self._place = 0
         self._room, self._there = asyncio.Event(), asyncio.Event()
         self._room.set()
@@ -285,7 +285,7 @@ class _Stream:
 
     def close(self) -> None:
         """Send nothing more."""
-        self._on_the_way.clear()
+        self._in_transit.clear()
         self._set_timer()
 
     def _look_at_room(self) -> None:
@@ -294,7 +294,7 @@ class _Stream:
     def _send(self, number: int, segment: _Segment) -> None:
         self._place += 1
         segment.sent_ns, segment.place, segment.tries = time.monotonic_ns(), self._place, segment.tries + 1
-        self._on_the_way[number] = segment
+        self._in_transit[number] = segment
         if self._timer is None:
             self._set_timer()
         data, place = segment.data, segment.place
@@ -312,19 +312,19 @@ class _Stream:
 
     def _acknowledged(self, number: int, through: int, place: int) -> None:
         """Segment `number`, sent as the one at `place`, has arrived, and so have all below `through`."""
-        segment = self._on_the_way.get(number)
+        segment = self._in_transit.get(number)
         if segment is not None and segment.place == place:
             self._measure(1e-9 * (time.monotonic_ns() - segment.sent_ns))
-        for known in [one for one in self._on_the_way if one < through or one == number]:
-            del self._on_the_way[known]
-        lost = [(one, sent) for one, sent in self._on_the_way.items() if sent.place + _LATER <= place]
+        for known in [one for one in self._in_transit if one < through or one == number]:
+            del self._in_transit[known]
+        lost = [(one, sent) for one, sent in self._in_transit.items() if sent.place + _LATER <= place]
         for one, sent in lost:
             self._again(one, sent)
         self._set_timer()
 
     def _again(self, number: int, segment: _Segment) -> None:
         self._count_again()
-        del self._on_the_way[number]  # to the end of the order
+        del self._in_transit[number]  # to the end of the order
         self._send(number, segment)
 
     def _measure(self, trip_s: float) -> None:
@@ -339,14 +339,14 @@ class _Stream:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if self._on_the_way:
-            first = next(iter(self._on_the_way.values()))
+        if self._in_transit:
+            first = next(iter(self._in_transit.values()))
             usual_s = self._mean_s + 4 * self._spread_s if self._mean_s else 1.0
-            wait_s = min(max(usual_s, LEAST_TIMER_S) * 2 ** min(first.tries - 1, 16), LONGEST_TIMER_S)
+            wait_s = min(max(usual_s, MIN_TIMER_S) * 2 ** min(first.tries - 1, 16), MAX_TIMER_S)
             left_s = wait_s - 1e-9 * (time.monotonic_ns() - first.sent_ns)
             self._timer = asyncio.get_running_loop().call_later(max(left_s, 0.0), self._ring)
 
     def _ring(self) -> None:
         self._timer = None
-        self._again(*next(iter(self._on_the_way.items())))
+        self._again(*next(iter(self._in_transit.items())))
         self._set_timer()

@@ -129,19 +129,19 @@ class ZenohRelay:
         self._where = (f"listen on {listen}", f"connect to {connect}")
         self._worker = _Worker("zenoh")
         up_seed, down_seed = SeedSequence(seed).spawn(2)
-        self._ways = (_Way(self._loop, up, up_seed), _Way(self._loop, down, down_seed))
+        self._directions = (_Direction(self._loop, up, up_seed), _Direction(self._loop, down, down_seed))
         self._tokens: tuple[dict[str, zenoh.LivelinessToken], ...] = ({}, {})
         self._sessions: list[zenoh.Session] = []
 
     @property
     def up(self) -> AsyncLink[_Message]:
         """The link from the listening side to the dialling side."""
-        return self._ways[0].link
+        return self._directions[0].link
 
     @property
     def down(self) -> AsyncLink[_Message]:
         """The link from the dialling side to the listening side."""
-        return self._ways[1].link
+        return self._directions[1].link
 
     @property
     def stats(self) -> ZenohRelayStats:
@@ -151,7 +151,7 @@ class ZenohRelay:
         return ZenohRelayStats(
             up=self.up.link.stats,
             down=self.down.link.stats,
-            dropped=sum(way.dropped for way in self._ways),
+            dropped=sum(direction.dropped for direction in self._directions),
             tokens=sum(map(len, self._tokens)),
             nodes=(listening, dialling),
         )
@@ -167,8 +167,8 @@ class ZenohRelay:
 
     async def close(self) -> bool:
         """Stop; messages in flight are not delivered. Returns False if Zenoh takes longer than `CLOSE_TIMEOUT_S`."""
-        for way in self._ways:
-            way.close()
+        for direction in self._directions:
+            direction.close()
         closed = asyncio.Event()
         self._worker.submit(self._close)
         self._worker.submit(self._loop.call_soon_threadsafe, closed.set)
@@ -186,9 +186,9 @@ class ZenohRelay:
             except zenoh.ZError as error:
                 self._close()
                 raise NetemError(f"zenoh: cannot {where}: {_reason(error)}") from None
-        for index, (way, session) in enumerate(zip(self._ways, self._sessions, strict=True)):
-            way.session = self._sessions[1 - index]
-            session.declare_subscriber(self._key, _direct(way.receive), allowed_origin=zenoh.Locality.REMOTE)
+        for index, (direction, session) in enumerate(zip(self._directions, self._sessions, strict=True)):
+            direction.session = self._sessions[1 - index]
+            session.declare_subscriber(self._key, _direct(direction.receive), allowed_origin=zenoh.Locality.REMOTE)
         # tokens after the subscribers: a node that sees a token may publish at once
         for index, session in enumerate(self._sessions):
             session.liveliness().declare_subscriber(self._key, _direct(self._token_receiver(index)), history=True)
@@ -214,7 +214,7 @@ class ZenohRelay:
             mirrored[key] = self._sessions[1 - side].liveliness().declare_token(key)
 
 
-class _Way:
+class _Direction:
     """One direction: from Zenoh's threads to the loop, through the link, and into the other session."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, profile: LinkProfile, seed: SeedSequence) -> None:

@@ -51,8 +51,8 @@ FOUR_G = {"link.up": "4g", "link.down": "4g"}
 FAR = {"link.up": "wan-intercontinental", "link.down": "wan-intercontinental"}
 FREE = {**FOUR_G, **RELAXED_HAND, "scene": "free", "operator": "sine", "device.stiffness": 100.0}
 UPPER = (
-    Pair("no stages (feel=paper)", {**FREE, "feel": "paper"}, 1),
-    Pair("stages (feel=hapnet)", {**FREE, "feel": "hapnet"}, 1),
+    Pair("no stages (rendering=paper)", {**FREE, "rendering": "paper"}, 1),
+    Pair("stages (rendering=hapnet)", {**FREE, "rendering": "hapnet"}, 1),
 )
 LOWER = (
     Pair("each plane told is a lie: 4g, light hand", {**FOUR_G, **RELAXED_HAND, "scene": "moving", "dof": 2}, 1, True),

@@ -56,7 +56,7 @@ class Act:
     """A coupling, for so long [s], and the words below the picture."""
 
     coupling: str
-    feel: str
+    rendering: str
     duration_s: float
     words: str
 
@@ -120,7 +120,12 @@ def film(file: Path) -> None:
 
 def _played(history: History, act: Act, number: int) -> Iterator[float]:
     """Give the pair's samples to the page, a frame after the other; yields the time of each [s]."""
-    changes = {"coupling": act.coupling, "feel": act.feel, "operator": f"{__name__}:Mouse", "device.servo": "sampled"}
+    changes = {
+        "coupling": act.coupling,
+        "rendering": act.rendering,
+        "operator": f"{__name__}:Mouse",
+        "device.servo": "sampled",
+    }
     links = {"link.up": LINK, "link.down": LINK, "duration_s": act.duration_s, "record_hz": 60.0}
     run = Simulation(Params().set({**RELAXED_HAND, **changes, **links}), seed=1, kernel=False)
     recording = run.run().recording
@@ -129,7 +134,7 @@ def _played(history: History, act: Act, number: int) -> Iterator[float]:
     due_ns = FRAME_NS
     for role in ("device", "world"):
         history.take(_status(recording.meta, role, number, act))
-    history.take(KnownPlanes(run.device_endpoint.planes if act.feel == "hapnet" else None))
+    history.take(KnownPlanes(run.device_endpoint.planes if act.rendering == "hapnet" else None))
     for sample in samples:
         if sample.time_ns - first_ns > due_ns:
             yield due_ns / 1e9

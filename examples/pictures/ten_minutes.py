@@ -59,7 +59,7 @@ def windows(result: Result) -> list[Array]:
 def column(panels: list[Axes], link: str) -> None:
     """One link: three panels, and in the titles what the last minute has."""
     last = round(60.0 / WINDOW_S)
-    told: dict[str, tuple[float, float]] = {}
+    reported: dict[str, tuple[float, float]] = {}
     for name, changes in (("with", {}), ("without", WITHOUT)):
         profile = {"link.up": LINKS[link], "link.down": LINKS[link]}
         result = simulate({**profile, "operator": OPERATOR, "duration_s": SECONDS, **changes}, seed=SEED)
@@ -69,10 +69,10 @@ def column(panels: list[Axes], link: str) -> None:
         panels[0].plot(minutes, world, color=WORLD_COLOR, linestyle=dashes, label=f"{name}: world")
         for panel, values in ((panels[1], modulated), (panels[2], error)):
             panel.plot(minutes, values, color="black", linestyle=dashes, label=name)
-        told[name] = float(np.mean(modulated[-last:])), float(np.sqrt(np.mean(error[-last:] ** 2)))
+        reported[name] = float(np.mean(modulated[-last:])), float(np.sqrt(np.mean(error[-last:] ** 2)))
     panels[0].set_title(f"{link}: reservoirs", fontsize=8.5)
     for panel, index, unit in ((panels[1], 0, "%"), (panels[2], 1, "mm")):
-        kept, lost = (f"{told[name][index]:.2g} {unit}" for name in STYLES)
+        kept, lost = (f"{reported[name][index]:.2g} {unit}" for name in STYLES)
         panel.set_title(f"last minute: with {kept}, without {lost}", fontsize=8.5)
 
 

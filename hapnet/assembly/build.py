@@ -130,7 +130,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         raise InvalidParameter("coupling", params.coupling, allowed)
     servo = device.servo
     if servo == "auto":
-        servo = default_servo if spec.continuous is not None and params.feel == "paper" else "sampled"
+        servo = default_servo if spec.continuous is not None and params.rendering == "paper" else "sampled"
     elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
     harvest = cast(
@@ -168,23 +168,23 @@ def _prepared(params: Params, default_servo: str) -> Setup:
 
 def _with_stages(params: Params, spec: CouplingSpec[Any]) -> Params:
     """The parameters with the feel that an "auto" stands for, where the law says it."""
-    if params.feel == "hapnet" and not spec.takes_positions:
+    if params.rendering == "hapnet" and not spec.takes_positions:
         sent = " and ".join(sorted({kind.__name__ for kind in (spec.device_sends, spec.world_sends)}))
         allowed = (
             f"auto or paper with the coupling {params.coupling}: it sends {sent}, so it has no set-position to choose"
         )
-        raise InvalidParameter("feel", "hapnet", allowed)
-    return params.set({"feel": "hapnet"}) if params.feel == "auto" and spec.world_tells else params
+        raise InvalidParameter("rendering", "hapnet", allowed)
+    return params.set({"rendering": "hapnet"}) if params.rendering == "auto" and spec.world_tells else params
 
 
-def link_profile(name: str, words: str) -> LinkProfile:
+def link_profile(name: str, text: str) -> LinkProfile:
     """The emulated link that the parameter `name` describes: tc-netem's words, or a profile's name.
 
     Raises
     ------
     NetemError, InvalidParameter : there is no such link, or it cannot stand between the two sides.
     """
-    profile = LinkProfile.named(words)
+    profile = LinkProfile.named(text)
     if profile.corrupt:
         allowed = "a link without corrupt: checksums below Zenoh drop what is corrupted, so use loss"
         raise InvalidParameter(name, str(profile), allowed)
@@ -373,7 +373,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
             spacing_ns=round(wire.energy_spacing_s / NANO),
             silence_ns=round(side.silence_after_s / NANO),
             expects=setup.coupling.sends("world" if role == "device" else "device", setup.params),
-            tells_sums=secret is not None,
+            sends_sums=secret is not None,
         ),
         secret=secret,
     )

@@ -25,9 +25,9 @@ _ROUNDS = 30
 def with_springs(params: Params) -> Params:
     """The parameters with `device.stiffness` as a number of N/m, if it was 0; `device.ceiling_J` may follow it.
 
-    The rule is for the couplings with the stages of ``feel = "hapnet"``. All others have the paper's spring, with which
-    they were tuned. A spring of more than that is never stiffer than the ceiling covers while its torque is held; a
-    ceiling that is left at its default grows for it.
+    The rule is for the couplings with the stages of ``rendering = "hapnet"``. All others have the paper's spring, with
+    which they were tuned. A spring of more than that is never stiffer than the ceiling covers while its torque is held;
+    a ceiling that is left at its default grows for it.
 
     Raises
     ------
@@ -77,8 +77,8 @@ def _as_declared(params: Params) -> DeviceParams:
         return device
     made = load_class(params.hardware)
     limits = [limit for limit in (device.force_limit_N, declared(made, "force_limit")) if _is_number(limit)]
-    told = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
-    known: dict[str, Any] = {name: float(value) for name, value in told.items() if _is_number(value)}
+    reported = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
+    known: dict[str, Any] = {name: float(value) for name, value in reported.items() if _is_number(value)}
     return dataclasses.replace(device, force_limit_N=float(min(limits, default=0.0)), **known)
 
 
@@ -89,13 +89,13 @@ def _is_number(value: object) -> bool:
 
 def _declared_range(params: Params) -> tuple[float, float] | None:
     """The stiffness that the device, or else `device.stiffness_range`, declares [N/m]; None: neither does."""
-    told: Any = None if params.hardware == "simulated" else declared(load_class(params.hardware), "stiffness_range")
-    if not isinstance(told, tuple | list):
-        told = None if params.device.stiffness_range == _DEFAULTS.stiffness_range else params.device.stiffness_range
-    if told is None:
+    reported: Any = None if params.hardware == "simulated" else declared(load_class(params.hardware), "stiffness_range")
+    if not isinstance(reported, tuple | list):
+        reported = None if params.device.stiffness_range == _DEFAULTS.stiffness_range else params.device.stiffness_range
+    if reported is None:
         return None
-    least, greatest = np.atleast_1d(told)[[0, -1]]
-    return float(np.max(least)), float(np.min(greatest))
+    minimum, maximum = np.atleast_1d(reported)[[0, -1]]
+    return float(np.max(minimum)), float(np.min(maximum))
 
 
 def _covered(device: DeviceParams, K: float) -> float:

@@ -101,10 +101,10 @@ def _unless_declared(speed: float) -> float:
 
 _FIRST_READINGS = 5
 _UNIT = 1e-3
-_MOST_TOLD = 2.0
+_MOST_REPORTED = 2.0
 """A driver may tell a force up to so many times its limit, as currents overshoot. Beyond, the unit is wrong."""
 
-_MOST_TOLD_N = 1e4
+_MOST_REPORTED_N = 1e4
 """No device that a hand holds renders more [N], whatever its limit."""
 
 SELF_TEST_ROUNDS = 3
@@ -135,9 +135,9 @@ class UserDevice:
             raise HapnetError(f"the device {name} cannot be made: {error}") from error
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
-        self._tells_acted, self._tells_turned = self._can("acted"), self._can("orientation")
-        self._tells_interval = self._can("interval")
-        self._has_buttons, self._tells_braked = self._can("buttons"), self._can("braked")
+        self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
+        self._reports_interval = self._can("interval")
+        self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
         try:
             self._examine(params or DeviceParams(), params is not None)
         except BaseException:
@@ -195,12 +195,12 @@ class UserDevice:
 
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s]. DeviceSilent if there is none now, HapnetError if the device fails."""
-        told = self._call("read")
+        reported = self._call("read")
         wanted = f"position and velocity of {self.dof} finite numbers each"
         try:
-            position, velocity = told
+            position, velocity = reported
         except (TypeError, ValueError):
-            raise self._wrong("read", told, wanted) from None
+            raise self._wrong("read", reported, wanted) from None
         x, v = self._numbers("read", position, wanted), self._numbers("read", velocity, wanted)
         if len(x) != self.dof or len(v) != self.dof or not isfinite(sum(x) + sum(v)):
             raise self._wrong("read", (x, v), wanted)
@@ -216,48 +216,48 @@ class UserDevice:
             self._call("begin")
 
     def acted(self) -> Vector | None:
-        """The force that acted between the last two readings, if the device tells it; HapnetError if it fails."""
-        return self._force("acted", self._call("acted"), "the force that acted") if self._tells_acted else None
+        """The force that acted between the last two readings, if the device reports it; HapnetError if it fails."""
+        return self._force("acted", self._call("acted"), "the force that acted") if self._reports_acted else None
 
     def interval(self) -> float | None:
         """The time between the last two readings by the device's clock [s], if it tells it; HapnetError if it fails."""
-        if not self._tells_interval or (told := self._call("interval")) is None:
+        if not self._reports_interval or (reported := self._call("interval")) is None:
             return None
         try:
-            return checks.positive("interval", told)
+            return checks.positive("interval", reported)
         except InvalidParameter:
-            raise self._wrong("interval", told, "a positive number of seconds, or None") from None
+            raise self._wrong("interval", reported, "a positive number of seconds, or None") from None
 
     def orientation(self) -> Vector | None:
-        """How the handle is turned, if the device tells it: a unit quaternion w, x, y, z. HapnetError if it fails."""
-        if not self._tells_turned or (told := self._call("orientation")) is None:
+        """How the handle is turned, if the device reports it: a unit quaternion w, x, y, z. HapnetError if it fails."""
+        if not self._reports_turned or (reported := self._call("orientation")) is None:
             return None
-        turned = self._numbers("orientation", told, "a quaternion, or None")
+        turned = self._numbers("orientation", reported, "a quaternion, or None")
         if len(turned) != 4 or not abs(sum(part * part for part in turned) - 1.0) < _UNIT:
             raise self._wrong("orientation", turned, "a unit quaternion w, x, y, z, or None")
         return turned
 
     def signal(self, name: str, value: object) -> None:
-        """Hand a value that the world tells to the device, if it takes such; HapnetError if it fails."""
+        """Hand a value that the world sends to the device, if it takes such; HapnetError if it fails."""
         if self._can("signal"):
             self._call("signal", name, value)
 
     def braked(self) -> str:
         """Why the device renders no force now; empty: it does. HapnetError if it fails."""
-        return str(self._call("braked")) if self._tells_braked else ""
+        return str(self._call("braked")) if self._reports_braked else ""
 
     def buttons(self) -> tuple[bool, ...]:
         """Which buttons were pressed at the last reading; HapnetError if the device fails."""
         if not self._has_buttons:
             return ()
-        told = self._call("buttons")
+        reported = self._call("buttons")
         wanted = "a True or False for each button"
         try:
-            pressed = tuple(told)
+            pressed = tuple(reported)
         except TypeError:
-            raise self._wrong("buttons", told, wanted) from None
+            raise self._wrong("buttons", reported, wanted) from None
         if not all(isinstance(one, bool | np.bool_) for one in pressed):  # the numbers of buttons would look released
-            raise self._wrong("buttons", told, wanted)
+            raise self._wrong("buttons", reported, wanted)
         return tuple(map(bool, pressed))
 
     def close(self) -> None:
@@ -277,27 +277,27 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the device {self.name} failed: {part}() raised {failure(error)}") from error
 
-    def _wrong(self, part: str, told: object, wanted: str) -> HapnetError:
-        shown = " ".join(f"{told!r:.120}".split())
+    def _wrong(self, part: str, reported: object, wanted: str) -> HapnetError:
+        shown = " ".join(f"{reported!r:.120}".split())
         return HapnetError(f"the device {self.name} failed: {part}() gave {shown} instead of {wanted}")
 
-    def _numbers(self, part: str, told: Any, wanted: str) -> Vector:
+    def _numbers(self, part: str, reported: Any, wanted: str) -> Vector:
         try:
-            return tuple(map(float, told))
+            return tuple(map(float, reported))
         except (TypeError, ValueError):
-            raise self._wrong(part, told, wanted) from None
+            raise self._wrong(part, reported, wanted) from None
 
-    def _force(self, part: str, told: Any, what: str) -> Vector | None:
-        if told is None:
+    def _force(self, part: str, reported: Any, what: str) -> Vector | None:
+        if reported is None:
             return None
         wanted = f"{what}, {self.dof} finite numbers, or None"
-        force = self._numbers(part, told, wanted)
+        force = self._numbers(part, reported, wanted)
         if len(force) != self.dof or not isfinite(sum(force)):
             raise self._wrong(part, force, wanted)
-        if self.force_limit is not None and math.hypot(*force) > _MOST_TOLD * self.force_limit:
+        if self.force_limit is not None and math.hypot(*force) > _MOST_REPORTED * self.force_limit:
             raise self._wrong(part, force, f"a force within its force_limit, {self.force_limit:g} N (is the unit N?)")
-        if math.hypot(*force) > _MOST_TOLD_N:
-            raise self._wrong(part, force, f"a force of {_MOST_TOLD_N:g} N at most (is the unit N?)")
+        if math.hypot(*force) > _MOST_REPORTED_N:
+            raise self._wrong(part, force, f"a force of {_MOST_REPORTED_N:g} N at most (is the unit N?)")
         return force
 
     def _first_reading(self) -> tuple[Vector, Vector]:
@@ -310,10 +310,12 @@ class UserDevice:
     def check_damping(self, damping: object) -> None:
         """Raise InvalidParameter if B [Ns/m] is outside of what the device renders on any axis."""
         if self.damping_range is not None:
-            least, most = self.damping_range
+            minimum, most = self.damping_range
             values = checks.diagonal("device.damping", cast(ArrayLike, damping), self.dof)
-            if min(values) < least * (1.0 - 1e-9) or max(values) > most * (1.0 + 1e-9):
-                raise InvalidParameter("device.damping", damping, f"{least:g} to {most:g} Ns/m, as the device renders")
+            if min(values) < minimum * (1.0 - 1e-9) or max(values) > most * (1.0 + 1e-9):
+                raise InvalidParameter(
+                    "device.damping", damping, f"{minimum:g} to {most:g} Ns/m, as the device renders"
+                )
 
     def limiter(self, params: DeviceParams) -> ForceLimiter:
         """What this device may render, with the run's force ramp and dead-man switch.
@@ -364,10 +366,10 @@ class UserDevice:
     def _damping_range(self) -> tuple[float, float] | None:
         if (value := getattr(self.device, "damping_range", None)) is None:
             return None
-        least, most = checks.vector("damping_range", value, 2)
-        if not 0.0 <= least < most:
+        minimum, most = checks.vector("damping_range", value, 2)
+        if not 0.0 <= minimum < most:
             raise InvalidParameter("damping_range", value, "least and greatest damping")
-        return least, most
+        return minimum, most
 
     def _dead_man(self) -> int | None:
         value = getattr(self.device, "dead_man", None)

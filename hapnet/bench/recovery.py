@@ -28,7 +28,7 @@ def credit_times(profile: LinkProfile, count: int, seed: int) -> list[int]:
     here = Session(role="device", dof=1, name="device", incarnation=1)
     there = Session(role="world", dof=1, name="world", incarnation=2)
     pair(here, there)
-    ways: tuple[tuple[Session, Link[bytes], Session], ...] = (
+    directions: tuple[tuple[Session, Link[bytes], Session], ...] = (
         (here, Link(profile, seed=2 * seed), there),
         (there, Link(profile, seed=2 * seed + 1), here),
     )
@@ -37,12 +37,14 @@ def credit_times(profile: LinkProfile, count: int, seed: int) -> list[int]:
     waiting = False
     next_ns = _PAUSE_NS
     while len(times) < count:
-        due = [due for sender, link, _ in ways for due in (sender.next_due_ns, link.next_due_ns) if due is not None]
+        due = [
+            due for sender, link, _ in directions for due in (sender.next_due_ns, link.next_due_ns) if due is not None
+        ]
         now_ns = max(now_ns, min(due if waiting else [*due, next_ns]))
         if not waiting and now_ns >= next_ns:
             here.shuffle(_LUMP_J)
             given_ns, waiting = now_ns, True
-        for sender, link, receiver in ways:
+        for sender, link, receiver in directions:
             for message in sender.poll(now_ns)[0]:
                 link.send(now_ns, message.data, size=len(message.data))
             for _, data in link.poll(now_ns):

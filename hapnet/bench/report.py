@@ -151,7 +151,7 @@ def _remarks(row: Row) -> list[str]:
 def _numbers(figures: Figures | None) -> list[str]:
     if figures is None:
         return ["-"] * 3
-    return [_number(value) for value in (figures.least, figures.median, figures.p99)]
+    return [_number(value) for value in (figures.minimum, figures.median, figures.p99)]
 
 
 def _number(value: float | None) -> str:

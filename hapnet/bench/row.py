@@ -62,7 +62,7 @@ class Distribution:
 class Figures:
     """Figures over the rounds: the least value, the median of the medians, and the median of the 99th percentiles."""
 
-    least: float
+    minimum: float
     median: float
     p99: float
 
@@ -143,12 +143,12 @@ class Row:
         return {
             "name": self.name,
             "unit": self.unit,
-            "min": None if figures is None else figures.least,
+            "min": None if figures is None else figures.minimum,
             "median": None if figures is None else figures.median,
             "p99": None if figures is None else figures.p99,
             "reference": None
             if reference is None
-            else {"min": reference.least, "median": reference.median, "p99": reference.p99, "what": self.against},
+            else {"min": reference.minimum, "median": reference.median, "p99": reference.p99, "what": self.against},
             "ratio": self.ratio,
             "ratio_p99": self.ratio_p99,
             "better": "higher" if self.higher_is_better else "lower",

@@ -86,21 +86,21 @@ class Side:
 
     def expect(self, kind: str) -> None:
         """Wait for a notice of this kind."""
-        for told in self._told(READY_S):
-            if told == kind:
+        for reported in self._reported(READY_S):
+            if reported == kind:
                 return
         raise HapnetError(self._failure(f"ended before it was {kind}"))
 
     def summary(self, timeout_s: float) -> dict[str, Any]:
         """The process's summary; waits until it has ended."""
-        for _ in self._told(timeout_s):
+        for _ in self._reported(timeout_s):
             pass
         if self._process.wait(timeout_s) not in (0, _INCOMPLETE):
             raise HapnetError(self._failure(how_it_ended(self._process.returncode)))
         summary: dict[str, Any] = json.loads(self._json.read_text(encoding="utf-8"))
         return summary
 
-    def _told(self, timeout_s: float) -> Iterator[str]:
+    def _reported(self, timeout_s: float) -> Iterator[str]:
         with contextlib.suppress(Empty):
             while (kind := self._queue.get(timeout=timeout_s)) is not None:
                 yield kind

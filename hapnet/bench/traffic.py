@@ -1,7 +1,7 @@
 """The servo's lateness under load: a device and a world process over Zenoh, as `hapnet run` starts them.
 
-Positions go at 1 kHz each way over an empty link, and both sides record. Meanwhile a bare deadline loop runs in a
-process of its own with the same scheduling.
+Positions go at 1 kHz in each direction over an empty link, and both sides record. Meanwhile a bare deadline loop runs
+in a process of its own with the same scheduling.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RATES_KHZ = (2, 5, 10)
 
 
 def servo_traffic(options: Options, khz: int = 1) -> Row:
-    """The device's servo with 1 kHz each way and recording."""
+    """The device's servo with 1 kHz in each direction and recording."""
     subject, bare = [], []
     rates: list[float] = []
     for _ in range(options.rounds):

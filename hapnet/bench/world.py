@@ -35,8 +35,8 @@ class PressedWorld:
         self._world = WorldEndpoint(world_session(setup, 2))
         self.side: WorldSide = world_side(setup, self._world, np.random.default_rng(1), lambda sample: None)
         pair(self._device, self._world)
-        least_ns, most_ns = (round(seconds / NANO) for seconds in steps_s)
-        self._steps_ns = cycle(np.random.default_rng(1).integers(least_ns, most_ns, 1000, endpoint=True).tolist())
+        min_ns, most_ns = (round(seconds / NANO) for seconds in steps_s)
+        self._steps_ns = cycle(np.random.default_rng(1).integers(min_ns, most_ns, 1000, endpoint=True).tolist())
         self.now_ns: int = 0
         for _ in range(100):
             self.prepare()

@@ -11,7 +11,7 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.summary.structure import SIDES, WAYS, SidePart, Summary, Way
+from hapnet.summary.structure import DIRECTIONS, SIDES, Direction, SidePart, Summary
 from hapnet.wire.messages import Role
 
 if TYPE_CHECKING:
@@ -27,17 +27,17 @@ _WIDE = 100
 """From this width of a terminal on [columns] the table has quartiles."""
 
 
-def seed_range(words: str) -> range:
+def seed_range(text: str) -> range:
     """The seeds of ``A:B``, from A to B - 1.
 
     Raises
     ------
     InvalidParameter : these are not two whole numbers, or there is no seed between them.
     """
-    found = re.fullmatch(r"(\d{1,18}):(\d{1,18})", words.strip())
+    found = re.fullmatch(r"(\d{1,18}):(\d{1,18})", text.strip())
     seeds = range(int(found[1]), int(found[2])) if found else range(0)
     if not seeds:
-        raise InvalidParameter("--seeds", words, "A:B, the seeds from A to B - 1, of 18 digits at most, such as 0:1000")
+        raise InvalidParameter("--seeds", text, "A:B, the seeds from A to B - 1, of 18 digits at most, such as 0:1000")
     return seeds
 
 
@@ -116,8 +116,8 @@ def _figures() -> Iterator[tuple[str, Callable[[Summary], float | None], float]]
     yield "largest force [N]", lambda of: of["motion"]["peak_force_N"], 1.0
     for side in SIDES:
         yield from _of_side(side)
-    for way in WAYS:
-        yield from _of_way(way)
+    for direction in DIRECTIONS:
+        yield from _of_direction(direction)
 
 
 def _of_side(side: Role) -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
@@ -131,10 +131,10 @@ def _of_side(side: Role) -> Iterator[tuple[str, Callable[[Summary], float | None
     yield f"{side} reservoir minimum [mJ]", lambda of: part(of)["reservoir_min_J"], 1e3
 
 
-def _of_way(way: Way) -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
-    yield f"sent {way} [mJ]", lambda of: of["energy"][way]["sent_nJ"], 1e-6
-    yield f"credited {way} [mJ]", lambda of: of["energy"][way]["credited_nJ"], 1e-6
-    yield f"lost {way}", lambda of: None if (link := of["links"][way]) is None else link["lost"], 1.0
+def _of_direction(direction: Direction) -> Iterator[tuple[str, Callable[[Summary], float | None], float]]:
+    yield f"sent {direction} [mJ]", lambda of: of["energy"][direction]["sent_nJ"], 1e-6
+    yield f"credited {direction} [mJ]", lambda of: of["energy"][direction]["credited_nJ"], 1e-6
+    yield f"lost {direction}", lambda of: None if (link := of["links"][direction]) is None else link["lost"], 1.0
 
 
 def _words(value: float) -> str:

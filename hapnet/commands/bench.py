@@ -68,19 +68,19 @@ def bench(
     return 1 if any(row.what == _FAILED for row in rows) else 0
 
 
-def _show(rows: list[Row], directory: Path, words: Console) -> None:
+def _show(rows: list[Row], directory: Path, console: Console) -> None:
     from hapnet.bench import report
 
-    words.width = max(words.width, _WIDTH)  # a narrower terminal wraps the lines, so that nothing is cut off
-    words.print(report.table(rows))
+    console.width = max(console.width, _WIDTH)  # a narrower terminal wraps the lines, so that nothing is cut off
+    console.print(report.table(rows))
     if any(report.has_histogram(row) for row in rows):
         report.save_figure(rows, directory / "bench.png")
-        words.print(f"bench.json and bench.png in {directory}")
+        console.print(f"bench.json and bench.png in {directory}")
     else:
-        words.print(f"bench.json in {directory}")
+        console.print(f"bench.json in {directory}")
 
 
-def _measure(chosen: dict[str, Measure], options: Options, words: Console) -> Iterator[Row]:
+def _measure(chosen: dict[str, Measure], options: Options, console: Console) -> Iterator[Row]:
     """Measure one row after another; show a bar on a terminal, one line per row elsewhere."""
     from hapnet.bench.row import Row
 

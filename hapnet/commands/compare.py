@@ -56,7 +56,7 @@ class CompareOptions:
         typer.Option(
             metavar="NAME[:PARAM=VALUE...]",
             help="A coupling to compare, parameters of its own after colons; repeat it, or separate by commas: "
-            "pspm,pspm:feel=paper,zoh. Default: all (--bench full: see --dry-run).",
+            "pspm,pspm:rendering=paper,zoh. Default: all (--bench full: see --dry-run).",
             rich_help_panel=_LINKS,
             autocompletion=complete.couplings,
         ),
@@ -186,7 +186,7 @@ def compare(
 
 
 def _compare(
-    words: Console,
+    console: Console,
     plan: Plan,
     drawn: Case,
     directory: Path,
@@ -208,7 +208,7 @@ def _compare(
     try:
         journal.forget_failed()
         workers = given.workers or usable_cores()
-        ran = run_missing(words, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
+        ran = run_missing(console, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
         if ran.stopped is not None:
             top = directory if given.bench == "quick" else directory.parent
             again = f"with --out {top} the same command goes on" if given.files else "nothing is kept"
@@ -225,45 +225,45 @@ def _compare(
     if given.files:
         with Progress(output.progress_console(), "drawing"):
             there = _write(directory, title, plan, drawn, outcomes, found, whole, written)
-    for table in tables.tables(plan, found, words.width):
-        words.print(table, soft_wrap=False)
+    for table in tables.tables(plan, found, console.width):
+        console.print(table, soft_wrap=False)
     for line in tables.headline(plan, found):
-        words.print(line, style="bold", markup=False, soft_wrap=False)
-    words.print(tables.note(plan), markup=False, soft_wrap=False)
+        console.print(line, style="bold", markup=False, soft_wrap=False)
+    console.print(tables.note(plan), markup=False, soft_wrap=False)
     if (chosen := tunings.table(plan)).row_count:
-        words.print(chosen, soft_wrap=False)
+        console.print(chosen, soft_wrap=False)
     for line in tables.failures(outcomes):
-        words.print(line, style="red", markup=False)
+        console.print(line, style="red", markup=False)
     before = f", {ran.before} of them before" if ran.before else ""
-    words.print(f"{len(outcomes)} cases{before}, in {ran.lasted_s:.0f} s")
+    console.print(f"{len(outcomes)} cases{before}, in {ran.lasted_s:.0f} s")
     if there:
-        words.print(f"{', '.join(there)} in {directory}", markup=False)
+        console.print(f"{', '.join(there)} in {directory}", markup=False)
     for one in outcomes:
         if one.measures is not None and not kept(one.measures):
             written.broken.append(f"{one.case}: the coupling claims to be passive, and was not")
     return 0
 
 
-def _announce(words: Console, plans: Mapping[str, Plan], given: CompareOptions) -> None:
+def _announce(console: Console, plans: Mapping[str, Plan], given: CompareOptions) -> None:
     """Say how many cases there are and, unless that is at once, how long they take."""
     from hapnet.commands.studies import check_cases
 
     cases = {name: plan.spec.cases() for name, plan in plans.items()}
     for name, plan in plans.items():
         parts = [(plan.variants, "coupling"), (plan.links, "link"), (plan.operators, "operator"), (plan.seeds, "seed")]
-        told = [f"{len(values)} {part}{'s' * (len(values) != 1)}" for values, part in parts]
-        words.print(f"{name}{': ' * bool(name)}{len(cases[name])} cases: {', '.join(told)}", markup=False)
+        reported = [f"{len(values)} {part}{'s' * (len(values) != 1)}" for values, part in parts]
+        console.print(f"{name}{': ' * bool(name)}{len(cases[name])} cases: {', '.join(reported)}", markup=False)
         if given.dry_run:
             for values, part in parts:
-                words.print(f"  {part}: {'; '.join(map(str, values))}", markup=False)
-            cases[name] = check_cases(words, plan.spec, cases[name])
+                console.print(f"  {part}: {'; '.join(map(str, values))}", markup=False)
+            cases[name] = check_cases(console, plan.spec, cases[name])
     simulated_s = sum(len(cases[name]) * plan.params.duration_s for name, plan in plans.items())
     if given.dry_run or simulated_s > _AT_ONCE_S:
-        _tell_time(words, plans, cases, given.workers)
+        _report_time(console, plans, cases, given.workers)
 
 
-def _tell_time(
-    words: Console, plans: Mapping[str, Plan], cases: Mapping[str, Sequence[SpecCase]], workers: int
+def _report_time(
+    console: Console, plans: Mapping[str, Plan], cases: Mapping[str, Sequence[SpecCase]], workers: int
 ) -> None:
     """Print how long these cases take, by the first seconds of a few of each plan."""
     from hapnet.commands.studies import Kind, estimate
@@ -287,9 +287,9 @@ def _tell_time(
         longer = max(1.0, plan.params.duration_s / _SHORT_S)
         shared = (len(plan.links) + 1) / (2 * len(plan.links))  # one reference run for all links, not one for each
         kinds.append(Kind(f"case{' of ' * bool(name)}{name}", parts, len(parts), params, longer * shared))
-    estimate(words, run, kinds, workers)
+    estimate(console, run, kinds, workers)
     if failed:
-        output.show_warnings(words, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
+        output.show_warnings(console, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
 
 
 def _write(

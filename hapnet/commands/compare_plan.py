@@ -133,7 +133,7 @@ def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str
             raise InvalidParameter("--link", text, allowed, (*PRESETS, *ALIASES))
     for text in traces:
         name, _, path = text.rpartition("=")
-        up, down = (f"trace {format_path(f'{path}.{way}')}" for way in ("up", "down"))
+        up, down = (f"trace {format_path(f'{path}.{direction}')}" for direction in ("up", "down"))
         add("--trace", name or Path(path).name, up, down)
     return links
 

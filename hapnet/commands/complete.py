@@ -97,8 +97,8 @@ def assignments(incomplete: str) -> list[tuple[str, str]]:
     found = [(f"{name}=", str(_about(name)["doc"]).replace("[", "\\[")) for name in names]  # no markup: a unit
     if len(names) == 1:
         (name,) = names
-        told = dict.fromkeys((_word(values[name]), *_allowed(name)))
-        found += [(f"{name}={value}", found[0][1]) for value in told if value]
+        reported = dict.fromkeys((_word(values[name]), *_allowed(name)))
+        found += [(f"{name}={value}", found[0][1]) for value in reported if value]
     return found
 
 

@@ -52,12 +52,14 @@ Coupling = Annotated[
         autocompletion=complete.couplings,
     ),
 ]
-Feel = Annotated[
+Rendering = Annotated[
     str | None,
     typer.Option(
+        "--rendering",
+        "--feel",
         help="hapnet (a local contact model and prediction before the coupling), paper (as published), or auto: hapnet "
         "for pspm and zoh, what its authors allow for each other coupling.",
-        autocompletion=complete.choices("feel"),
+        autocompletion=complete.choices("rendering"),
     ),
 ]
 ServoKind = Annotated[

@@ -43,8 +43,8 @@ class Log:
     HapnetError : the file cannot be written.
     """
 
-    def __init__(self, role: str, words: Console | None, target: str | None, *, progress: bool = False) -> None:
-        self._role, self._words, self._progress = role, words, progress
+    def __init__(self, role: str, console: Console | None, target: str | None, *, progress: bool = False) -> None:
+        self._role, self._words, self._progress = role, console, progress
         self._file: int | None = None
         self._target = target
         self.failure: str | None = None

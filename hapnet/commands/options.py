@@ -32,7 +32,7 @@ class ModelOptions:
     operator: flags.Operator = None
     hardware: flags.Hardware = None
     coupling: flags.Coupling = None
-    feel: flags.Feel = None
+    rendering: flags.Rendering = None
     servo: flags.ServoKind = None
     servo_hz: flags.ServoRate = None
     dof: flags.Dof = None
@@ -48,7 +48,7 @@ class ModelOptions:
             "scene": self.scene,
             "operator": self.operator,
             "coupling": self.coupling,
-            "feel": self.feel,
+            "rendering": self.rendering,
             "device.servo": self.servo,
             "device.servo_hz": self.servo_hz,
             "dof": self.dof,
@@ -85,8 +85,8 @@ class LinkOptions:
         ------
         InvalidParameter, netem.NetemError : the words are not tc-netem's, or do not go together.
         """
-        up = self._way(params.link.up) if self.uplink is None else self.uplink
-        down = self._way(params.link.down) if self.downlink is None else self.downlink
+        up = self._direction(params.link.up) if self.uplink is None else self.uplink
+        down = self._direction(params.link.down) if self.downlink is None else self.downlink
         changes = {"link.up": up, "link.down": down}
         for name, given in (("up", self.up_timeline), ("down", self.down_timeline)):
             text = self.timeline if given is None else given
@@ -100,9 +100,9 @@ class LinkOptions:
         """`params` without the timelines of those directions for which these flags give another link."""
         both = any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
         given = {"up": both or self.uplink is not None, "down": both or self.downlink is not None}
-        return params.set({f"link.{way}_timeline": "" for way, other in given.items() if other})
+        return params.set({f"link.{direction}_timeline": "" for direction, other in given.items() if other})
 
-    def _way(self, default: str) -> str:
+    def _direction(self, default: str) -> str:
         """The words of one direction: the default, changed by the flags."""
         if self.link is None and self.profile is None and all(flag is None for flag in self._effects.values()):
             return default

@@ -34,7 +34,7 @@ class Outcome(NamedTuple):
 
 
 def of_pair(
-    told: Mapping[str, Summary],
+    reported: Mapping[str, Summary],
     files: Mapping[str, Path],
     failed: Mapping[str, str],
     setup: Setup,
@@ -48,7 +48,7 @@ def of_pair(
     written : is told what is missing.
     """
     recordings: dict[str, Recording] = {}
-    seconds = max((side["duration_s"] or 0.0 for side in told.values()), default=0.0)
+    seconds = max((side["duration_s"] or 0.0 for side in reported.values()), default=0.0)
     try:
         require_room("duration_s", seconds, seconds, bytes_a_second(setup.params, setup.dof), "recorded seconds")
     except InvalidParameter as error:  # a run of days is longer than what fits into memory
@@ -65,7 +65,7 @@ def of_pair(
         whole = join(*held) if len(held) == 2 else held[0] if held else None
     except RecordingError as error:
         written.missing.append(f"no report: {error}")
-    summary = of_parts(told, recordings, whole, failed, coupling=setup.params.coupling, seed=seed)
+    summary = of_parts(reported, recordings, whole, failed, coupling=setup.params.coupling, seed=seed)
     if whole is None:
         return Outcome(summary, None, [])
     summary["motion"] = motion(whole)

@@ -89,7 +89,7 @@ class Pair:
         self._record, self._console, self._realtime = record, console, realtime
         self._children: dict[str, ProgramOnLoop] = {}
         self._reports: dict[str, asyncio.Task[bytes]] = {}
-        self._told = False
+        self._reported = False
         self._environment = {PARENT: str(os.getpid())} | ({CONSOLE: "1"} if console else {})
         if place is not None:
             self._environment[PLACE] = json.dumps(place)
@@ -146,7 +146,7 @@ class Pair:
 
         One that stands still goes on, so that it can end in order: without force, and with a whole recording.
         """
-        self._told = True
+        self._reported = True
         self._signal(signal.SIGTERM)
         self._signal(signal.SIGCONT)
 
@@ -191,7 +191,7 @@ class Pair:
         self.errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
         with contextlib.suppress(json.JSONDecodeError):
             self.parts[role] = json.loads(await self._reports[role])
-        if code not in (0, output.INCOMPLETE) and not self._told and self.failure is None:
+        if code not in (0, output.INCOMPLETE) and not self._reported and self.failure is None:
             own = (self.errors[role] or said) if 0 < code < 128 else []
             self.refused = bool(own) and not own[-1].startswith(NOT_STARTED)
             self.failed[role] = own[-1] if own else how_it_ended(code)

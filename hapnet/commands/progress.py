@@ -64,13 +64,13 @@ class Progress:
         self.stage(doing, total, unit)
 
     def __enter__(self) -> Progress:
-        self._before = compiler.told.set(self._compiling)
+        self._before = compiler.reported.set(self._compiling)
         if self._background:
             self._thread.start()
         return self
 
     def __exit__(self, *exc: object) -> None:
-        compiler.told.reset(self._before)
+        compiler.reported.reset(self._before)
         self._over.set()
         with self._lock:
             if self._bar is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-TOLD = 3
+REPORTED = 3
 """A kind of notice is shown this often within `EVERY_NS`."""
 
 EVERY_NS = 10_000_000_000
@@ -16,7 +16,7 @@ REPEATING = frozenset({"silent", "heard", "overrun", "link"})
 @dataclass
 class _Kind:
     begin_ns: int
-    told: int = 0
+    reported: int = 0
     untold: int = 0
     text: str = ""
 
@@ -34,10 +34,10 @@ class Repeats:
         found = self._kinds.get((who, kind))
         if found is None or now_ns - found.begin_ns >= EVERY_NS:
             untold = found.untold if found is not None else 0
-            self._kinds[who, kind] = _Kind(now_ns, told=1)
+            self._kinds[who, kind] = _Kind(now_ns, reported=1)
             return f"{text} ({untold} more like this before it)" if untold else text
-        if found.told < TOLD:
-            found.told += 1
+        if found.reported < REPORTED:
+            found.reported += 1
             return text
         found.untold += 1
         found.text = text

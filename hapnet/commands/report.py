@@ -46,9 +46,9 @@ def report(
         recordings = [read_recording(file) for file in files]
     summary = of_recordings(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
-    told, moved = summary.get("motion"), motion(whole)
-    if isinstance(told, Mapping):  # what the other side told of its own stays
-        moved = cast("Motion", {name: told.get(name) if value is None else value for name, value in moved.items()})
+    reported, moved = summary.get("motion"), motion(whole)
+    if isinstance(reported, Mapping):  # what the other side told of its own stays
+        moved = cast("Motion", {name: reported.get(name) if value is None else value for name, value in moved.items()})
     summary["motion"] = moved
     sources = []
     for file, recording in zip(files, recordings, strict=True):

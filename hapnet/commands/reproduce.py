@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hapnet.recording.samples import Recording
 
 SECTION_4: dict[str, object] = {
-    "feel": "paper", "scene": "wall", "operator": "press", "link.up": "", "link.down": "",
+    "rendering": "paper", "scene": "wall", "operator": "press", "link.up": "", "link.down": "",
     "record_hz": 1000.0, "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
     "device.stiffness": 100.0, "device.ceiling_J": 0.05,
 }  # fmt: skip
@@ -169,9 +169,9 @@ def _roughness(recording: Recording) -> float:
     return float(np.percentile(changes, 95)) if len(changes) else 0.0
 
 
-def _title(fig: Figure, words: str) -> None:
+def _title(fig: Figure, text: str) -> None:
     """The story above, and what is not printed in the paper below."""
-    fig.suptitle(words, fontsize=9)
+    fig.suptitle(text, fontsize=9)
     fig.supxlabel("\n".join(textwrap.wrap(LOST, 125)), fontsize=7, color="0.35")
 
 

@@ -38,7 +38,7 @@ def run(
 ) -> int:
     """Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and loss.
 
-    By default for 10 s, with 40 ms delay, 10 ms jitter and 2 % loss each way.
+    By default for 10 s, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
 
     Writes two recordings, a report, its figure and a summary.
     """
@@ -104,15 +104,15 @@ def run(
                 words.print(f"{role}: {text}", markup=False)
             for said in pair.errors.values():
                 written.missing += [line for line in said if line != pair.failure]
-            told = {role: cast("Summary", part) for role, part in pair.parts.items()}
+            reported = {role: cast("Summary", part) for role, part in pair.parts.items()}
             recorded: dict[str, Path] = {role: file for role in SIDES if (file := pair.recording(role)).exists()}
-            if not recorded and len(told) < 2:  # a process that is interrupted while it starts leaves nothing
+            if not recorded and len(reported) < 2:  # a process that is interrupted while it starts leaves nothing
                 if pair.refused:
                     if out is None:
                         output.discard(directory, "log.jsonl", "params.toml")
                     raise HapnetError(pair.failure or "")
                 words.print("stopped before both processes ran", style="yellow")
-            found = of_pair(told, recorded, pair.failed, setup, seed, written)
+            found = of_pair(reported, recorded, pair.failed, setup, seed, written)
             known_devices.learn(chosen, found.summary)
             output.show_summary(words, found.summary, verbose=verbose)
             if files:

@@ -148,10 +148,10 @@ def _main(
 
 async def _run(side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals]) -> Summary:
     stop = asyncio.Event()
-    told = catch(stop, caught, again=side.hurry)
+    reported = catch(stop, caught, again=side.hurry)
     asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, side.stop_force, "SIGUSR1")
     parent = os.environ.pop(PARENT, None)
-    beside = [] if parent is None else [asyncio.create_task(_outlive(side, int(parent), told))]
+    beside = [] if parent is None else [asyncio.create_task(_outlive(side, int(parent), reported))]
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:
@@ -166,12 +166,12 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log, caught: list[sig
     return summary
 
 
-async def _outlive(side: RealtimeSide, parent: int, told: Callable[[signal.Signals], None]) -> None:
+async def _outlive(side: RealtimeSide, parent: int, reported: Callable[[signal.Signals], None]) -> None:
     """End as on SIGTERM when `parent` has died: nothing else would end this side, and it may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)
     side.interrupt("hapnet run, which had started it, was killed")
-    told(signal.SIGTERM)
+    reported(signal.SIGTERM)
 
 
 def catch(

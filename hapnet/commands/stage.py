@@ -23,7 +23,7 @@ from hapnet.summary.run import merge
 from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import judge
 from hapnet.view.choices import label_of
-from hapnet.view.controls import Way, require_no_file
+from hapnet.view.controls import Direction, require_no_file
 from hapnet.view.history import History
 
 if TYPE_CHECKING:
@@ -51,13 +51,13 @@ class Stage:
         seed: int,
         out: Path | None,
         address: str,
-        words: Console,
+        console: Console,
         history: History,
         *,
         realtime: bool,
     ) -> None:
         self._params, self._seed, self._out, self._address = params, seed, out, address
-        self._words, self._history, self._realtime = words, history, realtime
+        self._words, self._history, self._realtime = console, history, realtime
         self._episodes = 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._pair: Pair | None = None
@@ -112,12 +112,12 @@ class Stage:
     def lead(self, position: Vector) -> None:
         self._call(self._lead, position)
 
-    def link(self, way: Way, words: str) -> None:
-        require_no_file(words)
-        self._call(self._link, way, str(link_profile(f"link.{way}", words)))
+    def link(self, direction: Direction, text: str) -> None:
+        require_no_file(text)
+        self._call(self._link, direction, str(link_profile(f"link.{direction}", text)))
 
-    def coupling(self, name: str, feel: str) -> None:
-        changes: dict[str, object] = {"coupling": name, "feel": feel}
+    def coupling(self, name: str, rendering: str) -> None:
+        changes: dict[str, object] = {"coupling": name, "rendering": rendering}
         if "device" not in coupling(name).set_positions:
             changes["device.smoothing_s"] = 0.0  # the filter needs set-positions
         self._anew(changes)
@@ -168,7 +168,7 @@ class Stage:
         if verdict["passive"] is None and snapshot.account is not None:  # of both ports, which must be seen at once
             verdict = judge(snapshot.account)
         self._episodes += 1
-        label, seconds = label_of(params.coupling, params.feel), summary["duration_s"] or 0.0
+        label, seconds = label_of(params.coupling, params.rendering), summary["duration_s"] or 0.0
         self._words.print(
             f"{self._episodes}: {label}, {seconds:.0f} s: {stated(verdict)}",
             style="red" if verdict["passive"] is False else None,
@@ -180,10 +180,10 @@ class Stage:
         if self._pair is not None:
             self._pair.send("device", do="lead", position=position)
 
-    def _link(self, way: Way, words: str) -> None:
-        self._params = self._params.set({f"link.{way}": words})
+    def _link(self, direction: Direction, text: str) -> None:
+        self._params = self._params.set({f"link.{direction}": text})
         if self._pair is not None:
-            self._pair.send("device" if way == "up" else "world", do="link", words=words)
+            self._pair.send("device" if direction == "up" else "world", do="link", words=text)
 
     def _switch_recording(self, on: bool) -> None:
         self._recording = on

@@ -57,7 +57,7 @@ class StudyOutcome:
 
 
 def run_missing(
-    words: Console,
+    console: Console,
     journal: Journal,
     doing: str,
     backend: Callable[[int], Backend],
@@ -74,7 +74,7 @@ def run_missing(
     """
     if journal.other_version is not None:
         text = f"hapnet {journal.other_version} ran the first of these cases: its results are kept, and may differ"
-        output.show_warnings(words, (text,))
+        output.show_warnings(console, (text,))
     total, before, _ = journal.count()
     most = max(most, total)
     began = time.monotonic()
@@ -99,7 +99,7 @@ def run_missing(
     return StudyOutcome(total if stopped is None else most, before, done, failed, lasted_s, stopped)
 
 
-def workers_of(words: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
+def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
     """What makes, for so many cases, `workers` processes here (0: one per core), or those of the scheduler at `dask`.
 
     Raises
@@ -117,13 +117,13 @@ def workers_of(words: Console, workers: int, dask: str | None) -> Callable[[int]
         found = DaskCluster(dask)
         if found.threaded:
             line = "the cluster's workers have several threads; dask worker --nthreads 1 is faster"
-            output.show_warnings(words, (line,))
+            output.show_warnings(console, (line,))
         return found
 
     return cluster
 
 
-def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> list[Case]:
+def check_cases(console: Console, spec: Spec, cases: Sequence[Case]) -> list[Case]:
     """The cases that can run. What is wrong with the others is printed; raises HapnetError if none can run."""
     sets: dict[str, list[Case]] = {}
     for case in cases:
@@ -144,9 +144,9 @@ def check_cases(words: Console, spec: Spec, cases: Sequence[Case]) -> list[Case]
         raise HapnetError(f"no case can run; the first: {wrong[0]}")
     if wrong:
         line = f"{len(wrong)} of {len(cases)} cases cannot run; the first: {wrong[0]}"
-        words.print(line, style="yellow", markup=False)
+        console.print(line, style="yellow", markup=False)
     for warning, times in warnings.most_common(REASONS):
-        output.show_warnings(words, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
+        output.show_warnings(console, (f"{warning} (in {times} of {len(sets)} sets of parameters)",))
     return can_run
 
 
@@ -172,7 +172,7 @@ class Kind(Generic[Part]):
 
 
 def estimate_cases(
-    words: Console, fixed: Values, cases: Sequence[Case], count: int, workers: int, dask: str | None = None
+    console: Console, fixed: Values, cases: Sequence[Case], count: int, workers: int, dask: str | None = None
 ) -> None:
     """Print how long `count` cases such as these take, by a few of them. `workers` and `dask` as `workers_of`."""
     failed: list[str] = []
@@ -181,34 +181,34 @@ def estimate_cases(
         if (error := run_case(fixed, case).error) is not None:
             failed.append(error)
 
-    estimate(words, run, [Kind("case", cases, count, lambda case: params_of(fixed, case.values))], workers, dask)
+    estimate(console, run, [Kind("case", cases, count, lambda case: params_of(fixed, case.values))], workers, dask)
     if failed:
-        output.show_warnings(words, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
+        output.show_warnings(console, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
 
 
 def estimate(
-    words: Console,
+    console: Console,
     run: Callable[[Part], object],
     kinds: Sequence[Kind[Part]],
     workers: int,
     dask: str | None = None,
 ) -> None:
     """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
-    told, sum_s, parts = [], 0.0, 0
+    reported, sum_s, parts = [], 0.0, 0
     with Progress(output.progress_console(), "compiling") as progress:
         coverage.compile_for(run for kind in kinds for run in kind.runs)  # as the run would
         progress.stage("running a few, to see how long they take")
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)
             mean_s *= kind.times
-            told.append(f"a {kind.name} takes {mean_s:.2g} s (mean of {of})")
+            reported.append(f"a {kind.name} takes {mean_s:.2g} s (mean of {of})")
             sum_s, parts = sum_s + mean_s * kind.count, parts + kind.count
     if dask is not None:
-        told.append(f"all of them, {duration(sum_s)} in all, shared by the cluster's workers")
+        reported.append(f"all of them, {duration(sum_s)} in all, shared by the cluster's workers")
     else:
         at_once = min(workers or usable_cores(), parts)
-        told.append(f"all of them, with {at_once} worker{'s' * (at_once > 1)}: about {duration(sum_s / at_once)}")
-    words.print("; ".join(told))
+        reported.append(f"all of them, with {at_once} worker{'s' * (at_once > 1)}: about {duration(sum_s / at_once)}")
+    console.print("; ".join(reported))
 
 
 def assigned(flag: str, given: Sequence[str]) -> dict[str, str]:

@@ -184,14 +184,14 @@ def plot(
     return 0
 
 
-def _show(words: Console, cases: list[Case], directory: Path) -> None:
+def _show(console: Console, cases: list[Case], directory: Path) -> None:
     seeds = len({case.seed for case in cases})
-    words.print(f"{len(cases)} cases, {seeds} seed{'s' * (seeds != 1)}, into {directory}", markup=False)
+    console.print(f"{len(cases)} cases, {seeds} seed{'s' * (seeds != 1)}, into {directory}", markup=False)
     for case in [*cases[:_SHOWN], *cases[max(_SHOWN, len(cases) - _SHOWN) :]]:
         if case.number == len(cases) - _SHOWN > _SHOWN:
-            words.print("  ...")
-        told = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
-        words.print(f"  {case.number}: {', '.join([*told, f'{SEED} = {case.seed}'])}", markup=False)
+            console.print("  ...")
+        reported = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
+        console.print(f"  {case.number}: {', '.join([*reported, f'{SEED} = {case.seed}'])}", markup=False)
 
 
 def _units() -> dict[str, str]:

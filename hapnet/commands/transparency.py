@@ -165,7 +165,7 @@ def transparency(
     return 0
 
 
-def _show(words: Console, tasks: Sequence[Task], workers: int) -> None:
+def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
     """Say what would be measured, and how long it takes."""
     from hapnet.commands.studies import Kind, estimate
     from hapnet.study import transparency
@@ -175,12 +175,12 @@ def _show(words: Console, tasks: Sequence[Task], workers: int) -> None:
     springs = [task for task in tasks if task.case is not None]
     more = f", {len(walls)} searches for the stiffest wall" if walls else ""
     pairs = len({task[:2] for task in runs})
-    words.print(f"{len(runs)} runs{more}: {pairs} pair{'s' * (pairs > 1)} of a coupling and a link")
+    console.print(f"{len(runs)} runs{more}: {pairs} pair{'s' * (pairs > 1)} of a coupling and a link")
     if springs:
-        words.print(f"{len(springs)} searches for the stiffest stable spring of the device")
+        console.print(f"{len(springs)} searches for the stiffest stable spring of the device")
     named = [("run", runs), ("search of a wall", walls), ("search of a spring", springs)]
     kinds = [Kind(name, some, len(some), attrgetter("params")) for name, some in named if some]
-    estimate(words, transparency.run_one, kinds, workers)
+    estimate(console, transparency.run_one, kinds, workers)
 
 
 def _hands(given: TransparencyOptions) -> tuple[str, ...]:

@@ -87,13 +87,13 @@ def tune(
         written = output.Written()
         files = _write(search, journal, directory, written, ended=ran.stopped is None)
         if ran.stopped is None:
-            _tell(words, search, written)
+            _report(words, search, written)
         if files:
             words.print(f"files: {', '.join(files)} in {directory}", markup=False)
         with written.part():
             about = {"cases": ran.total, "done": ran.done, "failed": ran.failed, "run": new, "wall_s": ran.lasted_s}
-            told = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
-            output.write_json(told, json_to)
+            reported = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
+            output.write_json(reported, json_to)
         if ran.stopped is not None:
             return ran.stop("the same command goes on")
         return written.code()
@@ -130,52 +130,54 @@ def _write(search: Search, journal: Journal, directory: Path, written: output.Wr
     return files
 
 
-def _tell(words: Console, search: Search, written: output.Written) -> None:
+def _report(console: Console, search: Search, written: output.Written) -> None:
     """Print the tables, and note what is missing from a good result."""
     from hapnet.study import tune_results
 
     scores, best = search.scores, search.best
     assert scores is not None
     for table in tune_results.tables(search.spec, scores):
-        words.print(table)
+        console.print(table)
     for name in search.unmeasured:
-        output.show_warnings(words, (f"no case to tune on has a value of {name}: it had no part in the search",))
+        output.show_warnings(console, (f"no case to tune on has a value of {name}: it had no part in the search",))
     if best is None:
         verdicts = search.verdicts()
         nearest = min(range(len(verdicts)), key=lambda i: verdicts[i].excess)
         why = [str(one) for one, held in zip(search.spec.goal.constraints, verdicts[nearest].held, strict=True)
                if not held.met]  # fmt: skip
-        told = f"no trial of {len(verdicts)} keeps all constraints and has a finite objective; the nearest, {nearest},"
+        reported = (
+            f"no trial of {len(verdicts)} keeps all constraints and has a finite objective; the nearest, {nearest},"
+        )
         without = "has cases that failed" if verdicts[nearest].failed else "has too many cases without a value"
-        written.missing.append(f"{told} {'breaks: ' + ', '.join(why) if why else without}")
+        written.missing.append(f"{reported} {'breaks: ' + ', '.join(why) if why else without}")
         return
     default, found = scores[0].verdicts(search.spec)
     assert found is not None
     if search.trials[best].values == search.spec.defaults:
-        words.print("no trial is better than the defaults")
+        console.print("no trial is better than the defaults")
     elif default.allowed and default.objective <= found.objective:
-        words.print("the defaults, which are outside of the ranges, are better than every trial", style="yellow")
+        console.print("the defaults, which are outside of the ranges, are better than every trial", style="yellow")
     _, scored = scores[1].verdicts(search.spec)
     if scored is not None and scored.failed:
         written.missing.append(f"{scored.failed} of the cases to score on failed with the values found")
     elif scored is not None and not scored.allowed:
-        words.print("on the cases to score on the values found break a constraint", style="yellow")
+        console.print("on the cases to score on the values found break a constraint", style="yellow")
 
 
-def _show(words: Console, spec: TuneSpec, directory: Path) -> None:
+def _show(console: Console, spec: TuneSpec, directory: Path) -> None:
     from hapnet.study.search import base
     from hapnet.study.tune_results import PARTS
 
     tuned, scored = base(spec)
-    words.print(
+    console.print(
         f"{spec.trials} trials of {len(tuned)} cases, scored on {len(scored)} others, into {directory}", markup=False
     )
     for one in spec.space:
-        words.print(f"  {one.name}: {one}, default {value_words(one.name, one.default)}", markup=False)
-    for heading, told in (("objective", spec.goal.terms), ("constraints", spec.goal.constraints)):
-        words.print(f"  {heading}: {', '.join(map(str, told)) or 'none'}", markup=False)
+        console.print(f"  {one.name}: {one}, default {value_words(one.name, one.default)}", markup=False)
+    for heading, reported in (("objective", spec.goal.terms), ("constraints", spec.goal.constraints)):
+        console.print(f"  {heading}: {', '.join(map(str, reported)) or 'none'}", markup=False)
     own = {one.name for one in spec.space}
     for part, cases in zip(PARTS, (tuned, scored), strict=True):
         case = cases[0]
         shown = [f"{name} = {value_words(name, value)}" for name, value in case.values.items() if name not in own]
-        words.print(f"  first case of {part}: {', '.join([*shown, f'{SEED} = {case.seed}'])}", markup=False)
+        console.print(f"  first case of {part}: {', '.join([*shown, f'{SEED} = {case.seed}'])}", markup=False)

@@ -60,10 +60,10 @@ def view(
         words.print(f"open {served.url} to watch; Ctrl-C ends")
         if page.browser:
             show(served.url)
-        told = ""
+        reported = ""
         while True:
-            if (text := _state(watcher)) != told:
-                told = text
+            if (text := _state(watcher)) != reported:
+                reported = text
                 words.print(text)
             time.sleep(LOOK_S)
 

@@ -7,7 +7,7 @@
   the watchdog allows; a spring's force is covered by the energy that it stores (control/reserve.py).
 * b_age: an old answer says little about where the proxy is. From a second of age on, drag grows to 1.5 Ns/m: the hand
   feels that its world is late, but no more than 0.1 N at 67 mm/s, which no contact is mistaken for.
-* b_swing, only where the world can tell no planes: the force's changes above some 2 Hz have an envelope that rises at
+* b_swing, only where the world can send no planes: the force's changes above some 2 Hz have an envelope that rises at
   once and falls in two seconds. In contact and at rest it is zero. In free motion of a hand it is small, since the
   force is. So it damps a limit cycle, and hardly a motion that the hand leads.
 
@@ -42,7 +42,7 @@ SLOW_S = 0.2
 CALM_S = 2.0
 """Time constant with which a swing's envelope falls [s]."""
 
-LEAST_N, SWING_N = 0.03, 0.1
+MIN_N, SWING_N = 0.03, 0.1
 """Between these amplitudes of the force, damping grows from none to all of it [N]; below the first it is not felt."""
 
 
@@ -55,15 +55,15 @@ class AddedDamping(Record):
         damping [Ns/m].
     """
 
-    least: float
+    minimum: float
     most: float
     compliance: MatrixOfAxes
     velocity: FilteredVelocity
 
     def __init__(
-        self, stiffness: Sequence[Sequence[float]], compliance: Sequence[Sequence[float]], least: float, most: float
+        self, stiffness: Sequence[Sequence[float]], compliance: Sequence[Sequence[float]], minimum: float, most: float
     ) -> None:
-        self.least, self.most = least, most
+        self.minimum, self.most = minimum, most
         self.compliance = [list(row) for row in compliance]
         self.velocity = FilteredVelocity(VELOCITY_S)
         self._stiffness = [tuple(row) for row in stiffness]
@@ -89,14 +89,14 @@ class AddedDamping(Record):
         force = tuple([inner(row, offset) for row in self._stiffness])
         self._slow_force = low_passed(dt, SLOW_S, self._slow_force, force)
         self._envelope = max(math.dist(force, self._slow_force), self._envelope * CALM_S / (CALM_S + dt))
-        return min(1.0, max(0.0, (self._envelope - LEAST_N) / (SWING_N - LEAST_N)))
+        return min(1.0, max(0.0, (self._envelope - MIN_N) / (SWING_N - MIN_N)))
 
 
 @equation
 def wanted(added: AddedDamping, age: float, freedom: float) -> float:
     """The largest of b_0 and b_age [Ns/m]."""
     old = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
-    return max(freedom * added.least, old * min(OLD_NS_M, added.most))
+    return max(freedom * added.minimum, old * min(OLD_NS_M, added.most))
 
 
 @equation

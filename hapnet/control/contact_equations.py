@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.control.added_damping import AddedDamping, damp, wanted
+from hapnet.control.contact_plane import ContactPlane, among, depth, now
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
-from hapnet.control.told_plane import ToldPlane, among, depth, now
 from hapnet.records.equation import equation
 from hapnet.records.record import PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
 from hapnet.records.vectors import copy, dot, equal, length, times
@@ -55,7 +55,7 @@ class ContactState(Record):
     yields_below: float
     remembers: int
     count: int
-    planes: Annotated[Sequence[ToldPlane], (PLANES,)]
+    planes: Annotated[Sequence[ContactPlane], (PLANES,)]
     shifted: OfAxes
     has_goal: int
     goal: OfAxes
@@ -121,8 +121,8 @@ def answer(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
 @equation
 def yield_to(model: ContactState, level: float) -> None:
     """The world's reservoir has this level; below 0: it does not tell."""
-    told = 1.0 if level < 0.0 else level
-    model.kept_goal = min(1.0, told / model.yields_below) if model.yields_below > 0.0 else 1.0
+    reported = 1.0 if level < 0.0 else level
+    model.kept_goal = min(1.0, reported / model.yields_below) if model.yields_below > 0.0 else 1.0
 
 
 @equation
@@ -138,10 +138,10 @@ def follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) ->
 
 @equation
 def want_shift(
-    model: ContactState, told: Sequence[ToldPlane], count: int, earlier: Sequence[ToldPlane], earlier_count: int,
-    n: int, position: Reals, force: Reals,
+    model: ContactState, reported: Sequence[ContactPlane], count: int, earlier: Sequence[ContactPlane],
+    earlier_count: int, n: int, position: Reals, force: Reals,
 ) -> None:  # fmt: skip
-    """The shift with which the told planes agree with the proxy's own position and force; if nothing is known, none.
+    """The shift with which the contact planes agree with the proxy's own position and force; if nothing is known, none.
 
     The force is of the step that has ended, so a plane that was not there before it proves nothing yet. The proxy's
     velocity is in `model.leading`.
@@ -150,7 +150,7 @@ def want_shift(
         model.before[i] = 0.0
     known = False
     for k in range(count):
-        one = told[k]
+        one = reported[k]
         moving = abs(dot(n, one.normal, model.leading)) > SETTLED_MPS
         if moving or not among(one, earlier, earlier_count, n, position):
             copy(n, model.shifted, model.goal)
@@ -189,7 +189,7 @@ def forget_forces(model: ContactState, count: int) -> None:
 
 
 @equation
-def rest(model: ContactState, planes: Sequence[ToldPlane], count: int, n: int, x: Reals) -> None:
+def rest(model: ContactState, planes: Sequence[ContactPlane], count: int, n: int, x: Reals) -> None:
     """Where the proxy rests on flat planes, into `model.s`; from the forces that were found before."""
     s, forces = model.s, model.forces
     copy(n, x, s)
@@ -227,7 +227,7 @@ def rest(model: ContactState, planes: Sequence[ToldPlane], count: int, n: int, x
 
 
 @equation
-def _depth_now(model: ContactState, one: ToldPlane, n: int, place: Reals) -> float:
+def _depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> float:
     """How deep `place` is behind a plane as it is now [m]."""
     along = 0.0
     for i in range(n):

@@ -1,12 +1,12 @@
-"""The device's local contact model: y at every tick, from the own position and the planes that the world tells.
+"""The device's local contact model: y at every tick, from the own position and the planes that the world sends.
 
-What a world answers comes a round trip late. So the world tells, beside its proxy's position, the planes that the proxy
+What a world answers comes a round trip late. So the world sends, beside its proxy's position, the planes that the proxy
 touches or is near (`Proxy`), and the device computes at every tick where the proxy rests for the position x now:
 
     s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
     y = s + g K^-1 (B + b) v        only while free of contact: it cancels a part of the dampers' drag
 
-Where the world tells how a surface bends, n_i and w_i are those of its tangent plane as seen from x at this tick
+Where the world sends how a surface bends, n_i and w_i are those of its tangent plane as seen from x at this tick
 (`hapnet.mechanics.curvature`): while the device slides over a ball, a flat plane is wrong by the time of the next one.
 Where it tells friction, the proxy sticks to the place where it rested at the last tick. It slides where sticking would
 take more than mu f_i (`hapnet.control.friction_cone`).
@@ -23,8 +23,9 @@ Five things keep the model true:
 * A world that says along a surface where its proxy rests moves the place where the model's sticks, if that is far away.
 * A plane that is told no more is remembered, until the world says that there is none: its answer tells how far around
   its proxy it has looked. So a wall that was met once is felt at the next touch, however fast that is.
-* A world that can tell no planes is felt through its proxy's position, less the own motion since the time for which
-  that position stands (`OwnMotion`).
+* A world that can send no planes is felt through its proxy's position, less the device's own motion since the time for
+which
+  that position stands (`SelfMotion`).
 """
 
 from __future__ import annotations
@@ -48,11 +49,11 @@ from hapnet.control.contact_equations import (
     want_shift,
     yield_to,
 )
+from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
 from hapnet.control.friction_cone import RubbingProxy
-from hapnet.control.own_motion import OwnMotion
+from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
-from hapnet.control.told_plane import ToldPlane
 from hapnet.params import ContactModelParams
 from hapnet.records.record import PLANES
 
@@ -79,8 +80,8 @@ class ContactModel(ContactState):
         the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
     yields_below : level of the world's reservoir below which the lead gives way, so that the hand pays for what the
         world's walls dissipate; 0: never. remembers : do planes that are told no more stay known?
-    untold_share : the share of the spring's stiffness with which a world is felt that can tell no planes.
-    own_motion : computes y for a world that can tell no planes. added : the damping for what is left to swing.
+    untold_share : the share of the spring's stiffness with which a world is felt that can send no planes.
+    self_motion : computes y for a world that can send no planes. added : the damping for what is left to swing.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class ContactModel(ContactState):
         *,
         compliance: Sequence[Sequence[float]],
         lead: Sequence[Sequence[float]],
-        own_motion: OwnMotion,
+        self_motion: SelfMotion,
         added: AddedDamping,
         lead_s: float = _DEFAULTS.lead_s,
         fade_s: float = _DEFAULTS.fade_s,
@@ -105,7 +106,7 @@ class ContactModel(ContactState):
         self._is_isotropic = all(
             part == (softest if i == j else 0.0) for i, row in enumerate(compliance) for j, part in enumerate(row)
         )
-        self._own_motion = own_motion
+        self._self_motion = self_motion
         self.added = added
         self.velocity = FilteredVelocity(lead_s)
         self.fade_s = checks.positive("fade_s", fade_s)
@@ -131,20 +132,20 @@ class ContactModel(ContactState):
         self.age = self.earlier_s = 0.0
         self.velocity.reset()
         self.freedom = self.kept = self.kept_goal = 1.0
-        self._own_motion.reset(position)
+        self._self_motion.reset(position)
 
     def release(self, position: Vector) -> None:
         """y continues at `position` [m]; what the world told stays known, and how far the lead has given way."""
-        planes, tells, kept = self.planes, self._tells, (self.kept, self.kept_goal)
+        planes, reports, kept = self.planes, self._reports, (self.kept, self.kept_goal)
         self.reset(position)
-        if tells:
+        if reports:
             self._know(planes)
             self.kept, self.kept_goal = kept
-            self._rubbing.told(planes, None)
+            self._rubbing.reported(planes, None)
 
-    def _know(self, planes: Sequence[ToldPlane] | None) -> None:
+    def _know(self, planes: Sequence[ContactPlane] | None) -> None:
         """These are the planes from now on; None: the world can tell none."""
-        self._tells: bool = planes is not None
+        self._reports: bool = planes is not None
         self.planes = list(planes or ())
         self.count = len(self.planes)
         self._bends: bool = any(one.curvatures for one in self.planes)
@@ -179,7 +180,7 @@ class ContactModel(ContactState):
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the position x [m], `dt` seconds after the last step."""
         n = len(x)
-        self._own_motion.observe(dt, x)
+        self._self_motion.observe(dt, x)
         begin(self, n, dt, x)
         news = self._pending is not None
         if self._pending is not None:
@@ -188,10 +189,10 @@ class ContactModel(ContactState):
             self.velocity.reset_at(x)
         take_lead(self, n, dt, x)
         y = [0.0] * n
-        if not self._tells:
+        if not self._reports:
             self._rubbing.place = x
             lead = tuple([part / self._untold_share for part in self.leading])
-            y[:] = self._softened(x, self._own_motion.step(dt, x, lead))
+            y[:] = self._softened(x, self._self_motion.step(dt, x, lead))
             fade(self, n, dt, y)
             damped = self.added.step(dt, x, tuple(y), self.age, 1.0, swings=True)
             for made, part in ((self.made_x, x), (self.made_s, x), (self.made_fading, self._still),
@@ -213,52 +214,52 @@ class ContactModel(ContactState):
 
     # -- what the world told ------------------------------------------------------------------------------------------
 
-    def _take(self, told: Proxy, sent_s: float, age_s: float, x: Vector) -> None:
+    def _take(self, reported: Proxy, sent_s: float, age_s: float, x: Vector) -> None:
         self._pending = None
         before = self._model(x)
         self.age = age_s
-        yield_to(self, -1.0 if told.level is None else told.level)
-        if told.planes is None:
-            self._own_motion.receive(told.position, age_s)
+        yield_to(self, -1.0 if reported.level is None else reported.level)
+        if reported.planes is None:
+            self._self_motion.receive(reported.position, age_s)
             self._know(None)
         else:
-            planes = [ToldPlane(plane, self.compliance, told.position) for plane in told.planes]
-            self._want_shift(planes, told, sent_s)
-            self._know(planes + self._remembered(planes, told))
-            self._rubbing.told(self.planes, told.position if told.force != self._still else None)
+            planes = [ContactPlane(plane, self.compliance, reported.position) for plane in reported.planes]
+            self._want_shift(planes, reported, sent_s)
+            self._know(planes + self._remembered(planes, reported))
+            self._rubbing.reported(self.planes, reported.position if reported.force != self._still else None)
         after = self._model(x)
         if after != before:
             self.fading[:] = map(add, self.fading, map(sub, before, after))
 
-    def _remembered(self, planes: Sequence[ToldPlane], told: Proxy) -> list[ToldPlane]:
+    def _remembered(self, planes: Sequence[ContactPlane], reported: Proxy) -> list[ContactPlane]:
         """The earlier planes that this answer neither tells nor denies; with the told ones as many as can be told."""
-        if not self.remembers or told.reach_m is None:
+        if not self.remembers or reported.reach_m is None:
             return []
-        kept = [one for one in self.planes if not one.withdrawn(planes, told.position, told.reach_m)]
+        kept = [one for one in self.planes if not one.withdrawn(planes, reported.position, reported.reach_m)]
         return kept[: MOST_PLANES - len(planes)]
 
     def _model(self, x: Vector) -> Vector:
         """y of the present model, but for lead and fading."""
-        if not self._tells:
-            return self._softened(x, self._own_motion.at(x))
+        if not self._reports:
+            return self._softened(x, self._self_motion.at(x))
         self._rest(x)
         return tuple(self.s)
 
-    def _want_shift(self, planes: Sequence[ToldPlane], told: Proxy, sent_s: float) -> None:
-        """Find the shift with which the told planes agree with the proxy's own position and force."""
+    def _want_shift(self, planes: Sequence[ContactPlane], reported: Proxy, sent_s: float) -> None:
+        """Find the shift with which the contact planes agree with the proxy's own position and force."""
         n = len(self._still)
-        follow_proxy(self, n, told.position, sent_s)
+        follow_proxy(self, n, reported.position, sent_s)
         touched = planes
         if self._rubbing.rubs and len(touched) > 1:  # friction on one plane may be along the normal of another
-            touched = [one for one in touched if one.depth(told.position) > 0.0]
+            touched = [one for one in touched if one.depth(reported.position) > 0.0]
             if len(touched) > 1:
                 self.has_goal, self.goal = 1, list(self.shifted)
                 return
-        earlier = [one.seen_from(told.position, 0.0) for one in self.planes] if self._bends else self.planes
-        want_shift(self, touched, len(touched), earlier, len(earlier), n, told.position, told.force)
+        earlier = [one.seen_from(reported.position, 0.0) for one in self.planes] if self._bends else self.planes
+        want_shift(self, touched, len(touched), earlier, len(earlier), n, reported.position, reported.force)
 
     def _softened(self, x: Vector, y: Vector) -> Vector:
-        """y for a world that can tell no planes: its answer is late, and a stiff spring to it would ring."""
+        """y for a world that can send no planes: its answer is late, and a stiff spring to it would ring."""
         share = self._untold_share
         return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
 

@@ -84,7 +84,7 @@ class ContinuousServo(Record):
         end_update(self, coupling, x, kinetic)
         return sent(self.sender, coupling, x)
 
-    def resting(self, dt: float) -> int:
+    def skippable_ticks(self, dt: float) -> int:
         """Number of coming ticks, `dt` seconds apart, without PSPM if no sample arrives: each needs only `rest`."""
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 

@@ -112,7 +112,7 @@ class DeviceCoupling(Protocol):
 
     @property
     def harvest(self) -> str:
-        """ "measured": the dissipation of a held force is measured; "range": it is bounded by (10)."""
+        """ "measured": the dissipation of a force under zero-order hold is measured; "range": it is bounded by (10)."""
 
     @property
     def coupling(self) -> CouplingState: ...
@@ -137,7 +137,7 @@ class DeviceCoupling(Protocol):
         `release`: the servo was late, so it renders no force until it is on time again.
         """
 
-    def resting(self, dt: float) -> int:
+    def skippable_ticks(self, dt: float) -> int:
         """How many of the coming ticks, `dt` seconds apart, return nothing if nothing arrives; 0 is always right."""
 
     def stop(self) -> None:
@@ -341,7 +341,7 @@ class LawServo(HeldForce):
             cut(self)
         return Update(self.law.next_sample(x, v)) if sends(self, dt) else None
 
-    def resting(self, dt: float) -> int:
+    def skippable_ticks(self, dt: float) -> int:
         return ticks_before(self.due, self.elapsed, dt)
 
     def stop(self) -> None:

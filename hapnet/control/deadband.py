@@ -31,21 +31,21 @@ from hapnet.control.ticks import TICK_SLACK_S
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 
-LONGEST_S = 0.1
+MAX_S = 0.1
 """Longest time between two samples sent [s], even at rest; the next sample after it is sent. So several samples arrive
 within the 0.5 s after which a peer counts as silent, and a lost last change is repaired within this time."""
 
-LONGEST_WAVE_S = 0.02
+MAX_WAVE_S = 0.02
 """The same for waves: merging over a time delays them by as much, and waves suffer most from delay."""
 
-LEAST_N = 0.005
+MIN_N = 0.005
 """A change of force that nobody feels [N]: the least that people feel is tens of millinewtons."""
-LEAST_M = 6e-5
+MIN_M = 6e-5
 """The same for a position [m]: with 100 N/m it makes about such a force. A common encoder resolves 0.055 mm, so a
 single count is not sent."""
-LEAST_MPS = 1e-3
+MIN_MPS = 1e-3
 """The same for a velocity [m/s], with 5 Ns/m."""
-LEAST_WAVE = 2e-3
+MIN_WAVE = 2e-3
 """The same for a wave [sqrt(W)], u = f/sqrt(2b), with an impedance of 3 Ns/m."""
 
 
@@ -64,7 +64,7 @@ class Deadband:
     """
 
     def __init__(
-        self, fraction: float, *, longest_s: float = LONGEST_S, port: Literal["position", "force"] = "position"
+        self, fraction: float, *, longest_s: float = MAX_S, port: Literal["position", "force"] = "position"
     ) -> None:
         if not 0.0 < fraction <= 1.0:
             raise InvalidParameter("deadband", fraction, "a fraction above 0, at most 1")
@@ -108,9 +108,9 @@ class Deadband:
     def _noticed(self, sample: CouplingSample, opposite: Vector) -> bool:
         match sample:
             case Motion(position, velocity):
-                return self._moved(position, opposite) or self._changed(velocity, self._velocity, LEAST_MPS)
+                return self._moved(position, opposite) or self._changed(velocity, self._velocity, MIN_MPS)
             case Port(value, _) if self._port == "force":
-                return self._changed(value, self._value, LEAST_N)
+                return self._changed(value, self._value, MIN_N)
             case Port(value, _):
                 return self._moved(value, opposite)
             case Position(position, _):
@@ -118,15 +118,15 @@ class Deadband:
             case Proxy(position, _, _, planes):
                 return self._moved(position, opposite) or planes != self._planes
             case Wave(value, _, _, _):
-                return self._changed(value, self._value, LEAST_WAVE)
+                return self._changed(value, self._value, MIN_WAVE)
             case _:
                 return self._moved(sample, opposite)
 
     def _moved(self, x: Vector, opposite: Vector) -> bool:
-        return dist(x, self._value) > max(self._fraction * dist(opposite, self._value), LEAST_M)
+        return dist(x, self._value) > max(self._fraction * dist(opposite, self._value), MIN_M)
 
-    def _changed(self, value: Vector, last: Vector, least: float) -> bool:
-        return dist(value, last) > max(self._fraction * hypot(*last), least)
+    def _changed(self, value: Vector, last: Vector, minimum: float) -> bool:
+        return dist(value, last) > max(self._fraction * hypot(*last), minimum)
 
 
 def _merged(waiting: Wave | None, wave: Wave) -> Wave:

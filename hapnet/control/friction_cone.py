@@ -20,7 +20,7 @@ from math import hypot
 from operator import sub
 
 from hapnet.checks import Vector
-from hapnet.control.told_plane import SAME_COSINE, ToldPlane, along
+from hapnet.control.contact_plane import SAME_COSINE, ContactPlane, along
 from hapnet.records.record import Reals
 from hapnet.records.vectors import added, inner
 
@@ -60,7 +60,7 @@ class RubbingProxy:
         self._tractions: list[Vector] = []
         self._normals: tuple[Reals, ...] = ()
 
-    def told(self, planes: Sequence[ToldPlane], place: Vector | None) -> None:
+    def reported(self, planes: Sequence[ContactPlane], place: Vector | None) -> None:
         """The world's planes are these now, and its own proxy rested at `place` [m]; None: it touched nothing."""
         self.rubs = any(one.friction for one in planes)
         self._worlds = place
@@ -84,7 +84,7 @@ class RubbingProxy:
             self.place = along(self.place, away, dt / (AGREE_S + dt) * (1.0 - AGREE_M / far))
 
     def rest(
-        self, x: Vector, planes: Sequence[ToldPlane], shift: Vector, age: float, rounds: int
+        self, x: Vector, planes: Sequence[ContactPlane], shift: Vector, age: float, rounds: int
     ) -> tuple[Vector, bool]:
         """s [m] for the device at x [m], and whether it touches anything there.
 
@@ -101,7 +101,7 @@ class RubbingProxy:
         self._normals = tuple([one.normal for one in planes])
         return s, any(self._forces)
 
-    def _rest_on(self, x: Vector, planes: Sequence[ToldPlane], shift: Vector, age: float) -> Vector:
+    def _rest_on(self, x: Vector, planes: Sequence[ContactPlane], shift: Vector, age: float) -> Vector:
         """`rest` on flat planes, from the forces that were found last."""
         forces, tractions = self._forces, self._tractions
         s = x
@@ -119,8 +119,8 @@ class RubbingProxy:
                     s = along(s, one.response, known - force)
                     most = max(most, abs(force - known))
                 if one.friction and (force or known):
-                    way = map(sub, s, self.place)
-                    wanted = _across(tuple([t + d / self._give for t, d in zip(held, way, strict=True)]), one.normal)
+                    path = map(sub, s, self.place)
+                    wanted = _across(tuple([t + d / self._give for t, d in zip(held, path, strict=True)]), one.normal)
                     if (size := hypot(*wanted)) > (limit := one.friction * force):
                         wanted = tuple([limit / size * part for part in wanted])
                     change = tuple(map(sub, wanted, held))

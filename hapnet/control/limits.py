@@ -16,24 +16,24 @@ OnSilence = Literal["hold", "release"]
 ON_SILENCE: tuple[OnSilence, ...] = ("hold", "release")
 
 
-def step_towards(start: Vector, goal: Vector, longest: float) -> Vector:
+def step_towards(start: Vector, goal: Vector, maximum: float) -> Vector:
     """The point towards `goal` [m] that is at most `longest` [m] away from `start`.
 
     With ``longest = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
     projection is non-expansive, so ybar keeps the limit that y kept.
     """
     reached = list(goal)
-    limit_step(len(start), start, reached, longest)
+    limit_step(len(start), start, reached, maximum)
     return tuple(reached)
 
 
 @equation
-def limit_step(n: int, start: Reals, goal: Floats, longest: float) -> None:
+def limit_step(n: int, start: Reals, goal: Floats, maximum: float) -> None:
     """`step_towards`: replaces `goal` by a point at most `longest` [m] away from `start`."""
     far = distance(n, goal, start)
-    if far <= longest:
+    if far <= maximum:
         return
-    share = longest / far
+    share = maximum / far
     for i in range(n):
         goal[i] = start[i] + share * (goal[i] - start[i])
 

@@ -8,7 +8,7 @@ A parabola is fitted to all positions of the last 36 ms by least squares. One po
 to two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Section 3).
 
 A wall stops the hand, and a parabola does not know that: it runs on into the wall and bounces back out of it, and each
-time the wall takes energy that the hand never paid. So along the normal of a plane that the world tells, motion behind
+time the wall takes energy that the hand never paid. So along the normal of a plane that the world sends, motion behind
 the plane is predicted to die away (`depth_ahead`).
 """
 
@@ -67,7 +67,7 @@ class MotionPredictor(Record):
     ----------
     window : how far back the fit reaches from the newest position [s].
     longest : limit of the prediction [s]; a hand may change its mind within its reaction time.
-    longest_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
+    max_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
 
     Attributes
     ----------
@@ -77,8 +77,8 @@ class MotionPredictor(Record):
     """
 
     window: float
-    longest: float
-    longest_curve: float
+    maximum: float
+    max_curve: float
     start: int
     count: int
     times: Annotated[Floats, (MOST,)]
@@ -93,12 +93,12 @@ class MotionPredictor(Record):
     def __init__(
         self,
         window: float = _DEFAULTS.window_s,
-        longest: float = _DEFAULTS.longest_s,
-        longest_curve: float = _DEFAULTS.curve_s,
+        maximum: float = _DEFAULTS.longest_s,
+        max_curve: float = _DEFAULTS.curve_s,
     ) -> None:
         self.window = checks.positive("window", window)
-        self.longest = checks.positive("longest", longest)
-        self.longest_curve = checks.non_negative("longest_curve", longest_curve)
+        self.maximum = checks.positive("maximum", maximum)
+        self.max_curve = checks.non_negative("max_curve", max_curve)
         self.times, self.first, self.second = ([0.0] * MOST for _ in range(3))
         self.places, self.position, self.velocity, self.half = [], [], [], []
         self.start = self.count = self.fitted = 0
@@ -179,9 +179,9 @@ def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
 def predict(p: MotionPredictor, n: int, ahead: float, out: Floats) -> float:
     """`MotionPredictor.at`: the position into `out`; returns how far ahead it really is [s]."""
     fit(p, n)
-    ahead = min(max(ahead, 0.0), p.longest)
-    curve = min(ahead, p.longest_curve)
-    square = curve * (2.0 * ahead - curve)  # a parabola up to longest_curve, then its tangent
+    ahead = min(max(ahead, 0.0), p.maximum)
+    curve = min(ahead, p.max_curve)
+    square = curve * (2.0 * ahead - curve)  # a parabola up to max_curve, then its tangent
     for i in range(n):
         out[i] = p.position[i] + p.velocity[i] * ahead + p.half[i] * square
     return ahead

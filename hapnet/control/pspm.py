@@ -109,7 +109,7 @@ class SetPositionModulator(Record):
     held_m: float
     drag_N: float
     harvested_only: int
-    lends: int
+    injects: int
     modulated: int
     stored: float
     sent: float
@@ -132,7 +132,7 @@ class SetPositionModulator(Record):
         reserve: float = 0.0,
         held_m: float = 0.0,
         drag_N: float = 0.0,
-        lends: bool = False,
+        injects: bool = False,
     ) -> None:
         super().__init__()
         self.ybar = list(checks.vector("position", position))
@@ -150,7 +150,7 @@ class SetPositionModulator(Record):
             raise InvalidParameter("reserve", reserve, f"at most the ceiling, {self.ceiling} J")
         self.held_m = checks.non_negative("held_m", held_m)
         self.drag_N = checks.non_negative("drag_N", drag_N)
-        self.lends = int(lends)
+        self.injects = int(injects)
         self.level = reservoir_level.level(self.energy, 0.0, self.reserve, self.ceiling, False)
 
     @property
@@ -257,7 +257,7 @@ def modulate(m: SetPositionModulator, y: Reals, x: Reals, dissipated: float, rec
         m.discarded = surplus - m.sent
         energy = ceiling
     m.energy, m.stored, m.jump, m.modulated = energy, after, after - before, 1 if modulated else 0
-    m.level = reservoir_level.level(energy, after if m.lends else 0.0, m.reserve, m.ceiling, modulated)
+    m.level = reservoir_level.level(energy, after if m.injects else 0.0, m.reserve, m.ceiling, modulated)
 
 
 @equation

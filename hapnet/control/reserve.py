@@ -168,7 +168,7 @@ def _affordable(guard: ForceGuard, energy: float) -> float:
     """The longest force [N] that costs no more than this energy [J]."""
     if guard.held_m > 0.0 and energy <= guard.held_m * guard.plain:
         return energy / guard.held_m
-    return longest((energy - guard.more) / guard.reach, guard.step)
+    return maximum((energy - guard.more) / guard.reach, guard.step)
 
 
 @equation
@@ -199,7 +199,7 @@ def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, 
     if guard.inertia < math.inf and size > 0.0:
         along = dot(n, wanted, v) / size
         room = math.sqrt(along * along + max(0.0, guard.speed * guard.speed - dot(n, v, v))) - along
-        most_for_speed = longest(guard.inertia * room, step)
+        most_for_speed = maximum(guard.inertia * room, step)
         if size > most_for_speed:
             for i in range(n):
                 wanted[i] = wanted[i] * (most_for_speed / size)
@@ -232,9 +232,9 @@ def _shorten(guard: ForceGuard, n: int, size: float, force: Floats, held: Reals,
     a = b = c = 0.0
     for i in range(n):
         shortest = kept * held[i]
-        way = force[i] - shortest
-        a += way * way
-        b += shortest * way
+        gap = force[i] - shortest
+        a += gap * gap
+        b += shortest * gap
         c += shortest * shortest
     c -= most * most
     share = 0.0 if c >= 0.0 or a == 0.0 else (math.sqrt(b * b - a * c) - b) / a
@@ -255,23 +255,23 @@ class HoldTime:
     most : a longer absence costs no more than this one [s].
     """
 
-    __slots__ = ("_age", "_before", "_longest", "allowed", "expected", "most")
+    __slots__ = ("_age", "_before", "_maximum", "allowed", "expected", "most")
 
     def __init__(self, allowed: float, most: float = math.inf) -> None:
         self.allowed, self.most = allowed, most
         self.expected: float = allowed
         """How long the next torque may be held [s]."""
-        self._longest = self._before = self._age = 0.0  # of the present span of FORGET_S, and of the one before it
+        self._maximum = self._before = self._age = 0.0  # of the present span of FORGET_S, and of the one before it
 
     def tick(self, dt: float, held: float) -> None:
         """A tick `dt` seconds after the last. Until then a torque may have been held for `held` seconds of it."""
         self._age += dt
         if self._age > FORGET_S:
-            self._before = self._longest if self._age <= 2.0 * FORGET_S else 0.0
-            self._longest = self._age = 0.0
-        self._longest = max(self._longest, min(held, self.most))
+            self._before = self._maximum if self._age <= 2.0 * FORGET_S else 0.0
+            self._maximum = self._age = 0.0
+        self._maximum = max(self._maximum, min(held, self.most))
         fading = self.expected * 0.5 ** (dt / FORGET_S)
-        self.expected = max(self.allowed, fading, self._longest, self._before)
+        self.expected = max(self.allowed, fading, self._maximum, self._before)
 
 
 class Holding(NamedTuple):
@@ -330,7 +330,7 @@ def ramp(force: float, step: float) -> float:
 
 
 @equation
-def longest(total: float, step: float) -> float:
+def maximum(total: float, step: float) -> float:
     """The longest force [N] with ``S(F) <= total`` [N]."""
     if step == math.inf or total <= step:
         return total

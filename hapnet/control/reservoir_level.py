@@ -1,8 +1,8 @@
 """How full a reservoir is, and what it gives to an emptier one (ours).
 
-Each side tells its level, the share of what its reservoir can spend that is there:
+Each side reports its level, the share of what its reservoir can spend that is there:
 
-    L = (E + lent - reserve) / (ceiling - reserve),    0 <= L <= 1;    0 where the last set-position was modulated
+    L = (E + injected - reserve) / (ceiling - reserve),    0 <= L <= 1;    0 where the last set-position was modulated
 
 `lent` is the energy in the spring that comes back by itself: at the world ybar moves, and comes back when the hand
 withdraws, so it is phi. At the device x moves, and phi goes back to the hand, so it is 0.
@@ -35,7 +35,7 @@ MARGIN = 0.1
 
 
 @equation
-def level(energy: float, lent: float, reserve: float, ceiling: float, modulated: bool) -> float:
+def level(energy: float, injected: float, reserve: float, ceiling: float, modulated: bool) -> float:
     """L. A reservoir that can hold nothing above its reserve needs nothing: 1.
 
     Parameters
@@ -47,7 +47,7 @@ def level(energy: float, lent: float, reserve: float, ceiling: float, modulated:
         return 1.0
     if modulated:
         return 0.0
-    return min(1.0, max(0.0, (energy + lent - reserve) / room))
+    return min(1.0, max(0.0, (energy + injected - reserve) / room))
 
 
 @equation

@@ -52,7 +52,7 @@ class Proxy(NamedTuple):
     force: Vector
     """Of the environment on the mass in the last step [N]; zero: it moves freely."""
     planes: tuple[Plane, ...] | None
-    """The planes that it touches or is near; None: this world can tell no planes."""
+    """The planes that it touches or is near; None: this world can send no planes."""
     reach_m: float | None = None
     """There are no other planes within this distance of it [m]; None: not known."""
     level: float | None = None

@@ -17,9 +17,9 @@ from hapnet.control.coupling import CouplingSample, Update, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.pspm import Modulation, SetPositionModulator
+from hapnet.control.reporter import MOST_REACH_M as MOST_REACH_M
+from hapnet.control.reporter import Teller
 from hapnet.control.smoothing import Pipeline
-from hapnet.control.teller import MOST_REACH_M as MOST_REACH_M
-from hapnet.control.teller import Teller
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.mechanics.spring import Spring
@@ -95,7 +95,7 @@ class SetPositionCoupling(Record):
     stages : filters and predictors before the modulator.
     source : computes y, before the stages, from all that has arrived; None: y is the newest set-position.
     silence : what to do when nothing arrives.
-    longest_step : how far the set-position may move in one update [m]; infinite: no limit.
+    max_step : how far the set-position may move in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
     kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
     shares : does it tell how full its reservoir is, and give energy to a side that needs it more?
@@ -125,7 +125,7 @@ class SetPositionCoupling(Record):
     waiting: float
     has_sample: int
     account: float
-    longest_step: float
+    max_step: float
     shares: int
     peer_level: float
     energy_min: float
@@ -142,7 +142,7 @@ class SetPositionCoupling(Record):
         stages: Pipeline,
         silence: Silence,
         source: Source | None = None,
-        longest_step: float = math.inf,
+        max_step: float = math.inf,
         kinetic: float = 0.0,
         kept_for_peers: float = 0.0,
         shares: bool = False,
@@ -153,7 +153,7 @@ class SetPositionCoupling(Record):
         self.stages = stages
         self.source = source
         self.silence = silence
-        self.longest_step = longest_step
+        self.max_step = max_step
         self.ledger = Ledger(kinetic, modulator.account)
         self.passive = int(isinstance(modulator, SetPositionModulator))
         start = modulator.set_position
@@ -316,8 +316,8 @@ def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float
     if coupling.silence.elapsed > coupling.silence.after:
         coupling.peer_level = -1.0  # energy sent now would be lost with the link, or find a full reservoir
     copy(n, y, coupling.aim)
-    if coupling.longest_step != math.inf:
-        limit_step(n, coupling.modulator.ybar, y, coupling.longest_step)
+    if coupling.max_step != math.inf:
+        limit_step(n, coupling.modulator.ybar, y, coupling.max_step)
     _run(coupling, dt, x, dissipated, keep)
 
 
@@ -374,20 +374,20 @@ class SetPositionSteps:
     teller : tells the proxy with what is around it; None: only its position is sent.
     """
 
-    def __init__(self, coupling: SetPositionCoupling, teller: Teller | None = None) -> None:
+    def __init__(self, coupling: SetPositionCoupling, reporter: Teller | None = None) -> None:
         self.coupling = coupling
-        self._teller = teller
+        self._reporter = reporter
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         done = mass.step(dt, self.coupling.set_position, contacts)
-        if self._teller is not None:
-            self._teller.moved(done, contacts)
+        if self._reporter is not None:
+            self._reporter.moved(done, contacts)
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
         """Run PSPM at the start of a step. The sample for the device is x, with what is known of the place."""
-        teller = self._teller
-        if teller is not None:
-            teller.look(dt, x)
+        reporter = self._reporter
+        if reporter is not None:
+            reporter.look(dt, x)
         sent = self.coupling.update(dt, x, dissipated).sent
-        return Update(x if teller is None else teller.proxy(x, self.coupling.level), sent)
+        return Update(x if reporter is None else reporter.proxy(x, self.coupling.level), sent)

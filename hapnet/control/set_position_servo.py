@@ -31,8 +31,8 @@ HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 class SampledServo(Record):
     """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
 
-    More than twenty attributes: what a held force may cost follows from the limits, the path since the last tick and
-    the account together, and each tick changes all of them.
+    More than twenty attributes: what a force under zero-order hold may cost follows from the limits, the path since the
+    last tick and the account together, and each tick changes all of them.
 
     Parameters
     ----------
@@ -53,7 +53,8 @@ class SampledServo(Record):
     due : PSPM runs in the tick at which so much time has passed [s].
     guarded : number of ticks whose force the guard changed; clipped : has it changed one since PSPM last ran?
     speed_max : greatest speed measured over one tick [m/s]; `rounding` is taken off the travel.
-    before, torque_path, boundary : for `quantisation`: the held force before, the sum of its changes [N], and its
+    before, torque_path, boundary : for `quantisation`: the force under zero-order hold before, the sum of its changes
+    [N], and its
         greatest distance from the spring's [N].
     wanted, pull : room for forces while a function of this module runs.
     """
@@ -119,8 +120,8 @@ class SampledServo(Record):
         self.force_ends_s: float = math.inf
         """The device ends the force by itself when no command has come for so long [s]; infinite: it does not."""
         self.guard = guard or ForceGuard()
-        self._longest_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
-        self._hold_time = HoldTime(self._longest_hold, math.inf if holding is None else holding.most)
+        self._max_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
+        self._hold_time = HoldTime(self._max_hold, math.inf if holding is None else holding.most)
         self._followed: tuple[float, float, float] | None = None  # for how long, P then, and the least P since
         self.measured = MeasuredHarvest(self.trusted_damping, resolution)
         self.position, self.low, self.high = list(position), list(position), list(position)
@@ -192,11 +193,11 @@ class SampledServo(Record):
         release is always measured, because (10) does not account for a torque held for so long.
         """
         coupling = self.coupling
-        if dt > self._longest_hold or self._hold_time.expected > self._longest_hold:
+        if dt > self._max_hold or self._hold_time.expected > self._max_hold:
             self._expect(dt)
         if self.resolution:
             blur(self, coupling)
-        if dt > self._longest_hold or self._followed is not None:
+        if dt > self._max_hold or self._followed is not None:
             self._overrun(dt, x)
         else:
             move(self, coupling, dt, x)
@@ -216,7 +217,7 @@ class SampledServo(Record):
             render(self, coupling, x, v)
         return update
 
-    def resting(self, dt: float) -> int:
+    def skippable_ticks(self, dt: float) -> int:
         """As `DeviceCoupling.resting`: PSPM does not run in these ticks."""
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
@@ -226,17 +227,17 @@ class SampledServo(Record):
         For a device whose way is known. The next `tick` gets the time since the last tick all the same.
         """
         coupling = self.coupling
-        since, before, least = self._followed or (0.0, stored(self, coupling), math.inf)
+        since, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
         move(self, coupling, dt, x)
-        self._followed = since + dt, before, min(least, stored(self, coupling))
+        self._followed = since + dt, before, min(minimum, stored(self, coupling))
 
     def _overrun(self, dt: float, x: Vector) -> None:
         """As `move`, after `dt` seconds of which `follow` told a part; counts what was output beyond the account."""
         coupling = self.coupling
-        followed, before, least = self._followed or (0.0, stored(self, coupling), math.inf)
+        followed, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
         move(self, coupling, dt - followed, x)
-        if dt > self._longest_hold and self.holding is not None:
-            self.overrun_leak += max(0.0, -min(least, stored(self, coupling)) - max(0.0, -before))
+        if dt > self._max_hold and self.holding is not None:
+            self.overrun_leak += max(0.0, -min(minimum, stored(self, coupling)) - max(0.0, -before))
             if self._followed is None:
                 far = self.holding.speed * dt + self.rounding
                 self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - max(0.0, before))
@@ -245,7 +246,7 @@ class SampledServo(Record):
     def _expect(self, dt: float) -> None:
         """Limit the force to what the account can pay for through another absence like those before."""
         self._hold_time.tick(dt, min(dt, self.force_ends_s))
-        late = self.holding is not None and self._hold_time.expected > self._longest_hold
+        late = self.holding is not None and self._hold_time.expected > self._max_hold
         self.guard.cover(self.holding.far_in(self._hold_time.expected) if late and self.holding is not None else 0.0)
 
     def stop(self) -> None:
@@ -334,7 +335,8 @@ def render(servo: SampledServo, coupling: SetPositionCoupling, x: Reals, v: Real
 
 @equation
 def blur(servo: SampledServo, coupling: SetPositionCoupling) -> None:
-    """Add up the changes of the held force: they bound how far encoders blur its work, see `quantisation`."""
+    """Add up the changes of the force under zero-order hold: they bound how far encoders blur its work, see
+    `quantisation`."""
     path = 0.0
     for i in range(servo.n):
         path += abs(servo.held[i] - servo.before[i])
@@ -345,7 +347,7 @@ def blur(servo: SampledServo, coupling: SetPositionCoupling) -> None:
 
 @equation
 def unsprung(servo: SampledServo, coupling: SetPositionCoupling) -> float:
-    """Distance between the held force and the spring's, summed over the axes [N]."""
+    """Distance between the force under zero-order hold and the spring's, summed over the axes [N]."""
     springs.force(coupling.modulator.spring, servo.position, coupling.modulator.ybar, servo.pull)
     total = 0.0
     for i in range(servo.n):

@@ -157,7 +157,7 @@ class VelocityPredictor(Record):
     """
 
     horizon: float
-    longest: float
+    maximum: float
     in_use: int
     has_last: int
     last_s: float
@@ -166,10 +166,10 @@ class VelocityPredictor(Record):
     velocity: OfAxes
     age: float
 
-    def __init__(self, horizon: float, longest: float = 0.2) -> None:
+    def __init__(self, horizon: float, maximum: float = 0.2) -> None:
         super().__init__()
         self.horizon = checks.non_negative("predictor horizon", horizon)
-        self.longest = checks.positive("predictor limit", longest)
+        self.maximum = checks.positive("predictor limit", maximum)
         self.in_use = 1
 
     def reset(self, position: Vector) -> None:
@@ -189,7 +189,7 @@ def extrapolate(stage: VelocityPredictor, n: int, dt: float, y: Floats, fresh: b
     """`VelocityPredictor.step`, in place. fresh : is y a new sample, sent at `sent_s`?"""
     stage.age += dt
     if fresh:
-        if stage.has_last and sent_s < stage.last_s - stage.longest:
+        if stage.has_last and sent_s < stage.last_s - stage.maximum:
             stage.has_last = stage.has_velocity = 0  # reordering never reaches so far back: a restarted sender's clock
             stage.age = 0.0
         newer = stage.has_last == 0 or sent_s > stage.last_s
@@ -204,7 +204,7 @@ def extrapolate(stage: VelocityPredictor, n: int, dt: float, y: Floats, fresh: b
             stage.has_last = 1
             stage.age = 0.0
     if stage.has_velocity:
-        ahead = min(stage.horizon + stage.age, stage.longest)
+        ahead = min(stage.horizon + stage.age, stage.maximum)
         for i in range(n):
             y[i] = y[i] + ahead * stage.velocity[i]
 

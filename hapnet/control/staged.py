@@ -1,6 +1,6 @@
 """The stages before any law whose ends take set-positions: they choose what the law takes for the other side's.
 
-At the device the local contact model chooses at every tick, from what the world tells and the own position; at the
+At the device the local contact model chooses at every tick, from what the world sends and the own position; at the
 world the prediction chooses at every step. The law's own controllers stand behind, so what it claims of a port for any
 set-position holds as before. A claim that needs the other side's real position does not.
 """
@@ -13,7 +13,7 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import CouplingSample, DeviceLaw, LawSteps, Update, WorldLaw
 from hapnet.control.prediction import PredictedDevice
-from hapnet.control.teller import Teller
+from hapnet.control.reporter import Teller
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 
 Takes = Callable[[Vector], CouplingSample]
@@ -99,18 +99,18 @@ class StagedWorld:
 class StagedSteps(LawSteps):
     """A `WorldCoupling` made of such an end; `teller` tells the device what is around its proxy."""
 
-    def __init__(self, law: StagedWorld, initial_energy: float, teller: Teller) -> None:
+    def __init__(self, law: StagedWorld, initial_energy: float, reporter: Teller) -> None:
         super().__init__(law, initial_energy, law.stamped)
-        self._staged, self._teller = law, teller
+        self._staged, self._reporter = law, reporter
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         done = super().advance(mass, dt, contacts)
-        self._teller.moved(done, contacts)
+        self._reporter.moved(done, contacts)
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
         """A step begins. Returns what the device is to know of the place; the law's own sample is not sent."""
-        self._teller.look(dt, x)
+        self._reporter.look(dt, x)
         self._staged.aim(dt, x)
         super().update(dt, x, dissipated)
-        return Update(self._teller.proxy(x, None))
+        return Update(self._reporter.proxy(x, None))

@@ -17,15 +17,15 @@ class TwoPort(Record):
     Attributes
     ----------
     least : the minimum up to the running step [J]. at_device, at_world : the ports' W. device_low : the device's lowest
-        since the running step began; device_least : up to there.
+        since the running step began; device_min : up to there.
     before : the minimum up to the end of the start; NaN: that is still to come. open : the device's lowest in the step
         in which the start ended, up to there; NaN: no such step runs.
     """
 
-    least: float
+    minimum: float
     at_device: float
     device_low: float
-    device_least: float
+    device_min: float
     at_world: float
     before: float
     open: float
@@ -36,20 +36,20 @@ class TwoPort(Record):
 
     def begin(self) -> None:
         """End the start: `later` counts from now on."""
-        self.before, self.device_least = self.lowest, self.device_lowest
+        self.before, self.device_min = self.lowest, self.device_lowest
         self.open = self.device_low
-        self.least, self.device_low = math.inf, self.at_device
+        self.minimum, self.device_low = math.inf, self.at_device
 
     @property
     def lowest(self) -> float:
         """The minimum so far [J]. The running step counts without its work, which is not known yet."""
-        least = min(self.least, self.device_low + self.at_world)
-        return least if math.isnan(self.before) else min(least, self.before)
+        minimum = min(self.minimum, self.device_low + self.at_world)
+        return minimum if math.isnan(self.before) else min(minimum, self.before)
 
     @property
     def later(self) -> float | None:
         """The minimum since the start ended [J]; None: it has not ended."""
-        return None if math.isnan(self.before) else min(self.least, self.device_low + self.at_world)
+        return None if math.isnan(self.before) else min(self.minimum, self.device_low + self.at_world)
 
     @property
     def now(self) -> float:
@@ -59,7 +59,7 @@ class TwoPort(Record):
     @property
     def device_lowest(self) -> float:
         """The minimum of the device's port alone so far [J]."""
-        return min(self.device_least, self.device_low)
+        return min(self.device_min, self.device_low)
 
     @equation
     def device(self, work: float) -> None:
@@ -74,8 +74,8 @@ class TwoPort(Record):
         if not (math.isnan(self.before) or math.isnan(self.open)):
             self.before = min(self.before, self.open + work)
             self.open = math.nan
-        self.least = min(self.least, self.device_low + self.at_world, self.device_low + work)
-        self.device_least = min(self.device_least, self.device_low)
+        self.minimum = min(self.minimum, self.device_low + self.at_world, self.device_low + work)
+        self.device_min = min(self.device_min, self.device_low)
         self.at_world = work
         self.device_low = self.at_device
 

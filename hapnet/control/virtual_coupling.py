@@ -25,19 +25,19 @@ class VirtualCoupling(DeviceEnd):
 
     Attributes
     ----------
-    position : the last measured one [m]. way : from the one before [m]. energies : a law's account of each axis [J].
+    position : the last measured one [m]. moved : from the one before [m]. energies : a law's account of each axis [J].
     """
 
     spring: Spring
     damping: OfAxes
     position: OfAxes
-    way: OfAxes
+    moved: OfAxes
     energies: OfAxes
 
     def __init__(self, spring: Spring, damping: Vector, position: Vector) -> None:
         super().__init__(position)
         self.spring, self.damping, self.position = spring, list(damping), list(position)
-        self.way, self.energies = [0.0] * self.n, [0.0] * self.n
+        self.moved, self.energies = [0.0] * self.n, [0.0] * self.n
 
     def receive(self, sample: CouplingSample) -> None:
         """A position arrived [m]."""
@@ -79,5 +79,5 @@ def couple(law: VirtualCoupling, x: Reals, v: Reals, out: Floats) -> None:
 def pass_to(law: VirtualCoupling, x: Reals) -> None:
     """The way from the last measured position to x [m]; x becomes the last position."""
     for i in range(law.n):
-        law.way[i] = x[i] - law.position[i]
+        law.moved[i] = x[i] - law.position[i]
         law.position[i] = x[i]

@@ -26,7 +26,7 @@ from hapnet.records.equation import equation
 from hapnet.records.record import Floats, OfAxes, Reals, Record
 from hapnet.records.vectors import copy
 
-LEAST = 1e-9
+MINIMUM = 1e-9
 """Displacement this small counts as recovered [sqrt(W) s]."""
 
 
@@ -171,7 +171,7 @@ def recover(recovery: Recovery, dt: float, wave: Floats, total: Reals, squares: 
 @equation
 def _more(recovery: Recovery, i: int, dt: float, z: float) -> float:
     owed, spare = recovery.owed[i], recovery.spare[i]
-    if abs(owed) < LEAST or spare <= 0.0:
+    if abs(owed) < MINIMUM or spare <= 0.0:
         return 0.0
     sign = 1.0 if owed > 0.0 else -1.0
     c = sign * min(abs(owed) / (recovery.time + dt), max(0.0, 2.0 * (spare / abs(owed) - sign * z)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapnet.control.deadband import LONGEST_S, LONGEST_WAVE_S, Deadband
+from hapnet.control.deadband import MAX_S, MAX_WAVE_S, Deadband
 from hapnet.couplings.registry import coupling
 from hapnet.params import Params
 from hapnet.wire.messages import Role, Wave
@@ -20,6 +20,6 @@ def deadband(params: Params, role: Role) -> Deadband | None:
     silence_s = min(params.device.silence_after_s, params.world.silence_after_s)
     return Deadband(
         params.wire.deadband,
-        longest_s=min(LONGEST_WAVE_S if sends is Wave else LONGEST_S, silence_s / SENT_A_SILENCE),
+        longest_s=min(MAX_WAVE_S if sends is Wave else MAX_S, silence_s / SENT_A_SILENCE),
         port="position" if role == "device" else "force",
     )

@@ -13,7 +13,7 @@ Encoders: a count of r changes the force by K r, and the device swings where tha
 limit. (The usual bound, 2 f / r with f the device's dry friction (Abbott, Okamura 2005), needs an f that is not known.)
 
 Measured harvest keeps PSPM passive for any K, so the rule is about feel. A device that says nothing of itself, or too
-little, and the paper's feel, get the paper's 100 N/m.
+little, and the paper's rendering, get the paper's 100 N/m.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ def default_stiffness(
     resolution_m : of its encoders [m]; 0: unknown, or none. exact : is `own_damping` the damping, not a lower bound?
     """
     bound = SHARE * colgate_bound(own_damping, damping, servo_hz) if own_damping else 0.0
-    least, greatest = declared or (0.0, MOST)
+    minimum, maximum = declared or (0.0, MOST)
     if declared is None:
         wanted = bound
     elif exact and own_damping:
-        wanted = min(bound, SHARE * greatest)
+        wanted = min(bound, SHARE * maximum)
     else:
-        wanted = min(max(bound, MOST), SHARE * greatest)
+        wanted = min(max(bound, MOST), SHARE * maximum)
     if resolution_m:
         wanted = min(wanted, SHARE * COUNT_N / resolution_m)
-    return round(min(max(wanted, PAPERS, least), greatest), 3)
+    return round(min(max(wanted, PAPERS, minimum), maximum), 3)

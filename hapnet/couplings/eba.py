@@ -1,4 +1,5 @@
-"""Energy bounding: a held force is clipped to what the device's own damping can dissipate (Kim, Ryu 2004).
+"""Energy bounding: a force under zero-order hold is clipped to what the device's own damping can dissipate (Kim, Ryu
+2004).
 
 This is its least conservative form. If the device damps by at least b, the energy that the hand has put in by the end
 of a tick of length T is at least
@@ -35,8 +36,8 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
 from hapnet.control.virtual_coupling import VirtualCoupling, couple, pass_to
 from hapnet.couplings.ends import held_law
-from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.rendering import PREDICT_S, predicts
 from hapnet.couplings.set_position import device_spring, plain_world
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
@@ -106,10 +107,10 @@ def _account(law: EnergyBounding, dt: float, x: Reals, held: Reals) -> None:
     harvest = law.own / dt if dt > 0.0 else 0.0
     pass_to(law, x)
     for i in range(law.n):
-        dx, F = law.way[i], held[i]
-        way = max(0.0, abs(dx) - law.resolution)
+        dx, F = law.moved[i], held[i]
+        path = max(0.0, abs(dx) - law.resolution)
         changed = 0.5 * law.resolution * abs(F - law.before[i])
-        law.energies[i] = law.energies[i] + harvest * way * way - F * dx - changed
+        law.energies[i] = law.energies[i] + harvest * path * path - F * dx - changed
         law.before[i] = F
 
 

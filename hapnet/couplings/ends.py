@@ -1,4 +1,5 @@
-"""Makes the ends of a coupling from laws, with the stages before them where ``feel = "hapnet"`` (control/staged.py)."""
+"""Makes the ends of a coupling from laws, with the stages before them where ``rendering = "hapnet"``
+(control/staged.py)."""
 
 from __future__ import annotations
 
@@ -8,10 +9,10 @@ from dataclasses import replace
 from typing import TypeVar
 
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
+from hapnet.control.reporter import Teller
 from hapnet.control.staged import StagedDevice, StagedSteps, StagedWorld, Takes
-from hapnet.control.teller import Teller
-from hapnet.couplings import feel
-from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings import rendering
+from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.spec import CouplingStart
 from hapnet.params import Params
 
@@ -36,7 +37,7 @@ def held_law(
 
     def make(start: CouplingStart[T]) -> DeviceCoupling:
         device, made = start.params.device, law(start)
-        model = feel.at_device(_staged(start, springs))
+        model = rendering.at_device(_staged(start, springs))
         staged = None if model is None else StagedDevice(made, model, takes)
         return LawServo(
             staged or made,
@@ -62,15 +63,15 @@ def stepped_law(
         staged = _staged(start, springs)
         if not staged.tuning.contact_model:
             return LawSteps(law(start), start.initial_energy)
-        predicted = feel.at_world(staged)
+        predicted = rendering.at_world(staged)
         ahead = StagedWorld(law(start), predicted, takes)
-        return StagedSteps(ahead, start.initial_energy, Teller(start.position, predicted, *feel.reach(staged)))
+        return StagedSteps(ahead, start.initial_energy, Teller(start.position, predicted, *rendering.reach(staged)))
 
     return make
 
 
-def _staged(start: CouplingStart[T], springs: Springs[T]) -> CouplingStart[FeelTuning]:
+def _staged(start: CouplingStart[T], springs: Springs[T]) -> CouplingStart[RenderingTuning]:
     """The start of the stages before a law."""
     params = springs(start)
-    tuning = feel.tuned(params) if params.feel == "hapnet" else FeelTuning()
+    tuning = rendering.tuned(params) if params.rendering == "hapnet" else RenderingTuning()
     return replace(start, params=params, tuning=tuning)  # type: ignore[arg-type,return-value]

@@ -87,15 +87,15 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
             f"the force, and a servo that stops may output more energy than the account held"
         )
     B = max(checks.diagonal("device.damping", device.damping, dof))
-    least = B / device.servo_hz / 2.0  # B T < 2 m: a lighter device is reversed at each tick, faster each time
-    if device.mass <= least:
+    floor = B / device.servo_hz / 2.0  # B T < 2 m: a lighter device is reversed at each tick, faster each time
+    if device.mass <= floor:
         warnings.append(
-            f"device.damping {B:g} is held for a tick and slows down only masses above {least:.3g} kg; this device has "
+            f"device.damping {B:g} is held for a tick and slows down only masses above {floor:.3g} kg; this device has "
             f"{device.mass:g} kg, so its damper is limited by the energy account and the greatest speed"
         )
-    elif device.mass == UNKNOWN_MASS and least > LIGHT_MASS:
+    elif device.mass == UNKNOWN_MASS and floor > LIGHT_MASS:
         warnings.append(
-            f"device.damping {B:g} is held for a tick and slows down only masses above {least:.3g} kg; it is not known "
+            f"device.damping {B:g} is held for a tick and slows down only masses above {floor:.3g} kg; it is not known "
             f"whether this device is heavier, as it declares no smallest_mass"
         )
     return warnings
@@ -110,11 +110,11 @@ def _range(device: DeviceParams, dof: int) -> list[str]:
     rows = tuple(np.abs(K).sum(axis=1).tolist())  # Gershgorin bounds, for a K that couples the axes
     need = max(k * period / 2.0 + 2.0 * b for k, b in zip(rows, B, strict=True))
     if not necessary:
-        least = float(np.max(np.diagonal(K))) * period / 2.0
+        floor = float(np.max(np.diagonal(K))) * period / 2.0
         raise InvalidParameter(
             "device.harvest", "range",
             f"measured, with a sampled servo on a device with {device.own_damping:g} Ns/m of own damping: range needs "
-            f"more than K T/2 = {least:.3g} Ns/m, and is passive for any motion above {need:.3g} Ns/m",
+            f"more than K T/2 = {floor:.3g} Ns/m, and is passive for any motion above {need:.3g} Ns/m",
         )  # fmt: skip
     if damping_conditions(own, rows, B, period)[1]:
         return []

@@ -57,10 +57,10 @@ def _wait_s(gaps: ArrayLike, share: float) -> float:
 
     The wait exceeds w for the fraction sum max(0, gap - w) / sum gap of all time.
     """
-    longest = -np.sort(-np.asarray(gaps, dtype=float))
-    together = np.cumsum(longest)
+    maximum = -np.sort(-np.asarray(gaps, dtype=float))
+    together = np.cumsum(maximum)
     beyond = (1.0 - share) * together[-1]
-    count = np.searchsorted(together - np.arange(1, len(longest) + 1) * longest, beyond, side="right")
+    count = np.searchsorted(together - np.arange(1, len(maximum) + 1) * maximum, beyond, side="right")
     return float((together[count - 1] - beyond) / count)
 
 

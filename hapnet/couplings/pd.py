@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.deadband import LONGEST_S
+from hapnet.control.deadband import MAX_S
 from hapnet.control.law import DeviceEnd, End, WorldEnd
 from hapnet.control.samples import Motion
 from hapnet.couplings.ends import held_law, stepped_law
@@ -202,7 +202,7 @@ def tune(params: Params, link: Delays) -> Tuning:
     """Choose K_p so that the device can render the K_d that the rule demands. A K_d given by the user keeps K_p."""
     device, own = params.device, params.of(PdParams)
     K = scalar_stiffness(params)
-    held_back = 2.0 * LONGEST_S if params.wire.deadband else 0.0
+    held_back = 2.0 * MAX_S if params.wire.deadband else 0.0
     trip = round_trip(
         link.round_trip_bound_s + held_back, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz
     )
@@ -232,7 +232,7 @@ def covers(params: Params, tuning: Tuning, virtual: bool) -> bool:
     own = params.of(PdParams)
     by_rule = not own.damping and not own.coordination
     still = not (link.up_timeline or link.down_timeline)
-    return virtual and known and still and by_rule and params.feel != "hapnet" and not warn(params, tuning)
+    return virtual and known and still and by_rule and params.rendering != "hapnet" and not warn(params, tuning)
 
 
 def _device(start: CouplingStart[Tuning]) -> DevicePD:

@@ -6,9 +6,9 @@ dissipates the difference:
     W_n = W_{n-1} - F_{n-1} (x_n - x_{n-1})        F: the force on the device, the controller's included
     alpha_n = -W_n / (T v_n^2)   if W_n < 0,       F_n = f_n - alpha_n v_n
 
-The paper's observer takes f_n v_n T as the energy of a tick. But a held force does the work F_{n-1} dx, which is known
-exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So W is exact, and
-energy that could not be dissipated stays in W until it is.
+The paper's observer takes f_n v_n T as the energy of a tick. But a force under zero-order hold does the work F_{n-1}
+dx, which is known exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So
+W is exact, and energy that could not be dissipated stays in W until it is.
 
 A damper dissipates only while the device moves, and a held damper only up to a limit: alpha is at most `damping_cap`,
 and zero below `velocity_floor`. Let L_n >= 0 be the part of -W_n that these limits left. If the device continues at
@@ -33,8 +33,8 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
 from hapnet.control.virtual_coupling import VirtualCoupling, couple, pass_to
 from hapnet.couplings.ends import held_law
-from hapnet.couplings.feel import PREDICT_S, predicts
 from hapnet.couplings.link_delays import Delays
+from hapnet.couplings.rendering import PREDICT_S, predicts
 from hapnet.couplings.set_position import device_spring, plain_world
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart
 from hapnet.mechanics.spring import Spring
@@ -47,9 +47,9 @@ from hapnet.records.record import Floats, Reals
 def damping_cap(mass: float, period: float, rendered: float) -> float:
     """The greatest damping to hold for `period` [s] on a device of `mass` [kg], in Ns/m.
 
-    On a free mass the held force -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha = m/T, which
-    stops the mass by the tick's end, and nothing from 2m/T on (derived here). The result is at most `rendered`, the
-    damping that the device is known to render stably.
+    On a free mass the force under zero-order hold -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha
+    = m/T, which stops the mass by the tick's end, and nothing from 2m/T on (derived here). The result is at most
+    `rendered`, the damping that the device is known to render stably.
     """
     return min(rendered, mass / period)
 
@@ -99,7 +99,7 @@ class PassivityController(VirtualCoupling):
 def _observe(law: PassivityController, x: Reals, held: Reals) -> None:
     pass_to(law, x)
     for i in range(law.n):
-        law.energies[i] = law.energies[i] - held[i] * law.way[i]
+        law.energies[i] = law.energies[i] - held[i] * law.moved[i]
 
 
 @equation

@@ -10,8 +10,8 @@ from hapnet.checks import Vector
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reserve import Holding
 from hapnet.control.set_position_coupling import Modulator
-from hapnet.couplings import feel
-from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings import rendering
+from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.set_position import BOTH_SIDES, Side, ends
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.mechanics.spring import Spring
@@ -31,12 +31,13 @@ def _modulator(
         reserve=reserve,
         held_m=0.0 if holding is None else holding.far,
         drag_N=0.0 if holding is None else holding.drag,
-        lends=isinstance(side, WorldParams),
+        injects=isinstance(side, WorldParams),
     )
 
 
-def _covers(params: Params, tuning: FeelTuning, virtual: bool) -> bool:
-    """True, except with the range harvest of a held force: it relies on own damping (`held_torque.check`)."""
+def _covers(params: Params, tuning: RenderingTuning, virtual: bool) -> bool:
+    """True, except with the range harvest of a force under zero-order hold: it relies on own damping
+    (`held_torque.check`)."""
     device = params.device
     sampled = device.servo == "sampled" or (device.servo == "auto" and (tuning.contact_model or not virtual))
     return not (sampled and device.harvest == "range")
@@ -52,8 +53,8 @@ LAW = CouplingSpec(
     device=_ENDS.device,
     world=_ENDS.world,
     continuous=_ENDS.continuous,
-    tuning=FeelTuning,
-    tune=feel.tune,
+    tuning=RenderingTuning,
+    tune=rendering.tune,
     shared=("contact_model",),
     world_tells=True,
     set_positions=BOTH_SIDES,
@@ -63,5 +64,5 @@ LAW = CouplingSpec(
     joint=False,
     covers=_covers,
     compiled=(None, None),
-    searched=feel.SEARCHED,
+    searched=rendering.SEARCHED,
 )

@@ -16,14 +16,14 @@ from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.reporter import Teller
 from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
-from hapnet.control.teller import Teller
 from hapnet.control.zoh import ZeroOrderHold
-from hapnet.couplings import feel, held_torque
-from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings import held_torque, rendering
+from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.spec import CouplingStart
 from hapnet.mechanics.spring import Spring, shared_spring
 from hapnet.params import DeviceParams, Params, WorldParams
@@ -51,7 +51,7 @@ def _coupling(
     side: Side,
     spring: Spring,
     modulator: Modulator,
-    longest: float,
+    maximum: float,
     source: Source | None,
     kept: float = 0.0,
 ) -> SetPositionCoupling:
@@ -65,16 +65,16 @@ def _coupling(
         stages=Pipeline(stages),
         source=source,
         silence=Silence(cast(OnSilence, side.on_silence), side.silence_after_s),
-        longest_step=longest,
+        max_step=maximum,
         kinetic=start.kinetic,
         kept_for_peers=kept,
         shares=side.shuffle == "needed"
-        and start.params.feel != "paper"
+        and start.params.rendering != "paper"
         and isinstance(modulator, SetPositionModulator),
     )
 
 
-def _longest_step(side: Side, spring: Spring, limited: bool) -> float:
+def _max_step(side: Side, spring: Spring, limited: bool) -> float:
     """How far ybar may move in one update [m], so that the spring's force steps by at most its limit."""
     if not limited or not side.step_limit_N:
         return math.inf
@@ -89,30 +89,30 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 
 
 def _at_device(
-    start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool, holding: Holding | None = None
+    start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool, holding: Holding | None = None
 ) -> tuple[SetPositionCoupling, Vector, ContactModel | None]:
     device = start.params.device
     spring, damping = device_spring(start.params, len(start.position))
     reserve = 0.0 if holding is None else holding.reserve
     modulator = make(device, spring, start.position, start.initial_energy, reserve, holding)
-    longest = _longest_step(device, spring, limited)
-    model = feel.at_device(start)
-    return _coupling(start, device, spring, modulator, longest, model), damping, model
+    maximum = _max_step(device, spring, limited)
+    model = rendering.at_device(start)
+    return _coupling(start, device, spring, modulator, maximum, model), damping, model
 
 
-def _rates(start: CouplingStart[FeelTuning]) -> tuple[float, float]:
+def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
     """The longest times between two runs of PSPM, and between two positions sent [s]; 0: every tick, every run."""
     period = start.params.device.pspm_period_s
     return (0.0, period) if start.tuning.contact_model else (period, 0.0)
 
 
-def _continuous(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
+def _continuous(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
     coupling, damping, model = _at_device(start, make, limited)
     period, sending = _rates(start)
     return ContinuousServo(coupling, damping=damping, period=period, sending=sending, model=model)
 
 
-def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
+def _sampled(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
     device, dof = start.params.device, len(start.position)
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
@@ -134,23 +134,25 @@ def _sampled(start: CouplingStart[FeelTuning], make: MakeModulator, limited: boo
     )
 
 
-def _world(start: CouplingStart[FeelTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
-    """The world's end that tells its proxy, unless the feel is the paper's."""
+def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
+    """The world's end that tells its proxy, unless the rendering is the paper's."""
     if not start.tuning.contact_model:
         return SetPositionSteps(_at_world(start, make, limited, None))
-    source = feel.at_world(start)
-    return SetPositionSteps(_at_world(start, make, limited, source), Teller(start.position, source, *feel.reach(start)))
+    source = rendering.at_world(start)
+    return SetPositionSteps(
+        _at_world(start, make, limited, source), Teller(start.position, source, *rendering.reach(start))
+    )
 
 
 def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
     """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
 
-    With ``feel = "hapnet"`` it tells what is around the proxy. predicted : y is the device's predicted position. Such a
-    law claims nothing for this port, so any y is allowed.
+    With ``rendering = "hapnet"`` it tells what is around the proxy. predicted : y is the device's predicted position.
+    Such a law claims nothing for this port, so any y is allowed.
     """
-    if start.params.feel == "hapnet":
-        return _world(replace(start, tuning=feel.tuned(start.params)), plain, False)
-    return SetPositionSteps(_at_world(start, plain, False, feel.at_world(start) if predicted else None))
+    if start.params.rendering == "hapnet":
+        return _world(replace(start, tuning=rendering.tuned(start.params)), plain, False)
+    return SetPositionSteps(_at_world(start, plain, False, rendering.at_world(start) if predicted else None))
 
 
 def _at_world(
@@ -160,15 +162,15 @@ def _at_world(
     spring = shared_spring(world.stiffness, len(start.position))
     kept = world.ceiling_J * KEPT_FOR_PEERS
     modulator = make(world, spring, start.position, start.initial_energy, kept, None)
-    return _coupling(start, world, spring, modulator, _longest_step(world, spring, limited), source, kept)
+    return _coupling(start, world, spring, modulator, _max_step(world, spring, limited), source, kept)
 
 
 class Ends(NamedTuple):
     """What makes the ends of such a coupling: `CouplingSpec.device`, `continuous` and `world`."""
 
-    device: Callable[[CouplingStart[FeelTuning]], DeviceCoupling]
-    continuous: Callable[[CouplingStart[FeelTuning]], ContinuousServo]
-    world: Callable[[CouplingStart[FeelTuning]], WorldCoupling]
+    device: Callable[[CouplingStart[RenderingTuning]], DeviceCoupling]
+    continuous: Callable[[CouplingStart[RenderingTuning]], ContinuousServo]
+    world: Callable[[CouplingStart[RenderingTuning]], WorldCoupling]
 
 
 def ends(make: MakeModulator, *, limited: bool) -> Ends:

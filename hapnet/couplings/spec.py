@@ -88,7 +88,7 @@ class CouplingSpec(Generic[T]):
     world_tells : does the world send its proxy with the planes around it, and do the stages stand before the law, where
         the feel is left to it?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
-    limited : does it limit the set-position's step, and a held force to what the account can cover?
+    limited : does it limit the set-position's step, and a force under zero-order hold to what the account can cover?
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
     halves : does each side keep a half of Theorem 1, with its own reservoir?
     joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.
@@ -155,7 +155,7 @@ class CouplingSpec(Generic[T]):
 
     def staged(self, params: Params) -> bool:
         """Do the stages stand before the law?"""
-        return params.feel == "hapnet" or (params.feel == "auto" and self.world_tells)
+        return params.rendering == "hapnet" or (params.rendering == "auto" and self.world_tells)
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
         """The tuning read from a summary or a recording; None if a field without a default is missing, or unknown."""

@@ -45,7 +45,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import LawSteps, WorldCoupling
 from hapnet.control.law import DeviceEnd
 from hapnet.control.samples import Port
-from hapnet.couplings import feel
+from hapnet.couplings import rendering
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, scalar_stiffness
@@ -73,7 +73,7 @@ class TdpaParams:
     damping_cap: float = parameter(0.0, "the most damping at the device [Ns/m]; 0: by a rule", NOT_NEGATIVE)
     speed_limit: float = parameter(0.25, "greatest speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
     debt_limit_J: float = parameter(0.02, "a side that owes this much energy gives out no more [J]", POSITIVE)
-    predict: bool = parameter(False, "the world predicts the device by the delay, unless the feel is paper")
+    predict: bool = parameter(False, "the world predicts the device by the delay, unless rendering is paper")
     recovery_s: float = parameter(
         0.02,
         "time constant of the drift compensation, as far as there is energy [s]; 0: none, as first published",
@@ -92,14 +92,15 @@ class TdpaDevice(DeviceEnd):
 
     Attributes
     ----------
-    x : at the last tick [m]. reaction : the world's [N]. damper : the controller's part of the held force [N].
+    x : at the last tick [m]. reaction : the world's [N]. damper : the controller's part of the force under zero-order
+    hold [N].
     """
 
     observer: PassivityObserver
     x: OfAxes
     reaction: OfAxes
     damper: OfAxes
-    way: OfAxes
+    path: OfAxes
     compliance: float
     floor_square: float
     cap: float
@@ -111,7 +112,7 @@ class TdpaDevice(DeviceEnd):
         super().__init__(position)
         self.observer = PassivityObserver()
         self.x = list(position)
-        self.reaction, self.damper, self.way = ([0.0] * self.n for _ in range(3))
+        self.reaction, self.damper, self.path = ([0.0] * self.n for _ in range(3))
         self.compliance = 1.0 / tuning.stiffness_N_m
         self.floor_square = tuning.velocity_floor_m_s * tuning.velocity_floor_m_s
         self.cap, self.debt_limit = tuning.damping_cap_Ns_m, tuning.debt_limit_J
@@ -165,10 +166,10 @@ def _settle(law: TdpaDevice, x: Reals, held: Reals) -> None:
     """Observe the force held since the last tick, exactly: its whole work, and the damper's share separately."""
     n = law.n
     for i in range(n):
-        law.way[i] = x[i] - law.x[i]
+        law.path[i] = x[i] - law.x[i]
         law.x[i] = x[i]
-    damped = -dot(n, law.damper, law.way)
-    observe(law.observer, dot(n, held, law.way) + damped, damped)
+    damped = -dot(n, law.damper, law.path)
+    observe(law.observer, dot(n, held, law.path) + damped, damped)
     for i in range(n):
         law.damper[i] = 0.0
     _tie(law)
@@ -199,7 +200,7 @@ def tune(params: Params, link: Delays) -> Tuning:
         speed_limit_m_s=chosen.speed_limit,
         debt_limit_J=chosen.debt_limit_J,
         recovery_s=chosen.recovery_s,
-        predicts=chosen.predict and params.feel != "paper",
+        predicts=chosen.predict and params.rendering != "paper",
     )
 
 
@@ -208,7 +209,7 @@ def _device(start: CouplingStart[Tuning]) -> TdpaDevice:
 
 
 def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
-    predictor = feel.predictor(start.params) if start.tuning.predicts else None
+    predictor = rendering.predictor(start.params) if start.tuning.predicts else None
     law = TdpaWorld(start.tuning, start.position, predictor)
     return LawSteps(law, start.initial_energy, law.stamped)
 

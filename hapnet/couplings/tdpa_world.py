@@ -17,7 +17,7 @@ from hapnet.records.vectors import copy, dot, length
 
 _RATE_S = 0.03
 """Time constant of the world's estimate of the device's velocity [s]; a typical world step."""
-_LONGEST_S = 0.1
+_MAX_S = 0.1
 """The device's motion is extrapolated for no longer than this after its newest sample [s]."""
 
 
@@ -119,7 +119,7 @@ class TdpaWorld(WorldEnd):
     Attributes
     ----------
     x, vhat : the mass's position [m], and its mean velocity over the last step [m/s]. force : of that step [N]; ended :
-        the spring's at its end [N]. way : displacement commanded in it [m]; lost : commanded but not made by y [m].
+        the spring's at its end [N]. commanded : displacement of y wanted in it [m]; lost : wanted, but not made [m].
     dt : its length [s]. share : s. used, age : the device's newest position [m], and its age [s], from the step that
         first used it; rate : the device's velocity [m/s]. goal : where the last step should have brought y [m].
     arrived, news : a position that no step has used yet [m], if there is one.
@@ -139,7 +139,7 @@ class TdpaWorld(WorldEnd):
     vhat: OfAxes
     force: OfAxes
     ended: OfAxes
-    way: OfAxes
+    commanded: OfAxes
     lost: OfAxes
     dt: float
     share: float
@@ -166,7 +166,7 @@ class TdpaWorld(WorldEnd):
         self.floor_square = tuning.force_floor_N * tuning.force_floor_N
         self.speed_limit, self.debt_limit = tuning.speed_limit_m_s, tuning.debt_limit_J
         self.recovery = tuning.recovery_s
-        for name in ("vhat", "way", "force", "ended", "lost", "rate", "whole", "ahead"):
+        for name in ("vhat", "commanded", "force", "ended", "lost", "rate", "whole", "ahead"):
             setattr(self, name, [0.0] * self.n)
         for name in ("x", "used", "goal", "arrived"):
             setattr(self, name, list(position))
@@ -242,10 +242,10 @@ class TdpaWorld(WorldEnd):
         for i in range(n):
             whole = _unyielding(self, i, a, vhat[i])
             self.force[i], yielded[i] = share * whole, give * whole
-        observe(self.observer, dot(n, self.force, self.way), dot(n, self.force, yielded))
+        observe(self.observer, dot(n, self.force, self.commanded), dot(n, self.force, yielded))
         half = 0.5 * self.K  # sends the spring's force at the step's end, not its mean: half a step less delay
         for i in range(n):
-            made = self.way[i] - yielded[i]
+            made = self.commanded[i] - yielded[i]
             self.y[i] = self.y[i] + made
             self.lost[i] = self.lost[i] + yielded[i]
             self.ended[i] = self.force[i] + half * (made - vhat[i] * dt)
@@ -262,21 +262,21 @@ class TdpaWorld(WorldEnd):
 @equation
 def _command(law: TdpaWorld, dt: float) -> None:
     """Choose y's displacement, v_y T, within the limits of speed and debt."""
-    n, ahead, way = law.n, law.ahead, law.way
+    n, ahead, commanded = law.n, law.ahead, law.commanded
     part = dt / (law.recovery + dt) if law.recovery != 0.0 else 0.0
     _reach(law, dt, ahead)
     for i in range(n):
         ahead[i] = ahead[i] - law.goal[i]
-        way[i] = ahead[i] + part * law.lost[i]
-    far, longest = length(n, way), law.speed_limit * dt
-    cut = 1.0 if far <= longest else longest / far
+        commanded[i] = ahead[i] + part * law.lost[i]
+    far, maximum = length(n, commanded), law.speed_limit * dt
+    cut = 1.0 if far <= maximum else maximum / far
     debt = law.observer.debt
     share = cut if debt <= 0.0 else cut * max(0.0, 1.0 - debt / law.debt_limit)
     kept = 1.0 - cut * part
     for i in range(n):
         law.goal[i] = law.goal[i] + cut * ahead[i]
-        law.lost[i] = kept * law.lost[i] + (cut - share) * way[i]
-        way[i] = share * way[i]
+        law.lost[i] = kept * law.lost[i] + (cut - share) * commanded[i]
+        commanded[i] = share * commanded[i]
 
 
 @equation
@@ -285,7 +285,7 @@ def _reach(law: TdpaWorld, dt: float, out: Floats) -> None:
     if law.predicts and law.following:
         prediction.predict(law.predictor, law.n, law.age + dt, out)
         return
-    age = min(law.age + dt, _LONGEST_S)
+    age = min(law.age + dt, _MAX_S)
     for i in range(law.n):
         out[i] = law.used[i] + law.rate[i] * age
 
@@ -293,7 +293,7 @@ def _reach(law: TdpaWorld, dt: float, out: Floats) -> None:
 @equation
 def _unyielding(law: TdpaWorld, i: int, a: float, vhat: float) -> float:
     """f_1 of the step on an axis, if the mass moves with vhat on it [N]."""
-    return a * (law.way[i] / law.dt - vhat) + law.K * (law.y[i] - law.x[i])
+    return a * (law.commanded[i] / law.dt - vhat) + law.K * (law.y[i] - law.x[i])
 
 
 @equation
@@ -307,7 +307,7 @@ def _passive_share(law: TdpaWorld, a: float) -> float:
         return 1.0
     for i in range(n):
         expected[i] = _unyielding(law, i, a, law.vhat[i])
-    given = max(0.0, dot(n, expected, law.way))
+    given = max(0.0, dot(n, expected, law.commanded))
     debt = law.observer.debt
     most = dot(n, expected, expected) * law.dt / a
     if given <= -debt or most == 0.0:

@@ -69,7 +69,7 @@ class DelayLine(Record):
     """
 
     n: int
-    longest: float
+    maximum: float
     holds: int
     recovery: Recovery
     values: Annotated[FloatRows, (_RING, AXES)]
@@ -79,13 +79,13 @@ class DelayLine(Record):
     last: OfAxes
     waiting: float
     pace: float
-    least: float
+    minimum: float
     watched: float
     squares: OfAxes
     total: OfAxes
 
-    def __init__(self, dof: int, longest: float, *, hold: bool = False, recovery: float = 0.0) -> None:
-        self.n, self.longest, self.holds = dof, longest, int(hold)
+    def __init__(self, dof: int, maximum: float, *, hold: bool = False, recovery: float = 0.0) -> None:
+        self.n, self.maximum, self.holds = dof, maximum, int(hold)
         self.recovery = Recovery(dof, recovery)
         self.values, self.spans = [[0.0] * dof for _ in range(_RING)], [0.0] * _RING
         self.squares, self.total = [0.0] * dof, [0.0] * dof
@@ -96,7 +96,7 @@ class DelayLine(Record):
         self.first = self.count = 0
         self.last = [0.0] * self.n
         self.pace = 1.0
-        self.waiting = self.least = self.watched = 0.0
+        self.waiting = self.minimum = self.watched = 0.0
 
     def push(self, wave: Wave) -> None:
         self.put(wave.value, wave.span)
@@ -120,7 +120,7 @@ class DelayLine(Record):
         self.spans[at] = span
         self.count += 1
         self.waiting += span
-        while self.waiting > self.longest or self.count > MOST:
+        while self.waiting > self.maximum or self.count > MOST:
             self.waiting -= self.spans[self.first]
             lose(self.recovery, self.values[self.first], self.spans[self.first])
             _drop(self)
@@ -172,15 +172,15 @@ def _next(line: DelayLine, wanted: float) -> float:
 @equation
 def _watch(line: DelayLine, dt: float) -> None:
     """Choose the pace of the next window."""
-    line.least = min(line.least, line.waiting)
+    line.minimum = min(line.minimum, line.waiting)
     line.watched += dt
     if line.watched >= WINDOW_S:
-        excess = max(0.0, line.least - SLACK_S)
+        excess = max(0.0, line.minimum - SLACK_S)
         line.pace = 1.0 + min(1.0, excess / WINDOW_S)
-        line.least, line.watched = line.waiting, 0.0
+        line.minimum, line.watched = line.waiting, 0.0
 
 
-_LONGEST_JITTER_S = 0.25
+_MAX_JITTER_S = 0.25
 """Waves that wait longer do more harm than dropped ones, as measured on a recorded LTE link [s]."""
 
 
@@ -245,19 +245,19 @@ def tune(params: Params, link: Delays) -> LineTuning:
         stiffness_N_m=wave.stiffness or 1.0 / max(compliance, 0.1 / K),
         damping_Ns_m=wave.damping or impedance,
         smoothing_s=wave.smoothing_s,
-        longest_wait_s=params.world.step_max_s + _LONGEST_JITTER_S,
+        longest_wait_s=params.world.step_max_s + _MAX_JITTER_S,
         recovery_s=wave.recovery_s if wave.missing == "zero" else 0.0,
     )
 
 
 def jitter_s(link: Delays) -> float:
     """Bound of the jitter [s]: how much later than the fastest message another arrives; rarely exceeded."""
-    return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _LONGEST_JITTER_S)
+    return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _MAX_JITTER_S)
 
 
 def _line(start: CouplingStart[LineTuning]) -> Line:
-    hold, longest = start.params.of(WaveParams).missing == "hold", start.tuning.longest_wait_s
-    return DelayLine(len(start.position), longest, hold=hold, recovery=start.tuning.recovery_s)
+    hold, maximum = start.params.of(WaveParams).missing == "hold", start.tuning.longest_wait_s
+    return DelayLine(len(start.position), maximum, hold=hold, recovery=start.tuning.recovery_s)
 
 
 def ends(

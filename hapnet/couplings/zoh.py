@@ -5,8 +5,8 @@ Its parameters are those of the springs, `device` and `world`.
 
 from __future__ import annotations
 
-from hapnet.couplings import feel
-from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings import rendering
+from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.set_position import BOTH_SIDES, ends, plain
 from hapnet.couplings.spec import CouplingSpec
 
@@ -20,13 +20,13 @@ LAW = CouplingSpec(
     device=_ENDS.device,
     world=_ENDS.world,
     continuous=_ENDS.continuous,
-    tuning=FeelTuning,
-    tune=feel.tune,
+    tuning=RenderingTuning,
+    tune=rendering.tune,
     shared=("contact_model",),
     world_tells=True,
     set_positions=BOTH_SIDES,
     scaled=True,
     joint=False,
     compiled=(None, None),
-    searched=feel.SEARCHED,
+    searched=rendering.SEARCHED,
 )

@@ -20,15 +20,15 @@ class Axes:
     InvalidParameter : they do not fit.
     """
 
-    def __init__(self, words: str, dof: int, native: int = 3) -> None:
+    def __init__(self, text: str, dof: int, native: int = 3) -> None:
         letters = "xyz"[:native]
-        words = words or letters[:dof]
-        chosen = _ONE.findall(words)
+        text = text or letters[:dof]
+        chosen = _ONE.findall(text)
         names = [letter for _, letter in chosen]
-        whole = "".join(map("".join, chosen)) == words
+        whole = "".join(map("".join, chosen)) == text
         if not whole or len(names) != dof or len(set(names)) != dof or not set(names) <= set(letters):
             allowed = f"{dof} of {letters}, one for each axis of the scene, such as {letters[:dof] or 'x'}"
-            raise InvalidParameter("axes", words, f"{allowed}; a minus before one turns it round")
+            raise InvalidParameter("axes", text, f"{allowed}; a minus before one turns it round")
         self._native = native
         self._chosen = [(letters.index(letter), -1.0 if sign else 1.0) for sign, letter in chosen]
 

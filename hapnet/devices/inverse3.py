@@ -134,9 +134,9 @@ class Inverse3(Driver):
     def home(self) -> None:
         assert self._last is not None, "it was read when it was made"
         if self._frame != self._preset:
-            told = "tells no preset" if self._frame is None else f"has it at {self._frame}"
+            said = "tells no preset" if self._frame is None else f"has it at {self._frame}"
             raise HapnetError(
-                f"the service did not put the arm {self._device} at {self._preset}: it {told}; a service before 3.5 has"
+                f"the service did not put the arm {self._device} at {self._preset}: it {said}; a service before 3.5 has"
                 f" only preset={wire.NO_FRAME}"
             )
         if not self._last.powered:
@@ -284,12 +284,12 @@ class Inverse3(Driver):
 
     def _learn_frame(self, message: dict[str, object] | None) -> None:
         """Take the preset that the arm has. One that is not what was asked for is no frame to render forces in."""
-        told = None if message is None else wire.preset_of(message, self._device)
-        if told is None and self._preset == wire.NO_FRAME:
-            told = wire.NO_FRAME
-        if self._last is not None and told != self._preset:
-            raise HapnetError(f"the service put the arm {self._device} at {told or 'no preset'}, not at {self._preset}")
-        self._frame = told
+        said = None if message is None else wire.preset_of(message, self._device)
+        if said is None and self._preset == wire.NO_FRAME:
+            said = wire.NO_FRAME
+        if self._last is not None and said != self._preset:
+            raise HapnetError(f"the service put the arm {self._device} at {said or 'no preset'}, not at {self._preset}")
+        self._frame = said
 
     def _hear_of_force(self, newest: wire.State) -> None:
         """Does the service take the forces? It tells the one that acts now.

@@ -82,7 +82,7 @@ class Inverse3Emulator(Emulator):
         self._stall_ns, self._brake_ns, self._killed_ns = (round(s / NANO) for s in (stall, brake, killed))
         self._random = random.Random(seed)
         self._service = _listen("port", port)
-        self._tells = None if events < 0 else _listen("events", events)
+        self._reports = None if events < 0 else _listen("events", events)
         self.address: str = f"localhost:{self.port}"
         if self.events != 10020:
             self.address += f",events={self.events}"
@@ -100,7 +100,7 @@ class Inverse3Emulator(Emulator):
     @property
     def events(self) -> int:
         """0: there are none."""
-        return 0 if self._tells is None else int(self._tells.getsockname()[1])
+        return 0 if self._reports is None else int(self._reports.getsockname()[1])
 
     def run(self, stop: threading.Event) -> None:
         start_ns = self._clock()
@@ -117,15 +117,15 @@ class Inverse3Emulator(Emulator):
                 self.serve(_LOOK_S)
                 self.handle.read(self._clock())
         finally:
-            for one in (self._service, self._tells, *self._clients, *self._hearers):
+            for one in (self._service, self._reports, *self._clients, *self._hearers):
                 if one is not None:
                     one.close()
 
     def serve(self, seconds: float) -> None:
         """Handle what has come, waiting for it at most `seconds`."""
         watched: list[socket.socket | WebSocket] = [self._service, *self._clients, *self._hearers]
-        if self._tells is not None:
-            watched.append(self._tells)
+        if self._reports is not None:
+            watched.append(self._reports)
         if self._waiting:
             seconds = min(seconds, max(0.0, (self._waiting[0][0] - self._clock()) * NANO))
         for ready in select.select(watched, [], [], seconds)[0]:
@@ -154,7 +154,7 @@ class Inverse3Emulator(Emulator):
             messages = caller.receive(0.0)
             if self._clients.get(caller) is False and caller.is_open:
                 self._clients[caller] = True
-                caller.send(json.dumps(self._told(whole=True)).encode())
+                caller.send(json.dumps(self._reported(whole=True)).encode())
         except Gone:
             caller.close()
             self._clients.pop(caller, None)
@@ -170,30 +170,30 @@ class Inverse3Emulator(Emulator):
         message = wire.parsed(raw) or {}
         self.greetings += "configure" in message.get("session", {})
         session = message.get("session", {})
-        told = json.dumps(self._told(whole=not self._is_old and "force_render_full_state" in session)).encode()
+        reported = json.dumps(self._reported(whole=not self._is_old and "force_render_full_state" in session)).encode()
         self._configure(message)
         if (force := self._commanded(message)) is not None and not self._deaf:
             self.handle.hold(self._clock(), _NO_FORCE if self._braked else force)
         if self._rubbish and self._random.random() < self._rubbish:
-            told = bytes(self._random.randrange(32, 127) for _ in range(len(told)))
+            reported = bytes(self._random.randrange(32, 127) for _ in range(len(reported)))
         try:
-            client.send(told)
+            client.send(reported)
         except Gone:
             client.close()
             self._clients.pop(client, None)
 
     def _configure(self, message: dict[str, Any]) -> None:
         for entry in message.get("inverse3", ()):
-            told = entry.get("configure", {}).get("preset")
-            if isinstance(told, dict) and not self._ignores:
-                self._preset = str(told.get("preset", self._preset))
+            reported = entry.get("configure", {}).get("preset")
+            if isinstance(reported, dict) and not self._ignores:
+                self._preset = str(reported.get("preset", self._preset))
 
     def _commanded(self, message: dict[str, Any]) -> Vector | None:
         for entry in message.get("inverse3", ()):
-            told = entry.get("commands", {}).get("set_cursor_force", {})
+            reported = entry.get("commands", {}).get("set_cursor_force", {})
             for spelling in self._spellings:
-                if entry.get("device_id") == DEVICE and spelling in told:
-                    return tuple([float(told[spelling][name]) for name in "xyz"])
+                if entry.get("device_id") == DEVICE and spelling in reported:
+                    return tuple([float(reported[spelling][name]) for name in "xyz"])
         return None
 
     def _brake_now(self, braked: bool) -> None:
@@ -203,7 +203,7 @@ class Inverse3Emulator(Emulator):
             if braked:
                 self.handle.hold(self._clock(), _NO_FORCE)
 
-    def _told(self, whole: bool = False) -> dict[str, Any]:
+    def _reported(self, whole: bool = False) -> dict[str, Any]:
         x, v = self.handle.read(self._clock())
         if self._preset == wire.NO_FRAME and not self._is_old:
             x = (x[0], x[1] + BASE_M, x[2])

@@ -73,8 +73,8 @@ def preset_of(message: dict[str, Any], device: str) -> str | None:
     """The preset of an arm in a message with its configuration; None: it tells none."""
     for arm in _entries(message, kind_of(message, device)):
         if arm.get("device_id") == device and isinstance(config := arm.get("config"), dict):
-            told = config.get("preset")
-            return _text(told.get("preset") if isinstance(told, dict) else told) or None
+            reported = config.get("preset")
+            return _text(reported.get("preset") if isinstance(reported, dict) else reported) or None
     return None
 
 
@@ -123,8 +123,10 @@ def notice(raw: bytes) -> Notice | None:
     if (message := parsed(raw)) is None or not (name := _text(message.get("name"))):
         return None
     data = message.get("data")
-    told = data if isinstance(data, dict) else {}
-    return Notice(_text(told.get("safety_type")) or name, _text(told.get("device_id")), _text(message.get("level")))
+    reported = data if isinstance(data, dict) else {}
+    return Notice(
+        _text(reported.get("safety_type")) or name, _text(reported.get("device_id")), _text(message.get("level"))
+    )
 
 
 def _force(force: Vector, spelling: str) -> bytes:
@@ -137,16 +139,16 @@ def _quoted(text: str) -> bytes:
 
 
 def _state(message: dict[str, Any], entry: dict[str, Any]) -> State | None:
-    told, status = entry.get("state"), entry.get("status")
-    if not isinstance(told, dict):
+    reported, status = entry.get("state"), entry.get("status")
+    if not isinstance(reported, dict):
         return None
-    position, velocity = _vector(told.get("cursor_position")), _vector(told.get("cursor_velocity"))
+    position, velocity = _vector(reported.get("cursor_position")), _vector(reported.get("cursor_velocity"))
     if position is None or velocity is None:
         return None
     status = status if isinstance(status, dict) else {}
     calibrated, powered = status.get("calibrated") is not False, status.get("power_supply") is not False
     buttons, orientation, grip = _grip(message)
-    force = _vector(told.get("current_cursor_force"))
+    force = _vector(reported.get("current_cursor_force"))
     return State(position, velocity, calibrated, powered, buttons, orientation, force, grip)
 
 
@@ -154,19 +156,19 @@ def _grip(message: dict[str, Any]) -> tuple[tuple[bool, ...], Vector | None, str
     """Buttons, orientation and id. Of a grip that sleeps, is lost or not ready the buttons are released."""
     for kind in _GRIPS:
         for entry in _entries(message, kind):
-            if isinstance(told := entry.get("state"), dict):
-                buttons, name = _buttons(told), _text(entry.get("device_id"))
+            if isinstance(reported := entry.get("state"), dict):
+                buttons, name = _buttons(reported), _text(entry.get("device_id"))
                 status = entry.get("status")
                 if isinstance(status, dict) and any(status.get(flag) is False for flag in _HEALTHY):
                     return (False,) * len(buttons), None, name
-                return buttons, _quaternion(told.get("orientation")), name
+                return buttons, _quaternion(reported.get("orientation")), name
     return (), None, ""
 
 
-def _buttons(told: dict[str, Any]) -> tuple[bool, ...]:
-    if isinstance(several := told.get("buttons"), dict):
+def _buttons(reported: dict[str, Any]) -> tuple[bool, ...]:
+    if isinstance(several := reported.get("buttons"), dict):
         return tuple([several[name] is True for name in sorted(several)])
-    return (told["button"] is True,) if "button" in told else ()
+    return (reported["button"] is True,) if "button" in reported else ()
 
 
 def _entries(message: dict[str, Any], kind: str) -> list[dict[str, Any]]:
@@ -178,10 +180,10 @@ def _text(value: object) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _vector(told: object, names: str = "xyz") -> Vector | None:
-    if not isinstance(told, dict):
+def _vector(reported: object, names: str = "xyz") -> Vector | None:
+    if not isinstance(reported, dict):
         return None
-    values: list[Any] = [told.get(name) for name in names]
+    values: list[Any] = [reported.get(name) for name in names]
     if any(type(value) not in (int, float) for value in values):
         return None
     try:
@@ -191,8 +193,8 @@ def _vector(told: object, names: str = "xyz") -> Vector | None:
     return found if isfinite(sum(found)) else None
 
 
-def _quaternion(told: object) -> Vector | None:
-    if (found := _vector(told, "wxyz")) is None or abs(hypot(*found) - 1.0) > _UNIT:
+def _quaternion(reported: object) -> Vector | None:
+    if (found := _vector(reported, "wxyz")) is None or abs(hypot(*found) - 1.0) > _UNIT:
         return None
     length = hypot(*found)
     return tuple([part / length for part in found])

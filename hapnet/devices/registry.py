@@ -33,18 +33,18 @@ def known() -> dict[str, tuple[str, str]]:
     }
 
 
-def resolve(words: str) -> tuple[str, str]:
+def resolve(text: str) -> tuple[str, str]:
     """The ``module:Class`` that `words` name, and the options behind it."""
-    name, _, behind = words.partition(":")
+    name, _, behind = text.partition(":")
     if name in BUILT_IN:
         return BUILT_IN[name], behind
     if name in (found := published(GROUP)):
         return found[name][0], behind
-    target, _, behind = words.partition(",")
+    target, _, behind = text.partition(",")
     return target, behind
 
 
-def options(name: str, made: Callable[..., Any], words: str) -> dict[str, Any]:
+def options(name: str, made: Callable[..., Any], text: str) -> dict[str, Any]:
     """The options of the device `name` as keywords for its class, each of the type of its default.
 
     Raises
@@ -53,7 +53,7 @@ def options(name: str, made: Callable[..., Any], words: str) -> dict[str, Any]:
     """
     known = _keywords(made)
     found: dict[str, Any] = {}
-    for index, entry in enumerate(filter(None, words.split(","))):
+    for index, entry in enumerate(filter(None, text.split(","))):
         key, equals, value = entry.partition("=")
         if not equals:
             if index or not known:

@@ -21,7 +21,7 @@ _ANSWER_S = 2.0
 """An Arduino starts anew when its port is opened, which takes a second or two."""
 
 _TRIES = 20
-_LONGEST_MEAN_US = 500_000
+_MAX_MEAN_US = 500_000
 """The impulse of a longer time may have wrapped more than once."""
 
 
@@ -127,7 +127,7 @@ class SerialAxis(Driver):
         return self._interval
 
     def apply(self, force: Vector) -> None:
-        """Send the force; the device tells later when it acted."""
+        """Send the force; the device reports later when it acted."""
         self._sequence = (self._sequence + 1) % 2**16
         self._port.write(wire.line("F", self._sequence, round(force[0] * 1e6)))
 
@@ -143,7 +143,7 @@ class SerialAxis(Driver):
         if self._last is None:
             return None
         elapsed_us = (newest.time_us - self._last.time_us) % wire.WRAP
-        return elapsed_us if 0 < elapsed_us <= _LONGEST_MEAN_US else None
+        return elapsed_us if 0 < elapsed_us <= _MAX_MEAN_US else None
 
     def _mean_force(self, newest: wire.State, elapsed_us: int) -> Vector:
         assert self._last is not None

@@ -25,8 +25,9 @@ class SerialEmulator(Emulator):
     """The axis as `serial_axis.ino` makes one: 3 N, 1 um, 80 mm either way, 1 kHz, and a watchdog of 20 ms.
 
     link : a path that points to the pseudo-terminal, whose own name changes. noise : share of the bytes that get lost,
-    each way. stall : for 0.5 s, so many seconds after its first command, it neither sends nor listens. rubbish : share
-    of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of units.
+    in each direction. stall : for 0.5 s, so many seconds after its first command, it neither sends nor listens. rubbish
+    : share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of
+    units.
     button : is its dead-man switch held? seed : of what is random.
     """
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 WRAP = 2**32
 """Times and impulses are counted modulo this, as a small processor does."""
 
-LONGEST = 200
+MAX_LENGTH = 200
 """A line is never longer [bytes]."""
 
 
@@ -87,7 +87,7 @@ def line(letter: str, *numbers: int) -> bytes:
 def parse(raw: bytes) -> tuple[str, tuple[int, ...]] | None:
     """The letter and the numbers of a line without its newline; None if it is damaged."""
     body, star, check = raw.rstrip(b"\r").rpartition(b"*")
-    if not star or len(check) != 4 or len(raw) > LONGEST:
+    if not star or len(check) != 4 or len(raw) > MAX_LENGTH:
         return None
     try:
         if int(check, 16) != crc16(body):

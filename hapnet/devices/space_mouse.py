@@ -45,10 +45,10 @@ class SpaceMouse(InputDevice):
 def _is_ours(device: Path) -> bool:
     """Does the kernel's description of this HID device name a 3D mouse?"""
     try:
-        told = (device / "device" / "uevent").read_text("ascii", "replace")
+        reported = (device / "device" / "uevent").read_text("ascii", "replace")
     except OSError:
         return False
-    for line in told.splitlines():
+    for line in reported.splitlines():
         if line.startswith("HID_ID="):
             _, vendor, product = line.removeprefix("HID_ID=").upper().split(":")
             return vendor == _VENDORS[0] or (vendor == _VENDORS[1] and product[-4:] in _LOGITECH_MICE)

@@ -24,7 +24,7 @@ NANO = 1e-9
 _PAGE = Path(__file__).parents[1] / "devices" / "README.md"
 """Which watchdog the hardware needs. Pages beside the code are part of the package."""
 READINGS = 2000
-LONGEST_S = 5.0
+MAX_S = 5.0
 """The pushes last no longer, however slow the device is."""
 ROUNDS = 4
 """How often each axis is pushed to and fro."""
@@ -145,12 +145,12 @@ def _resolution(found: Readings, declared_m: float) -> Check:
         return Check(
             "resolution", OK, f"the handle did not move; {declared_m * 1e6:g} um declared", "move it meanwhile"
         )
-    least = min(steps)
-    value = f"smallest change {least * 1e6:.3g} um, {declared_m * 1e6:g} um declared"
+    minimum = min(steps)
+    value = f"smallest change {minimum * 1e6:.3g} um, {declared_m * 1e6:g} um declared"
     one_axis = len(found.positions[0]) == 1  # several encoders that a linkage mixes make steps as small as you like
-    if declared_m and one_axis and least < 0.5 * declared_m:
+    if declared_m and one_axis and minimum < 0.5 * declared_m:
         return Check("resolution", WARNING, value, "its readings are finer than it declares: is the unit right?")
-    if declared_m and least > 1000.0 * declared_m:
+    if declared_m and minimum > 1000.0 * declared_m:
         return Check("resolution", WARNING, value, "its readings are much coarser than it declares: is the unit right?")
     return Check("resolution", OK, value)
 
@@ -188,7 +188,7 @@ def _push(
     blocking = bool(getattr(device.device, "blocking", False))
     none: Vector = (0.0,) * device.dof
     held, last_ns = none, clock()
-    until_ns = last_ns + round(LONGEST_S / NANO)
+    until_ns = last_ns + round(MAX_S / NANO)
     try:
         while not check.done:
             if not blocking:

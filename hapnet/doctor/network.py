@@ -26,7 +26,7 @@ def probed(
     endpoint: str, security: Security, session: str, name: str, seconds: float = PROBED_S, patience_s: float = REACH_S
 ) -> Check:
     """Probe the path to the side that listens at `endpoint` under these names. Raises as `zenoh_config` does."""
-    up, down = (f"hapnet/{session}/{name}/{way}/{PROBE}" for way in ("up", "down"))
+    up, down = (f"hapnet/{session}/{name}/{direction}/{PROBE}" for direction in ("up", "down"))
     config = zenoh_config(ZenohSettings(connect=(endpoint,), security=security))
     answers = None
     for asked, answered in ((up, down), (down, up), (up, down)):  # over udp a declaration may be lost: probe once more
@@ -52,11 +52,11 @@ def judged(answers: Answers) -> Check:
     one_way, worst = p99 / 2, max(there, back)
     words = [
         f"round trip {p50:.1f} ms (99 %: {p99:.1f})",
-        f"jitter {p99 - 1e-6 * (answers.least_ns or 0):.1f} ms",
+        f"jitter {p99 - 1e-6 * (answers.min_ns or 0):.1f} ms",
         f"lost {100 * there:.2f} % there, {100 * back:.2f} % back",
     ]
     if answers.stalls:
-        words.append(f"{answers.stalls} stalls, up to {answers.longest_stall_ns * 1e-6:.0f} ms")
+        words.append(f"{answers.stalls} stalls, up to {answers.max_stall_ns * 1e-6:.0f} ms")
     if one_way <= FAST_MS:
         words.append(f"good for fast motion ({FAST_MS:g} ms one way, TR 22.847)")
     elif one_way <= SLOW_MS:

@@ -34,7 +34,7 @@ TRIALS = 3
 REACH_M = 0.02
 """The spring's end jumps by this and by shares of it; the handle moves by at most one and a half of it either way."""
 SHARES = (1.0, 1.0, 0.6, 0.6, 0.35, 0.35)
-LONGEST_S = 2.5
+MAX_S = 2.5
 """The handle swings after each jump, and is then calmed by a damper, each until it rests, but for no longer."""
 CALMING_NS_M = 3.0
 FARTHEST_M, FASTEST_MPS = 3.0 * REACH_M, 1.0
@@ -66,7 +66,7 @@ class Trial(NamedTuple):
     """b, and what it is at least, by its standard error and by each swing [Ns/m]; the device's spring [N/m]."""
 
     damping: float
-    least: float
+    minimum: float
     stiffness: float
 
 
@@ -115,8 +115,8 @@ def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> Trial:
 def lower_bound(trials: Sequence[Trial]) -> float:
     """What all trials have in common [Ns/m], less their spread and `MARGIN`; two digits, rounded down; 0: nothing."""
     found = [trial.damping for trial in trials]
-    least = min(min(trial.damping, trial.least) for trial in trials)
-    bound = (1.0 - MARGIN) * least - (max(found) - min(found))
+    minimum = min(min(trial.damping, trial.minimum) for trial in trials)
+    bound = (1.0 - MARGIN) * minimum - (max(found) - min(found))
     if bound <= 0.0:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(bound)) - 1)
@@ -182,7 +182,7 @@ class _Spring:
         """Pull, with a damper [Ns/m], until the handle rests: for each reading dt, position and force (`Swing`)."""
         rows: list[tuple[float, Vector, Vector]] = []
         begin_ns = self._clock()
-        while (self._clock() - begin_ns) * NANO < LONGEST_S and not _rest(rows):
+        while (self._clock() - begin_ns) * NANO < MAX_S and not _rest(rows):
             if (row := self._step(damping)) is not None:
                 rows.append(row)
         return rows
@@ -252,8 +252,8 @@ def examined(swings: Sequence[Swing]) -> Trial | None:
     if fitted[1] < 0.0:  # friction gives no energy
         fitted, _ = _fit(terms * (1.0, 0.0, *(1.0,) * (terms.shape[1] - 2)), work)
     others = work - terms[:, 2:] @ fitted[2:]
-    least = min(float(np.min(others / terms[:, 0])), float(fitted[0] - SURE * unsure))
-    return Trial(float(fitted[0]), least, float(fitted[-1]))
+    minimum = min(float(np.min(others / terms[:, 0])), float(fitted[0] - SURE * unsure))
+    return Trial(float(fitted[0]), minimum, float(fitted[-1]))
 
 
 def _fit(terms: Array, work: Array) -> tuple[Array, float]:
@@ -268,7 +268,8 @@ def _fit(terms: Array, work: Array) -> tuple[Array, float]:
 
 
 def _rows(swing: Swing, origin: Array) -> Iterator[tuple[float, ...]]:
-    """Of each way from rest to rest: W, and what b, c, g and k are multiplied by; k's spring is relaxed at `origin`."""
+    """Of in each direction from rest to rest: W, and what b, c, g and k are multiplied by; k's spring is relaxed at
+    `origin`."""
     step_s, x, force = _evenly(swing)
     per_window = max(1, round(WINDOW_S / step_s))
     x = _smoothed(x, per_window)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from hapnet.control import contact_equations as equations
 from hapnet.control.contact_equations import ContactState
-from hapnet.control.told_plane import ToldPlane, understand, withdrawn
+from hapnet.control.contact_plane import ContactPlane, understand, withdrawn
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record
 from hapnet.records.vectors import copy, equal
@@ -24,16 +24,16 @@ class Answer(Record):
     reach_m: float
     level: float
     count: int
-    planes: Annotated[Sequence[ToldPlane], (PLANES,)]
+    planes: Annotated[Sequence[ContactPlane], (PLANES,)]
     before: OfAxes
 
 
 @equation
-def step(model: ContactState, told: Answer, n: int, dt: float, x: Floats, y: Floats) -> None:
+def step(model: ContactState, reported: Answer, n: int, dt: float, x: Floats, y: Floats) -> None:
     """`ContactModel.step`: into y."""
     equations.begin(model, n, dt, x)
-    if told.pending:
-        _take(model, told, n, x)
+    if reported.pending:
+        _take(model, reported, n, x)
     equations.take_lead(model, n, dt, x)
     _rest(model, n, x)
     equations.answer(model, n, dt, x, y)
@@ -47,41 +47,45 @@ def _rest(model: ContactState, n: int, x: Floats) -> None:
 
 
 @equation
-def _take(model: ContactState, told: Answer, n: int, x: Floats) -> None:
+def _take(model: ContactState, reported: Answer, n: int, x: Floats) -> None:
     """`ContactModel._take`."""
-    told.pending = 0
+    reported.pending = 0
     _rest(model, n, x)
-    copy(n, model.s, told.before)
-    model.age = told.age_s
-    equations.yield_to(model, told.level)
-    for k in range(told.count):
-        understand(told.planes[k], n, model.compliance)
-    equations.follow_proxy(model, n, told.position, told.sent_s)
-    equations.want_shift(model, told.planes, told.count, model.planes, model.count, n, told.position, told.force)
-    _know(model, told, n)
+    copy(n, model.s, reported.before)
+    model.age = reported.age_s
+    equations.yield_to(model, reported.level)
+    for k in range(reported.count):
+        understand(reported.planes[k], n, model.compliance)
+    equations.follow_proxy(model, n, reported.position, reported.sent_s)
+    equations.want_shift(
+        model, reported.planes, reported.count, model.planes, model.count, n, reported.position, reported.force
+    )
+    _know(model, reported, n)
     _rest(model, n, x)
-    if not equal(n, model.s, told.before):
+    if not equal(n, model.s, reported.before):
         for i in range(n):
-            model.fading[i] = model.fading[i] + (told.before[i] - model.s[i])
+            model.fading[i] = model.fading[i] + (reported.before[i] - model.s[i])
 
 
 @equation
-def _know(model: ContactState, told: Answer, n: int) -> None:
-    """`ContactModel._know`, of the told planes and the remembered ones."""
-    count = told.count
-    if model.remembers and told.reach_m >= 0.0:
+def _know(model: ContactState, reported: Answer, n: int) -> None:
+    """`ContactModel._know`, of the contact planes and the remembered ones."""
+    count = reported.count
+    if model.remembers and reported.reach_m >= 0.0:
         for j in range(model.count):
             one = model.planes[j]
-            if count < PLANES and not withdrawn(one, told.planes, told.count, n, told.position, told.reach_m):
-                _copy(one, told.planes[count])
+            if count < PLANES and not withdrawn(
+                one, reported.planes, reported.count, n, reported.position, reported.reach_m
+            ):
+                _copy(one, reported.planes[count])
                 count += 1
     for k in range(count):
-        _copy(told.planes[k], model.planes[k])
+        _copy(reported.planes[k], model.planes[k])
     model.count = count
 
 
 @equation
-def _copy(source: ToldPlane, target: ToldPlane) -> None:
+def _copy(source: ContactPlane, target: ContactPlane) -> None:
     """Copy a plane."""
     copy(AXES, source.normal, target.normal)
     copy(AXES, source.response, target.response)

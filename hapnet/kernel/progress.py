@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextvars import ContextVar
 
-Told = Callable[[float], None]
+Reported = Callable[[float], None]
 
 
 def _nobody(share: float) -> None:
     """Nobody waits."""
 
 
-told: ContextVar[Told] = ContextVar("told", default=_nobody)
+reported: ContextVar[Reported] = ContextVar("told", default=_nobody)
 """Takes the share that is compiled, 0 to 1, again and again; 1 comes last."""

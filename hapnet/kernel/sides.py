@@ -65,7 +65,7 @@ class Counts(Record):
 
 
 class Planes(Record):
-    """The planes that the world tells."""
+    """The planes that the world sends."""
 
     count: int
     normal: VectorsOfPlanes
@@ -89,7 +89,7 @@ class DeviceSide(Record):
     true_work: MeasuredHarvest
     hand: Ledger
     model: ContactState
-    told: Answer
+    reported: Answer
 
 
 class WorldSide(Record):
@@ -202,7 +202,7 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
         sample = note(wire, k)
         _give(coupling, sample, n)
         if side.model.in_use:
-            _tell(side, sample, n, age_of_content_s(endpoint.used, now_ns, sample.aimed_ns * _NANO))
+            _report(side, sample, n, age_of_content_s(endpoint.used, now_ns, sample.aimed_ns * _NANO))
     endpoint.first = endpoint.waiting = 0
     _credit(coupling, wire)
 
@@ -226,17 +226,17 @@ def _give(coupling: SetPositionCoupling, sample: Message, n: int) -> None:
 
 
 @equation
-def _tell(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
+def _report(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
     """`ContactModel.receive`."""
-    told = side.told
-    told.pending = 1
-    copy(n, sample.position, told.position)
-    copy(n, sample.force, told.force)
-    told.sent_s, told.age_s = side.coupling.sent_s, age_s
-    told.reach_m, told.level = sample.reach_m, sample.level
-    told.count = sample.planes
+    reported = side.reported
+    reported.pending = 1
+    copy(n, sample.position, reported.position)
+    copy(n, sample.force, reported.force)
+    reported.sent_s, reported.age_s = side.coupling.sent_s, age_s
+    reported.reach_m, reported.level = sample.reach_m, sample.level
+    reported.count = sample.planes
     for k in range(sample.planes):
-        one = told.planes[k]
+        one = reported.planes[k]
         copy(n, sample.normal[k], one.normal)
         one.offset, one.stiffness, one.velocity = sample.offset[k], sample.stiffness[k], sample.velocity[k]
 
@@ -254,7 +254,7 @@ def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
     coupling, n = side.coupling, side.plant.dof
     if side.model.in_use:
-        contact_model.step(side.model, side.told, n, dt, x, coupling.y)
+        contact_model.step(side.model, side.reported, n, dt, x, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
 
@@ -336,7 +336,7 @@ def meet(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
 
 @equation
 def _predict(side: WorldSide, dt: float, y: Floats) -> None:
-    """`PredictedDevice.step`, among the planes that the world tells."""
+    """`PredictedDevice.step`, among the planes that the world sends."""
     predicted, around, n = side.predicted, side.around, side.mass.n
     ahead = prediction.aim(predicted, n, dt)
     if predicted.stop_s != 0.0 and ahead != 0.0:

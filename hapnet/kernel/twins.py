@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numba
 
-from hapnet.kernel.progress import Told
+from hapnet.kernel.progress import Reported
 from hapnet.records.equation import EQUATIONS
 
 _config: Any = importlib.import_module("numba.core.config")
@@ -80,7 +80,7 @@ def _with_globals(function: Any, names: dict[str, Any]) -> Any:
 
 
 @contextmanager
-def telling(told: Told) -> Iterator[None]:
+def reporting(reported: Reported) -> Iterator[None]:
     """Tell, while numba compiles, which share of the equations it has; nothing if it only loads machine code."""
     event = importlib.import_module("numba.core.event")
     done = 0
@@ -92,12 +92,12 @@ def telling(told: Told) -> Iterator[None]:
         def on_end(self, event: Any) -> None:
             nonlocal done
             done += 1
-            told(min(done / (len(_PARTS) + 1), 0.99))
+            reported(min(done / (len(_PARTS) + 1), 0.99))
 
     with event.install_listener("numba:compile", Compiled()):
         yield
     if done:
-        told(1.0)
+        reported(1.0)
 
 
 @contextmanager

@@ -59,8 +59,8 @@ def across(normal: Vector) -> tuple[Vector, ...]:
     if len(normal) == 2:
         return ((-normal[1], normal[0]),)
     x, y, z = normal
-    least = min(range(3), key=lambda axis: abs(normal[axis]))
-    a, b, c = [(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)][least]
+    minimum = min(range(3), key=lambda axis: abs(normal[axis]))
+    a, b, c = [(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)][minimum]
     size = hypot(a, b, c)
     a, b, c = a / size, b / size, c / size
     return ((a, b, c), (y * c - z * b, z * a - x * c, x * b - y * a))

@@ -18,7 +18,7 @@ _SETTLED_S = 0.1  # shortest settled contact for which a slope is computed
 _AWAY_S = 0.1
 """A device that returns into the wall later than this makes a new touch [s]; earlier, it only trembles."""
 _BEFORE_S = 0.1
-_MORE, _LEAST_N = 0.1, 0.1
+_MORE, _MIN_N = 0.1, 0.1
 """A contact is felt when the force exceeds that of the last 100 ms by this share of it and by this much [N]: people
 notice about a tenth (Weber's fraction of force)."""
 
@@ -222,12 +222,12 @@ def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, r
     total = np.r_[0.0, np.cumsum(resistance)]
     result = []
     for enter, leave, end_s in zip(first, last, ends_s, strict=True):
-        stiff = enter + np.flatnonzero(stiffness * depth[enter : leave + 1] >= _LEAST_N)
+        stiff = enter + np.flatnonzero(stiffness * depth[enter : leave + 1] >= _MIN_N)
         if enter == 0 or not len(stiff):
             continue
         before = max(float(resistance[np.searchsorted(times, times[enter] - _BEFORE_S) : enter].max()), 0.0)
         end = np.searchsorted(times, end_s)
-        felt = enter + np.flatnonzero(resistance[enter:end] > (level := before + max(_MORE * before, _LEAST_N)))
+        felt = enter + np.flatnonzero(resistance[enter:end] > (level := before + max(_MORE * before, _MIN_N)))
         until = np.searchsorted(times, times[felt] + _LASTING_S)
         felt = felt[total[until] - total[felt] > level * (until - felt)]
         felt_s = float(times[felt[0]]) if len(felt) else None

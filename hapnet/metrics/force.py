@@ -67,7 +67,7 @@ def true_force_error_last_percent(run: Measured) -> float | None:
 def swing_N(run: Measured) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped; the
     greatest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)"""
-    return residual_swing(run.recording)
+    return residual_oscillation(run.recording)
 
 
 @metric("buzz", "N²", "lower")
@@ -185,7 +185,7 @@ def _hand_s(recording: Recording, device: Columns) -> Array:
     return np.asarray((device["time_ns"] - int(meta.get("device_origin_ns", meta["origin_ns"]))) / 1e9)
 
 
-def residual_swing(recording: Recording) -> float | None:
+def residual_oscillation(recording: Recording) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped [N].
 
     All axes count together. A reference that rests from the start has stopped then. If it stops more than once for as

@@ -82,9 +82,9 @@ def off_hz(lines: Sequence[Line], truth: Callable[[float], complex], allowed: fl
     return min(off, default=None)
 
 
-def harmonics_between(least_hz: float, most_hz: float, period_s: float, count: int) -> tuple[int, ...]:
+def harmonics_between(min_hz: float, most_hz: float, period_s: float, count: int) -> tuple[int, ...]:
     """About `count` harmonics of ``1 / period_s``, evenly spaced on a log scale, both ends included."""
-    wanted = np.geomspace(least_hz, most_hz, count) * period_s
+    wanted = np.geomspace(min_hz, most_hz, count) * period_s
     return tuple(sorted({max(1, round(k)) for k in wanted.tolist()}))
 
 

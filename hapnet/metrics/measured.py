@@ -163,7 +163,7 @@ class Measured:
     @property
     def delay_s(self) -> float | None:
         """The median delays of both links together [s]; None: nothing came through one of them."""
-        up_ms, down_ms = (way["delay_p50_ms"] for way in self.links)
+        up_ms, down_ms = (direction["delay_p50_ms"] for direction in self.links)
         return None if up_ms is None or down_ms is None else (up_ms + down_ms) / 1e3
 
     @property

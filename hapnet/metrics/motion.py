@@ -18,7 +18,7 @@ from hapnet.metrics.obstacles import Obstacle, normal_where_deepest
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import position_error
 
-_LEAST_DRAG_N = 0.01
+_MIN_DRAG_N = 0.01
 """A drag below this is taken as this, where forces are compared with it [N]: nobody would feel it."""
 
 _ALWAYS = Span(float("-inf"), float("inf"))
@@ -80,7 +80,7 @@ def contact_to_drag(run: Measured) -> float | None:
     if run.delay_s is None or run.walls is None or drag is None:
         return None
     pushed = contact_force(run.recording, run.walls, run.delay_s)
-    return None if pushed is None else pushed / max(drag, _LEAST_DRAG_N)
+    return None if pushed is None else pushed / max(drag, _MIN_DRAG_N)
 
 
 @metric("position drift", "mm/min", "nearer 0")
@@ -111,7 +111,7 @@ NEAR_MPS = (0.05, 0.09)
 _WINDOW_S = 1.0 / 3.0
 """Force and velocity are means over this time [s]: the regression sees the hand's motion, not a swing at 3 Hz or more,
 during which the force and the speed are great and the drag hides."""
-_LEAST_S, _LEAST_MPS = 0.3, 0.005
+_MIN_S, _MIN_MPS = 0.3, 0.005
 
 
 def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | None:
@@ -157,7 +157,7 @@ class FreeWindows(NamedTuple):
         """
         squared = float(np.sum(self.velocity * self.velocity))
         count = len(self.velocity)
-        if count * self.period_s < _LEAST_S or squared < count * _LEAST_MPS**2:
+        if count * self.period_s < _MIN_S or squared < count * _MIN_MPS**2:
             return None
         return -DRAG_MPS * float(np.sum(self.force * self.velocity)) / squared
 
@@ -168,7 +168,7 @@ class FreeWindows(NamedTuple):
         """
         speed = np.linalg.norm(self.velocity, axis=1)
         near = (speed >= NEAR_MPS[0]) & (speed <= NEAR_MPS[1])
-        if np.count_nonzero(near) * self.period_s < _LEAST_S:
+        if np.count_nonzero(near) * self.period_s < _MIN_S:
             return None
         against = -np.einsum("ij,ij->i", self.force[near], self.velocity[near]) / speed[near]
         return float(np.quantile(against, share))
@@ -201,7 +201,7 @@ def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: fl
 _TRAVELS_S = (0.1, 0.2, 0.4)
 """The lag is modelled as a weighted sum of the device's displacements in these times [s]: zero while it rests."""
 _RATE_HZ = 100.0
-_LEAST_DRIFT_S, _LEAST_SPAN_S = 2.0, 5.0
+_MIN_DRIFT_S, _MIN_SPAN_S = 2.0, 5.0
 _ROUNDS = 30
 
 
@@ -229,7 +229,7 @@ def drift(recording: Recording, walls: Sequence[Obstacle]) -> float | None:
         outside &= np.interp(times, seconds, wall.depths(device["position_m"])) <= 0.0
     outside &= world["penetration_m"][np.searchsorted(world["time_s"], times, side="right") - 1] <= 0.0
     free_s = times[outside]
-    if len(free_s) < _LEAST_DRIFT_S * _RATE_HZ or free_s[-1] - free_s[0] < _LEAST_SPAN_S:
+    if len(free_s) < _MIN_DRIFT_S * _RATE_HZ or free_s[-1] - free_s[0] < _MIN_SPAN_S:
         return None
     terms = np.column_stack([np.ones(len(times)), times, *travels])[outside]
     slope = float(_least_absolute(terms, apart[outside])[1])

@@ -25,5 +25,5 @@ def packets_down_per_s(run: Measured) -> float | None:
     return _per_s(run, 1)
 
 
-def _per_s(run: Measured, way: int) -> float:
-    return (run.links[way]["offered"] or 0) / (run.summary["duration_s"] or math.inf)
+def _per_s(run: Measured, direction: int) -> float:
+    return (run.links[direction]["offered"] or 0) / (run.summary["duration_s"] or math.inf)

@@ -78,7 +78,7 @@ class ActuatorCheck:
         self._dof, self._force_N, self._rounds = dof, force_N, rounds
         self._pulse_s = max(PULSE_S, _LEAST_TICKS * period_s)
         self._known = known_mass * dof if len(known_mass) == 1 else known_mass
-        self._least = least_mass
+        self._minimum = least_mass
         self._rows: list[tuple[float, float, float, float]] = []
         self._age_s = self._from_m = 0.0
         self._group = -1
@@ -116,12 +116,12 @@ class ActuatorCheck:
     @property
     def impossible(self) -> str:
         """What else no force should be rendered with, in words; empty: nothing."""
-        least, most = PLAUSIBLE_KG
+        minimum, most = PLAUSIBLE_KG
         for i, one in enumerate(self.responses):
             name, mass = _name(i, self._dof), abs(one.mass)
             if one.stood_still:
                 return f"{name} reads the same while {self._force_N:g} N push it to and fro: is its encoder connected?"
-            if one.known and not least <= mass <= most:
+            if one.known and not minimum <= mass <= most:
                 return f"{name} moves as {mass:.2g} kg would: are these millimetres, or are its forces in another unit?"
         return ""
 
@@ -137,8 +137,8 @@ class ActuatorCheck:
         if not one.known or self.impossible:
             return []
         found, mass = [], abs(one.mass)
-        if self._least is not None and mass < _LIGHTER * self._least:
-            found.append(f"moves as {mass:.2g} kg would, and {self._least:g} kg are declared: is its force larger?")
+        if self._minimum is not None and mass < _LIGHTER * self._minimum:
+            found.append(f"moves as {mass:.2g} kg would, and {self._minimum:g} kg are declared: is its force larger?")
         elif self._known and not _LIGHTER <= mass / self._known[axis] <= _HEAVIER:
             found.append(f"moves as {mass:.2g} kg would, before as {self._known[axis]:.2g} kg: another grip, or force?")
         if one.late >= LATE_TICKS:
@@ -194,11 +194,11 @@ def _velocity(x: Array, v: Array, dt: Array) -> float | None:
     """The told velocity over the change of position: from their sums over a pulse, which a filter changes little."""
     window = max(1, len(x) // (2 * len(_PULSES)))
     moved = x[window:] - x[:-window]
-    told = _integral(v, dt)
-    told = told[window:] - told[:-window]
+    reported = _integral(v, dt)
+    reported = reported[window:] - reported[:-window]
     square = float(moved @ moved)
-    error = math.sqrt(max(0.0, float(told @ told) * square - float(told @ moved) ** 2))
-    return float(told @ moved) / square if square > 0.0 and abs(float(told @ moved)) > error else None
+    error = math.sqrt(max(0.0, float(reported @ reported) * square - float(reported @ moved) ** 2))
+    return float(reported @ moved) / square if square > 0.0 and abs(float(reported @ moved)) > error else None
 
 
 def _name(axis: int, dof: int) -> str:

@@ -13,7 +13,7 @@ from hapnet.checks import Vector
 
 LONG_S = 0.1
 """A hand can accelerate a handle against its force, but not for so long, so much."""
-LEAST_N, AGAINST, AS_IF = 1.5, -0.8, 3.0
+MIN_N, AGAINST, AS_IF = 1.5, -0.8, 3.0
 """The force's root mean square; its correlation with the acceleration; the mass that both make, over the handle's."""
 STILL_N, STILL_S = 1.0, 0.3
 """A position that stays the same to the last digit while its force changes by so much, for so long."""
@@ -69,7 +69,7 @@ class Agreement:
                 forces += mean * mean
                 accelerations += acceleration * acceleration
         count = len(blocks) - 2
-        if math.sqrt(forces / count) < LEAST_N or along > AGAINST * math.sqrt(forces * accelerations):
+        if math.sqrt(forces / count) < MIN_N or along > AGAINST * math.sqrt(forces * accelerations):
             return ""
         if math.sqrt(forces) > AS_IF * self._mass * math.sqrt(accelerations):
             return ""

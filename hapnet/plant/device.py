@@ -166,7 +166,7 @@ class SimulatedDevice(Record):
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
-        """From now on let the coupling (2) act within the ticks, in place of a held force.
+        """From now on let the coupling (2) act within the ticks, in place of a force under zero-order hold.
 
         Spring and damper together stay within the device's force limit; the damper is reduced.
 

@@ -27,7 +27,7 @@ SOFTEST_MOST = 10.0
 LATENCY_S = 0.005
 """How old a reading may be [s]: a device that is read often repeats a reading, then jumps."""
 
-LEAST_MOTION_M = 1e-4
+MIN_MOTION_M = 1e-4
 """A recorded hand that moves at all moves by more than this [m]: even a hand that holds still trembles as much."""
 
 _FAST = 3  # so many velocities in a row must be too high: a single one may come from a division by a short time
@@ -68,9 +68,9 @@ class OperatingRange:
     def check_stiffness(self, name: str, stiffness: ArrayLike, dof: int) -> None:
         """Raise InvalidParameter if K [N/m] is softer or stiffer than declared, in any direction."""
         values = np.linalg.eigvalsh(checks.spd(name, stiffness, dof))
-        least, most = self.stiffness
-        if values[0] < least * (1.0 - 1e-9) or values[-1] > most * (1.0 + 1e-9):
-            allowed = f"{least:g} to {most:g} N/m in every direction, as the device renders (device.stiffness_range)"
+        minimum, most = self.stiffness
+        if values[0] < minimum * (1.0 - 1e-9) or values[-1] > most * (1.0 + 1e-9):
+            allowed = f"{minimum:g} to {most:g} N/m in every direction, as the device renders (device.stiffness_range)"
             raise InvalidParameter(name, stiffness, allowed)
 
 
@@ -119,10 +119,10 @@ class RangeWatch:
         if (where := declared.outside(x)) is not None:
             return where
         most = f"its greatest speed is {declared.speed:g} m/s"
-        way = math.dist(x, self._last) - self._count
-        if way > declared.speed * (dt + LATENCY_S):
-            hint = in_millimetres(way, declared.speed * (dt + LATENCY_S))
-            return f"it reads a displacement of {way:.4g} m in {dt * 1e3:.3g} ms, {most}{hint}"
+        travel = math.dist(x, self._last) - self._count
+        if travel > declared.speed * (dt + LATENCY_S):
+            hint = in_millimetres(travel, declared.speed * (dt + LATENCY_S))
+            return f"it reads a displacement of {travel:.4g} m in {dt * 1e3:.3g} ms, {most}{hint}"
         speed = math.hypot(*v)
         self._fast = self._fast + 1 if speed > declared.speed else 0
         hint = in_millimetres(speed, declared.speed)
@@ -136,7 +136,7 @@ def check_motion(name: str, path: Array, reach: float) -> None:
         allowed = f"positions in m, within the {reach:g} m that the device reaches (device.workspace_m); these go to"
         raise InvalidParameter("operator", name, f"{allowed} {far:.4g} m{in_millimetres(far, reach)}")
     moved = float(np.ptp(path, axis=0).max())
-    if 0.0 < moved < LEAST_MOTION_M:
+    if 0.0 < moved < MIN_MOTION_M:
         raise InvalidParameter("operator", name, f"positions in m; these move by only {moved:.2g} m (are these km?)")
 
 
@@ -158,7 +158,7 @@ def _speed(name: str, value: object) -> float:
 
 
 def _stiffness(name: str, value: object) -> tuple[float, float]:
-    least, most = checks.vector(name, cast(ArrayLike, value), 2)
-    if not 0.0 <= least < most or most < SOFTEST_MOST:
+    minimum, most = checks.vector(name, cast(ArrayLike, value), 2)
+    if not 0.0 <= minimum < most or most < SOFTEST_MOST:
         raise InvalidParameter(name, value, f"least and greatest stiffness, the greatest {SOFTEST_MOST:g} N/m or more")
-    return least, most
+    return minimum, most

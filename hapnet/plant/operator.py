@@ -128,7 +128,7 @@ class Press:
         self._hold = checks.non_negative("operator.hold_s", hold)
         self._wait = checks.non_negative("operator.wait_s", wait)
         self._cycle = 2.0 * reach + hold + wait
-        self._share, self._point = 0.0, tuple([a + 0.0 * way for a, way in self._axes])
+        self._share, self._point = 0.0, tuple([a + 0.0 * offset for a, offset in self._axes])
 
     def reference(self, t: float) -> Vector:
         phase = t % self._cycle - self._wait
@@ -138,10 +138,10 @@ class Press:
         if share != self._share:
             self._share = share
             if len(self._axes) == 1:
-                a, way = self._axes[0]
-                self._point = (a + share * way,)
+                a, offset = self._axes[0]
+                self._point = (a + share * offset,)
             else:
-                self._point = tuple([a + share * way for a, way in self._axes])
+                self._point = tuple([a + share * offset for a, offset in self._axes])
         return self._point
 
     def path(self, times: Array) -> Array:
@@ -149,7 +149,7 @@ class Press:
         phase = times % self._cycle - self._wait
         back = 2.0 * self._reach + self._hold - phase
         share = minimum_jerks(np.where(phase > self._reach + self._hold, back, phase) / self._reach)
-        return np.stack([a + share * way for a, way in self._axes], axis=1)
+        return np.stack([a + share * offset for a, offset in self._axes], axis=1)
 
 
 class HeldAtEnd:

@@ -98,7 +98,7 @@ class ConnectedSide(Generic[SampleType]):
         """The emulated link through which this side sends now."""
         return self._task.side.profile
 
-    def change_link(self, words: str) -> None:
+    def change_link(self, text: str) -> None:
         """From now on send through this emulated link: tc-netem's words, or a profile's name.
 
         Raises
@@ -106,9 +106,9 @@ class ConnectedSide(Generic[SampleType]):
         NetemError, InvalidParameter : there is no such link.
         """
         self._task.require_running()
-        self._task.side.change_link(words)
+        self._task.side.change_link(text)
 
-    def tell(self, name: str, value: Signal) -> None:
+    def report(self, name: str, value: Signal) -> None:
         """Tell the other side a small value beside the stream.
 
         Raises
@@ -116,7 +116,10 @@ class ConnectedSide(Generic[SampleType]):
         InvalidParameter : it is no number, text, boolean, None or tuple of numbers, or there are too many.
         """
         self._task.require_running()
-        self._task.side.tell(name, value)
+        self._task.side.report(name, value)
+
+    tell = report
+    """Its former name, for one release more."""
 
     def pause(self, paused: bool = True) -> None:
         """Halt the simulated device or world, or let it continue. Servo, protocol and link keep running."""

@@ -197,6 +197,6 @@ def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:
         "late_period": timing.late_period,
         "skipped": timing.skipped,
         "overruns": side.overruns,
-        "longest_ms": side.longest_ns * 1e-6,
+        "longest_ms": side.max_ns * 1e-6,
         "late_histogram_us": [[edge / 1e3, count] for edge, count in timing.late_histogram_ns],
     }

@@ -15,8 +15,8 @@ from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.summary import path
 from hapnet.summary.from_samples import LiveFigures
+from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import Summary, combine, versions, with_wire
-from hapnet.summary.told import Claim, joined, values_of
 from hapnet.transport.zenoh import ZenohTransport
 from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
@@ -69,13 +69,13 @@ class Figures:
         }
 
     @property
-    def way(self) -> str:
+    def direction(self) -> str:
         """The direction of this side's link: "up" or "down"."""
         return "up" if self._role == "device" else "down"
 
     def meta(self) -> dict[str, Any]:
         """The description of a recording that begins now."""
-        links = {self.way: str(self._driver.port.link.profile)}
+        links = {self.direction: str(self._driver.port.link.profile)}
         origin_ns = self._control.origin_ns
         utc_ns = None if origin_ns is None else origin_ns + self._utc_less_clock_ns
         return self._about | {"links": links, "origin_ns": origin_ns, "utc_origin_ns": utc_ns, "utc_clock": "system"}
@@ -99,16 +99,16 @@ class Figures:
         )
 
     def account(self, *, final: bool) -> dict[str, Signal]:
-        """What this side tells its peer of its half. final : control has stopped, and only energy in flight moves."""
-        told = values_of(self._own(), self._role)
+        """What this side reports its peer of its half. final : control has stopped, and only energy in flight moves."""
+        reported = values_of(self._own(), self._role)
         if not final:  # a servo's process reports its part at its end; its samples come
             live = {"ledger.margin_J": self.live.margin_J, "ledger.margin_end_J": self.live.margin_end_J}
             if not jointly_passive(self._setup.params.coupling):
                 live["ledger.slack_J"] = self.live.slack_J
-            return {name: value for name, value in live.items() if value is not None} | told
+            return {name: value for name, value in live.items() if value is not None} | reported
         if self._final is None:
-            self._final = told
-        self._final |= {name: told[name] for name in _ENERGY if name in told}
+            self._final = reported
+        self._final |= {name: reported[name] for name in _ENERGY if name in reported}
         return self._final
 
     def _own(self) -> Summary:
@@ -121,7 +121,7 @@ class Figures:
             own[self._role] = with_wire(part, self._control.wire.session, end_ns) | {
                 "dropped": self.dropped(), "declared_again": self._transport.declared_again, "failed": self.failed,
             }  # fmt: skip
-            links[self.way] = self._driver.port.link.stats.as_dict()
+            links[self.direction] = self._driver.port.link.stats.as_dict()
         origin_ns = self._control.origin_ns
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(

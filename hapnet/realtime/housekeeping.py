@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 
 from hapnet.errors import HapnetError
-from hapnet.realtime.account_teller import AccountTeller
+from hapnet.realtime.account_reporter import AccountReporter
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.link_driver import LinkDriver
@@ -55,7 +55,7 @@ class Housekeeping:
         reporter: Reporter,
         clock: Clock,
         *,
-        accounts: AccountTeller,
+        accounts: AccountReporter,
         alone: PeerAbsence,
         diagnosis: ConnectionDiagnosis,
         timeline: Timeline | None,

@@ -119,14 +119,14 @@ class Drops:
     """Reports dropped messages at a bounded rate, so that whoever sends them cannot fill a log."""
 
     def __init__(self) -> None:
-        self._told: Counter[str] = Counter()
+        self._reported: Counter[str] = Counter()
         self._reported_ns: int | None = None
 
     def look(self, now_ns: int, dropped: Mapping[str, int], why: Mapping[str, str]) -> Notice | None:
         """The notice about the messages dropped since the last one. `why` : the reason of the last one of each kind."""
-        new = {kind: count - self._told[kind] for kind, count in dropped.items() if kind not in ROUTINE}
+        new = {kind: count - self._reported[kind] for kind, count in dropped.items() if kind not in ROUTINE}
         new = {kind: count for kind, count in new.items() if count > 0}
-        known = all(self._told[kind] for kind in new)
+        known = all(self._reported[kind] for kind in new)
         if not new or (known and self._reported_ns is not None and now_ns - self._reported_ns < REPORT_EVERY_NS):
             return None
         total = sum(new.values())
@@ -136,6 +136,6 @@ class Drops:
         text += ": " + ", ".join(
             f"{count} {kind}{f' ({why[kind]})' if kind in why else ''}" for kind, count in sorted(new.items())
         )
-        self._told.update(new)
+        self._reported.update(new)
         self._reported_ns = now_ns
         return Notice("dropped", text, now_ns, "warning", dict(new))

@@ -23,7 +23,7 @@ from hapnet.assembly.build import LIVE, Setup, link_profile
 from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.realtime.account_teller import AccountTeller
+from hapnet.realtime.account_reporter import AccountReporter
 from hapnet.realtime.controller_choice import control_of
 from hapnet.realtime.controllers import Control, ControlCallbacks
 from hapnet.realtime.figures import Figures
@@ -121,9 +121,9 @@ class RealtimeSide:
         control = self.control
         self.wire: WireHalf = control.wire
         self.wire.session.sample(self._transport.sampled)
-        own, way = (setup.params.device, 0) if role == "device" else (setup.params.world, 1)
+        own, direction = (setup.params.device, 0) if role == "device" else (setup.params.world, 1)
         profile, timeline = (setup.up, setup.up_timeline) if role == "device" else (setup.down, setup.down_timeline)
-        port = LinkPort(control.wire, Link(profile, seed=entropy[way]))
+        port = LinkPort(control.wire, Link(profile, seed=entropy[direction]))
         period_ns = round(1e9 / setup.params.device.servo_hz) if role == "device" else None
         self._link_driver = LinkDriver(port, self._transport.put, clock, period_ns=period_ns)
         rate_hz = setup.params.telemetry_hz
@@ -141,7 +141,7 @@ class RealtimeSide:
         for sample in early:
             self._keep_and_see(sample)
         self._write = self._keep_and_see
-        self._accounts = AccountTeller(self._figures, control.wire.session, self._link_driver, clock)
+        self._accounts = AccountReporter(self._figures, control.wire.session, self._link_driver, clock)
         self._diagnosis = ConnectionDiagnosis(zenoh, clock())
         self._housekeeping = Housekeeping(
             role, control, self._link_driver, self._transport, self._figures, self._reporter, clock,
@@ -186,9 +186,9 @@ class RealtimeSide:
         self._report(self._link_driver.receive(now_ns, data))
 
     def _report(self, events: tuple[Event, ...]) -> None:
-        told = [event for event in events if not isinstance(event, _ORDINARY)]
-        if told:
-            self._loop.call_soon_threadsafe(self._housekeeping.on_events, told, self._clock())
+        reported = [event for event in events if not isinstance(event, _ORDINARY)]
+        if reported:
+            self._loop.call_soon_threadsafe(self._housekeeping.on_events, reported, self._clock())
 
     def _warn(self, text: str) -> None:
         """On any thread; the loop reports it."""
@@ -242,7 +242,7 @@ class RealtimeSide:
                 summary = self.summary()
                 self._housekeeping.drain()
                 self._housekeeping.watch()
-                self._reporter.recordings.end(self._told(summary), self.control.unrecorded)
+                self._reporter.recordings.end(self._reported(summary), self.control.unrecorded)
         return summary
 
     async def _open(self, stop: asyncio.Event) -> None:
@@ -289,14 +289,14 @@ class RealtimeSide:
 
     # -- while it runs, on the event loop ----------------------------------------------------------------------------
 
-    def change_link(self, words: str) -> None:
+    def change_link(self, text: str) -> None:
         """From now on send through this link: tc-netem's words, or a profile's name.
 
         Raises
         ------
         NetemError, InvalidParameter : there is no such link.
         """
-        profile = link_profile(f"link.{self._figures.way}", words)
+        profile = link_profile(f"link.{self._figures.direction}", text)
         self._link_driver.change(profile)
         self._reporter.notify(Notice(link_events.KIND, link_events.text_of(profile), self._clock()))
 
@@ -332,7 +332,7 @@ class RealtimeSide:
         if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
             raise InvalidParameter("operator", params.operator, f"{LIVE}, on a device's side with a simulated device")
 
-    def tell(self, name: str, value: Signal) -> None:
+    def report(self, name: str, value: Signal) -> None:
         """Tell the other side a small value beside the stream: it comes to its scene, device or program as a signal.
 
         Raises
@@ -340,9 +340,12 @@ class RealtimeSide:
         InvalidParameter : it is no number, text, boolean, None or tuple of numbers, or there are too many.
         """
         with self._link_driver.lock:
-            self.wire.session.signals.tell(name, value)
+            self.wire.session.signals.report(name, value)
         self._link_driver.arm()
         self._reporter.notify(Notice("signal", signal_text(name, value), self._clock()))
+
+    tell = report
+    """Its former name, for one release more."""
 
     def stop_force(self, why: str) -> None:
         """Let the device render no force any more, for good; either side may call it. `why` : for people."""
@@ -361,13 +364,13 @@ class RealtimeSide:
         """
         self._housekeeping.drain()
         recordings = self._reporter.recordings
-        recordings.end(self._told(self.summary()), self.control.unrecorded)
+        recordings.end(self._reported(self.summary()), self.control.unrecorded)
         if path is not None:
             recordings.begin(path)
             if not self._link_driver.port.link.is_up:
                 recordings.keep(Note(self._clock(), link_events.KIND, link_events.text_of("down")))
 
-    def _told(self, summary: Summary) -> Summary | None:
+    def _reported(self, summary: Summary) -> Summary | None:
         """The summary for a recording's end. None: it lacks the part of a servo's process, which tells it at its end
         only, and did not if it was killed; the samples then count.
         """

@@ -18,7 +18,7 @@ import msgpack
 from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
 from hapnet.mechanics.plane import Plane
 
-LONGEST_FRAME = 1 << 17
+MAX_FRAME = 1 << 17
 _TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 21
 """Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date. What it says is kept,
 also while its parent stands still for some seconds."""
@@ -93,7 +93,7 @@ class Pipe:
         PipeClosed : no more will come.
         """
         try:
-            return self._opened(self._end.recv(LONGEST_FRAME, socket.MSG_DONTWAIT))
+            return self._opened(self._end.recv(MAX_FRAME, socket.MSG_DONTWAIT))
         except BlockingIOError:
             return None
         except ConnectionError:
@@ -107,7 +107,7 @@ class Pipe:
                 ready.register(self._end, select.POLLIN)
                 if not ready.poll(timeout_s * 1e3):
                     return None
-            return self._opened(self._end.recv(LONGEST_FRAME))
+            return self._opened(self._end.recv(MAX_FRAME))
         except OSError:
             raise PipeClosed from None
 

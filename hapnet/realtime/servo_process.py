@@ -69,7 +69,7 @@ class ServoProcess:
         self.unrecorded: Any = 0
         self._setup, self._callbacks = setup, callbacks
         self._shuffled: deque[float] = deque()
-        self._told: deque[tuple[str, Signal]] = deque()
+        self._reported: deque[tuple[str, Signal]] = deque()
         self._owed: deque[tuple[Any, ...]] = deque()  # frames that must arrive, but found the pipe full or not open yet
         self._open_for_all = False  # not before the setup, which must be the first frame
         self._paying = threading.Lock()
@@ -96,12 +96,12 @@ class ServoProcess:
     def on_signal(self, name: str, value: Signal) -> None:
         self._deliver("signal", name, value)
 
-    def told(self) -> tuple[str, Signal] | None:
-        return self._told.popleft() if self._told else None
+    def reported(self) -> tuple[str, Signal] | None:
+        return self._reported.popleft() if self._reported else None
 
     @property
-    def has_told(self) -> bool:
-        return bool(self._told)
+    def has_reported(self) -> bool:
+        return bool(self._reported)
 
     def credit(self, credited_nJ: int) -> None:
         self._deliver("credit", credited_nJ)
@@ -254,7 +254,7 @@ class ServoProcess:
                 for sample in samples:
                     callbacks.write(DeviceSample(*sample))
             case ("told", name, value):
-                self._told.append((name, value))
+                self._reported.append((name, value))
                 callbacks.wake()
             case ("note", note):
                 callbacks.write(Event(*note))

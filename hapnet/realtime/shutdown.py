@@ -19,7 +19,7 @@ QUIET_S = 0.3
 """A side leaves when nothing was credited for this time [s]: the other side, which ends a little later, has then sent
 all its energy."""
 
-LONGEST_TRIP_S = 10.0
+MAX_TRIP_S = 10.0
 """Longest round trip of the emulated link that is waited for [s]. It adds once to `QUIET_S` and twice to `LINGER_S`,
 as one message may get lost."""
 
@@ -41,19 +41,19 @@ class GracefulShutdown:
         link_driver: LinkDriver,
         clock: Clock,
         pump: Callable[[], None],
-        tell: Callable[[], bool],
+        report: Callable[[], bool],
         lingers: Callable[[], bool],
         hurried: Callable[[], bool],
     ) -> None:
         self._session, self._link_driver, self._clock = session, link_driver, clock
-        self._pump, self._tell, self._lingers, self._hurried = pump, tell, lingers, hurried
+        self._pump, self._report, self._lingers, self._hurried = pump, report, lingers, hurried
 
     async def run(self, reason: str, linger_s: float, delay_s: float) -> None:
         """Wait at most `linger_s`, plus time for the emulated link's delay of `delay_s`, then leave; 0: do not wait."""
         loop, session = asyncio.get_running_loop(), self._session
-        trip_s = min(2.0 * delay_s, LONGEST_TRIP_S)
+        trip_s = min(2.0 * delay_s, MAX_TRIP_S)
         deadline = loop.time() + (linger_s + 2.0 * trip_s if linger_s else 0.0)
-        self._tell()
+        self._report()
         self._pump()
         credited, quiet_until = -1, 0.0
         while loop.time() < deadline and self._lingers() and not self._hurried():
@@ -61,7 +61,7 @@ class GracefulShutdown:
                 paired, settled, now = session.peer is not None, session.settled, session.credited_nJ
             if now != credited:
                 credited, quiet_until = now, loop.time() + QUIET_S + trip_s
-            if not paired or (self._tell() and settled and loop.time() >= quiet_until):
+            if not paired or (self._report() and settled and loop.time() >= quiet_until):
                 break
             await asyncio.sleep(_LOOK_S)
         with self._link_driver.lock:

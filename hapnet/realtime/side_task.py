@@ -22,7 +22,7 @@ from hapnet.summary.verdict import ROUNDING_J, has_reservoirs
 MOST_SAMPLES, MOST_EVENTS = 1000, 200
 """A stream that is further behind misses the oldest."""
 
-TELL_MISSED_S = 1.0
+REPORT_MISSED_S = 1.0
 """What streams missed is told at most this often [s]."""
 
 
@@ -54,7 +54,7 @@ class SideTask:
         self._made: RealtimeSide | None = None
         self._was_paired = self._lost = self._hurried = False
         self._missing: dict[str, int] = {}
-        self._told_s = 0.0
+        self._reported_s = 0.0
         self._task = self._loop.create_task(self._run())
         self._task.add_done_callback(self._end)
 
@@ -163,11 +163,11 @@ class SideTask:
     def _missed(self, what: str, count: int) -> None:
         """Count what a stream has missed, and tell it now and then; on the loop."""
         self._missing[what] = self._missing.get(what, 0) + count
-        if (now_s := self._loop.time()) - self._told_s >= TELL_MISSED_S:
-            self._told_s = now_s
-            self._tell_missed()
+        if (now_s := self._loop.time()) - self._reported_s >= REPORT_MISSED_S:
+            self._reported_s = now_s
+            self._report_missed()
 
-    def _tell_missed(self) -> None:
+    def _report_missed(self) -> None:
         for what in list(self._missing):
             count = self._missing.pop(what)
             text = f"{count} {what} were missed: they came faster than they were read"
@@ -175,7 +175,7 @@ class SideTask:
 
     def _end(self, task: asyncio.Task[Summary]) -> None:
         """The side has ended; on the loop."""
-        self._tell_missed()
+        self._report_missed()
         failure = self.failure
         if failure is not None:
             self.events.give(own_event("ended", f"failed: {failure}", "error"))

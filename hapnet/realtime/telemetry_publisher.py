@@ -45,7 +45,7 @@ class TelemetryPublisher:
         self.dropped: int = 0
         self._period_s = 1.0 / rate_hz
         self._put, self._status, self._planes = put, status, planes
-        self._told: object = self  # the planes that were published last; itself: none yet
+        self._reported: object = self  # the planes that were published last; itself: none yet
         self._newest: Sample | None = None
         self._scene: SceneSample | None = None
         self._drawing: bytes | None = None
@@ -75,7 +75,7 @@ class TelemetryPublisher:
             else:
                 if now_s >= status_s or (self._newest is not None and not self._began):
                     status_s = now_s + STATUS_EVERY_S
-                    self.tell_status()
+                    self.report_status()
                 if self._drawing is not None and now_s >= self._drawing_s:
                     self._drawing_s = now_s + DRAWING_EVERY_S
                     self._put(self._drawing)
@@ -83,10 +83,10 @@ class TelemetryPublisher:
             due_s = max(due_s + period_s, loop.time())
             await asyncio.sleep(due_s - loop.time())
 
-    def tell_status(self) -> None:
+    def report_status(self) -> None:
         """Publish the status; the planes follow it, for who has just begun to watch."""
         self._put(encode(self._status()))
-        self._told = self
+        self._reported = self
 
     def publish(self) -> None:
         """Publish what was kept since the last time."""
@@ -97,8 +97,8 @@ class TelemetryPublisher:
             self._put(encode(sample))
         if scene is not None:
             self._put(encode(scene))
-        if self._planes is not None and (planes := self._planes()) != self._told:
-            self._told = planes
+        if self._planes is not None and (planes := self._planes()) != self._reported:
+            self._reported = planes
             self._put(encode(KnownPlanes(planes)))
         while self._events:
             self._put(encode(self._events.popleft()))

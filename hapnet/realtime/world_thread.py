@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from hapnet.realtime.servo import set_timer_slack
 
-_LONGEST_SLEEP_S = 0.1
+_MAX_SLEEP_S = 0.1
 """`stop` takes effect within this time [s], however long a step is."""
 
 
@@ -41,7 +41,7 @@ class Stepper:
             while not self._stopping.is_set():
                 now_ns = self._clock()
                 if now_ns < deadline_ns:
-                    time.sleep(min((deadline_ns - now_ns) * 1e-9, _LONGEST_SLEEP_S))
+                    time.sleep(min((deadline_ns - now_ns) * 1e-9, _MAX_SLEEP_S))
                 else:
                     deadline_ns = now_ns + self._step(now_ns)
         except BaseException as error:

@@ -36,7 +36,7 @@ MOST_DRIFT = 5e-4
 LOW = 0.1
 """This share of the transits is below the lines."""
 
-_LEAST = 4  # messages in each direction
+_MINIMUM = 4  # messages in each direction
 _SPANNED = 0.5  # of a window: a slope over less of it says little of its ends
 _HALVINGS = 48
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -56,9 +56,9 @@ class ClockDifference:
     error_s: float
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> ClockDifference:
+    def of(cls, reported: Mapping[str, Any]) -> ClockDifference:
         """From what `vars` gives, through JSON."""
-        return cls(tuple(told["device_ns"]), tuple(told["difference_ns"]), float(told["error_s"]))
+        return cls(tuple(reported["device_ns"]), tuple(reported["difference_ns"]), float(reported["error_s"]))
 
     @property
     def drift(self) -> float:
@@ -106,7 +106,7 @@ def clock_difference(
     """
     down_ns, down = _transits(device)
     up_ns, up = _transits(world)
-    if min(len(down), len(up)) < _LEAST:
+    if min(len(down), len(up)) < _MINIMUM:
         return None
     origin_ns, base = int(down_ns[0]), float(up[0])
     up, down = up - base, down + base  # the difference is now small
@@ -148,19 +148,19 @@ def _line(
 
     sent, up : of messages to the world. came, down : of messages to the device. Those from `begin` to `end` count.
     """
-    ways = []
+    directions = []
     for at, transit in ((sent, up), (came, down)):
         inside = (at >= begin) & (at <= end)
-        if np.count_nonzero(inside) < _LEAST or np.ptp(at[inside]) < _SPANNED * (end - begin):
+        if np.count_nonzero(inside) < _MINIMUM or np.ptp(at[inside]) < _SPANNED * (end - begin):
             return None
-        ways.append((at[inside] - begin, transit[inside]))
-    (x_up, y_up), (x_down, y_down) = ways
+        directions.append((at[inside] - begin, transit[inside]))
+    (x_up, y_up), (x_down, y_down) = directions
 
     def left(slope: float) -> float:
         """What the lines leave, as quantile regression weighs it."""
         return _pinball(y_up - slope * x_up) + _pinball(y_down + slope * x_down)
 
-    slope = _least(left, -MOST_DRIFT, MOST_DRIFT)
+    slope = _minimum(left, -MOST_DRIFT, MOST_DRIFT)
     low_up, low_down = (float(np.quantile(y, LOW)) for y in (y_up - slope * x_up, y_down + slope * x_down))
     return (low_up - low_down) / 2.0, slope, low_up + low_down
 
@@ -171,7 +171,7 @@ def _pinball(values: Array) -> float:
     return float(np.maximum(LOW * apart, (LOW - 1.0) * apart).mean())
 
 
-def _least(function: Any, low: float, high: float) -> float:
+def _minimum(function: Any, low: float, high: float) -> float:
     """Where a convex function is least: golden section."""
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_a, at_b = function(a), function(b)

@@ -95,13 +95,13 @@ class SceneWriter:
 
 def pack(parts: tuple[Part, ...]) -> bytes:
     """The parts as bytes; none if they are too large."""
-    told = [
+    reported = [
         (_bytes(one.vertices), np.asarray(one.triangles, "<u4").tobytes(), one.color, one.body, one.smooth)
         for one in parts
     ]
-    if sum(len(vertices) + len(triangles) for vertices, triangles, *_ in told) > _UNPACKED:
+    if sum(len(vertices) + len(triangles) for vertices, triangles, *_ in reported) > _UNPACKED:
         return b""
-    packed = zlib.compress(msgpack.packb(told), 6)
+    packed = zlib.compress(msgpack.packb(reported), 6)
     return packed if len(packed) <= LARGEST else b""
 
 
@@ -116,8 +116,8 @@ def unpack(data: bytes) -> tuple[Part, ...]:
         return ()
     try:
         opened = zlib.decompressobj()
-        told = msgpack.unpackb(opened.decompress(data, 2 * _UNPACKED), use_list=False)
-        parts = tuple([_part(*one) for one in told])
+        reported = msgpack.unpackb(opened.decompress(data, 2 * _UNPACKED), use_list=False)
+        parts = tuple([_part(*one) for one in reported])
     except (TypeError, ValueError, OverflowError, zlib.error, msgpack.UnpackException) as error:
         raise BadMessage("drawing", f"no parts ({error})") from None
     return parts

@@ -30,7 +30,7 @@ def read(text: str) -> Change:
     return entry.action
 
 
-def played(words: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[Entry, ...], list[str]]:
+def played(spec: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[Entry, ...], list[str]]:
     """A recorded link, for a run that begins when the changes' times are 0.
 
     Parameters
@@ -42,7 +42,7 @@ def played(words: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[E
     -------
     The link at the run's start, the entries of a timeline, and a line with the reason for each change that is left out.
     """
-    start, down = words, False
+    start, down = spec, False
     later: list[Entry] = []
     unread: list[str] = []
     for at_ns, text in changes:

@@ -28,10 +28,10 @@ from hapnet.wire.messages import Role
 
 VERSION = 5
 
-LONGEST = 64 * 1024
+MAX_LENGTH = 64 * 1024
 """No message but a drawing is longer [bytes]."""
 
-_LONGEST_DRAWING = LARGEST + 64
+_MAX_DRAWING = LARGEST + 64
 
 _SAMPLES: dict[str, type[DeviceSample] | type[WorldSample]] = {"device": DeviceSample, "world": WorldSample}
 _LATEST_NS = 2**63 - 1  # of an array's times
@@ -62,7 +62,7 @@ class Status:
 
 
 class KnownPlanes(NamedTuple):
-    """The planes that the device knows, from the world's newest message; None: the world tells none."""
+    """The planes that the device knows, from the world's newest message; None: the world sends none."""
 
     planes: tuple[Plane, ...] | None
 
@@ -97,9 +97,9 @@ def decode(data: bytes) -> Telemetry:
     ------
     BadMessage : these bytes are not a message of this version.
     """
-    longest = _LONGEST_DRAWING if data.startswith(_DRAWING_BEGINS) else LONGEST
-    if len(data) > longest:
-        raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {longest}")
+    maximum = _MAX_DRAWING if data.startswith(_DRAWING_BEGINS) else MAX_LENGTH
+    if len(data) > maximum:
+        raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {maximum}")
     try:
         frame = msgpack.unpackb(data, use_list=False, strict_map_key=True)
     except (ValueError, msgpack.UnpackException) as error:
@@ -107,8 +107,8 @@ def decode(data: bytes) -> Telemetry:
     match frame:
         case (version, *_) if version != VERSION:
             raise BadMessage("version", f"telemetry of version {version!r}; allowed: {VERSION}")
-        case (_, str(kind), *told) if kind in _SAMPLES:
-            return _sample(_SAMPLES[kind], told)
+        case (_, str(kind), *reported) if kind in _SAMPLES:
+            return _sample(_SAMPLES[kind], reported)
         case (_, "event", int(time_ns), str(kind), str(text), "info" | "warning" | "error" as level):
             return Event(time_ns, kind, text, level)
         case (_, "scene", int(time_ns), bytes(poses), bytes(touches), bytes(soft)) if _is_time(time_ns):
@@ -116,19 +116,19 @@ def decode(data: bytes) -> Telemetry:
             if (problem := scene.problem()) is not None:
                 raise BadMessage("telemetry", problem)
             return scene
-        case (_, "drawing", int(time_ns), bytes(told)) if _is_time(time_ns):
-            unpack(told)
-            return Drawing(time_ns, told)
-        case (_, "planes", told) | (_, "planes", told, _) | (_, "planes", told, _, _):
-            fields.planes(told)
+        case (_, "drawing", int(time_ns), bytes(reported)) if _is_time(time_ns):
+            unpack(reported)
+            return Drawing(time_ns, reported)
+        case (_, "planes", reported) | (_, "planes", reported, _) | (_, "planes", reported, _, _):
+            fields.planes(reported)
             bends, friction = (*frame[3:], None, None)[:2]
             if bends is not None:
-                fields.curvatures(bends, told)
+                fields.curvatures(bends, reported)
             if friction is not None:
-                fields.friction(friction, told)
-            return KnownPlanes(Plane.all_of(told, bends, friction))
-        case (_, "status", dict(told)):
-            return _status(told)
+                fields.friction(friction, reported)
+            return KnownPlanes(Plane.all_of(reported, bends, friction))
+        case (_, "status", dict(reported)):
+            return _status(reported)
     raise BadMessage("telemetry", "neither a sample, an event, planes, a scene, a drawing nor a status")
 
 
@@ -143,16 +143,16 @@ def _parts_of(planes: tuple[Plane, ...] | None) -> tuple[Any, ...]:
     return (flat,) if bends is None else (flat, bends)
 
 
-def _sample(kind: type[DeviceSample] | type[WorldSample], told: list[Any]) -> DeviceSample | WorldSample:
+def _sample(kind: type[DeviceSample] | type[WorldSample], reported: list[Any]) -> DeviceSample | WorldSample:
     names = kind._fields
-    if len(told) != len(names):
-        raise BadMessage("telemetry", f"{len(told)} fields of a {kind.__name__}, which has {len(names)}")
-    for name, value in zip(names, told, strict=True):
+    if len(reported) != len(names):
+        raise BadMessage("telemetry", f"{len(reported)} fields of a {kind.__name__}, which has {len(names)}")
+    for name, value in zip(names, reported, strict=True):
         if not _FITS[kind][name](value):
             raise BadMessage("telemetry", f"{name} of a {kind.__name__} is {value!r:.60}")
-    if len({len(value) for name, value in zip(names, told, strict=True) if name in VECTORS and value}) > 1:
+    if len({len(value) for name, value in zip(names, reported, strict=True) if name in VECTORS and value}) > 1:
         raise BadMessage("telemetry", f"vectors of a {kind.__name__} with different numbers of axes")
-    return kind._make(told)
+    return kind._make(reported)
 
 
 def _is_time(value: object) -> bool:
@@ -182,17 +182,17 @@ _STATUS_TYPES: dict[str, Any] = {
 }
 
 
-def _status(told: dict[str, Any]) -> Status:
-    if set(told) != set(_STATUS_TYPES):
+def _status(reported: dict[str, Any]) -> Status:
+    if set(reported) != set(_STATUS_TYPES):
         raise BadMessage("telemetry", "a status with other fields")
     for name, allowed in _STATUS_TYPES.items():
-        if not isinstance(told[name], allowed):
-            raise BadMessage("telemetry", f"{name} of a status is {told[name]!r:.60}")
-    if told["role"] not in get_args(Role):
-        raise BadMessage("telemetry", f"role of a status is {told['role']!r:.60}")
-    if not (_is_about(told["about"]) and _is_link(told["link"]) and _is_path(told["path"])):
+        if not isinstance(reported[name], allowed):
+            raise BadMessage("telemetry", f"{name} of a status is {reported[name]!r:.60}")
+    if reported["role"] not in get_args(Role):
+        raise BadMessage("telemetry", f"role of a status is {reported['role']!r:.60}")
+    if not (_is_about(reported["about"]) and _is_link(reported["link"]) and _is_path(reported["path"])):
         raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are not valid")
-    return Status(**told)
+    return Status(**reported)
 
 
 def _is_about(about: dict[str, Any]) -> bool:
@@ -216,7 +216,10 @@ def _is_link(link: dict[str, Any]) -> bool:
 
 
 def _is_path(path: dict[str, Any]) -> bool:
-    ways = [path.get(name) for name in ("up", "down")]
-    if not all(way is None or (isinstance(way, dict) and isinstance(way.get("loss"), float | int)) for way in ways):
+    directions = [path.get(name) for name in ("up", "down")]
+    if not all(
+        direction is None or (isinstance(direction, dict) and isinstance(direction.get("loss"), float | int))
+        for direction in directions
+    ):
         return False
     return isinstance(path.get("round_trip_p50_ms"), float | int | None)

@@ -71,7 +71,7 @@ class Histogram(Record):
         place = self._place(q)
         return None if place is None else self._edge(place[0])
 
-    def interpolated(self, q: float, least: int) -> int | None:
+    def interpolated(self, q: float, minimum: int) -> int | None:
         """As `quantile`, but on average not too high: as if the values of a bin were spread evenly.
 
         least : no value is below it.
@@ -80,7 +80,7 @@ class Histogram(Record):
             return None
         index, share = place
         high = self._edge(index)
-        low = min(high, max(least, _highest(index - 1) + 1))
+        low = min(high, max(minimum, _highest(index - 1) + 1))
         return low + round((high - low) * share)
 
     def _place(self, q: float) -> tuple[int, float] | None:

@@ -17,7 +17,7 @@ from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
 from hapnet.report.words import get, has_reservoirs, millijoule, verdict
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
-from hapnet.summary.structure import WAYS, read
+from hapnet.summary.structure import DIRECTIONS, read
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -117,13 +117,13 @@ def _margins(panel: Axes, recording: Recording) -> None:
     low, part = 0.0, "port" if joint else "half"
     for columns, label, style in ((device, f"device's {part}", _DEVICE), (world, f"world's {part}", _WORLD)):
         if columns is not None and not (joint and total is not None):
-            low = min(low, _least(columns["margin_J"]) * 1e3)
+            low = min(low, _minimum(columns["margin_J"]) * 1e3)
             _curve(panel, columns, columns["margin_J"] * 1e3, label, drawstyle="steps-post", **style)
     if joint and total is None:  # one port alone may go below 0
         panel.set_ylabel("energy put in + d² [mJ]")
         return
     if total is not None:
-        low = min(low, _least(total["margin_J"]) * 1e3)
+        low = min(low, _minimum(total["margin_J"]) * 1e3)
         label = f"sum{_margin_words(recording)}"
         both = total["margin_J"] * 1e3
         _curve(panel, total, both, label, color="black", linestyle="-.", linewidth=0.9)
@@ -139,8 +139,8 @@ def _margins(panel: Axes, recording: Recording) -> None:
 def _margin_words(recording: Recording) -> str:
     """The most energy that ever came out, and the margin at the end."""
     theorem = read(recording.summary)["theorem"]
-    told = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
-    said = [f"{millijoule(value)} mJ {words}" for words, value in told.items() if value is not None]
+    reported = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
+    said = [f"{millijoule(value)} mJ {words}" for words, value in reported.items() if value is not None]
     return f" ({', '.join(said)})" if said else ""
 
 
@@ -261,22 +261,22 @@ def _along(recording: Recording, axis: int) -> str:
 def _title(recording: Recording) -> str:
     summary, meta = read(recording.summary), recording.meta
     links = summary["links"]
-    up, down = (None if (link := links[way]) is None else link["profile"] for way in WAYS)
+    up, down = (None if (link := links[direction]) is None else link["profile"] for direction in DIRECTIONS)
     up, down = up or get(meta, "links", "up"), down or get(meta, "links", "down")
     asked = {"link": up} if up == down else {"uplink": up, "downlink": down}
     words = [f"{name}: {str(profile)[:_TITLE]}" for name, profile in asked.items() if profile is not None]
-    for name, told in (("coupling", summary["coupling"]), ("seed", summary["seed"])):
-        value = meta.get(name) if told is None else told
+    for name, reported in (("coupling", summary["coupling"]), ("seed", summary["seed"])):
+        value = meta.get(name) if reported is None else reported
         words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
     about = (line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(", ".join(words), 100))
-    return "\n".join([*about, *textwrap.wrap(verdict(_told(recording)), 100)])
+    return "\n".join([*about, *textwrap.wrap(verdict(_reported(recording)), 100)])
 
 
-def _told(recording: Recording) -> Mapping[str, Any]:
+def _reported(recording: Recording) -> Mapping[str, Any]:
     """The summary or, if there is none (a torn file), one made from the samples."""
     return from_recording(recording) if recording.summary is None else recording.summary
 
 
-def _least(values: NDArray[np.float64]) -> float:
+def _minimum(values: NDArray[np.float64]) -> float:
     finite = values[np.isfinite(values)]
     return float(finite.min()) if len(finite) else 0.0

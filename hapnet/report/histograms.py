@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapnet.report.style import MM, STYLE
 from hapnet.report.words import number
-from hapnet.summary.structure import WAYS, read
+from hapnet.summary.structure import DIRECTIONS, read
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,26 +30,26 @@ def link_histogram(tree: object) -> Figure | None:
     from matplotlib import rc_context
 
     counted = read(tree)["links"]
-    links = {way: link for way in WAYS if (link := counted[way]) is not None}
-    bins = {way: _bins(link["delay_histogram_ms"]) for way, link in links.items()}
-    found = {way: part for way, part in bins.items() if len(part) > 1}
+    links = {direction: link for direction in DIRECTIONS if (link := counted[direction]) is not None}
+    bins = {direction: _bins(link["delay_histogram_ms"]) for direction, link in links.items()}
+    found = {direction: part for direction, part in bins.items() if len(part) > 1}
     if not found:
         return None
-    longest = max(part[-1, 0] for part in found.values())
+    top = max(part[-1, 0] for part in found.values())
     wide = any(part[-1, 0] > _WIDE * _median(part) for part in found.values())
     with rc_context(STYLE):
         fig = _figure(20 + 40 * len(found))
         panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
-        for panel, (way, part) in zip(panels, found.items(), strict=True):
-            _delays(panel, part, _COLORS[way], logarithmic=wide)
-            link = links[way]
+        for panel, (direction, part) in zip(panels, found.items(), strict=True):
+            _delays(panel, part, _COLORS[direction], logarithmic=wide)
+            link = links[direction]
             _marks(panel, {"p50": link["delay_p50_ms"], "p99": link["delay_p99_ms"]}, "ms")
-            words = textwrap.wrap(f"{way}link: {link['profile'] or 'nothing emulated'}"[:_TITLE], _LINE)
+            words = textwrap.wrap(f"{direction}link: {link['profile'] or 'nothing emulated'}"[:_TITLE], _LINE)
             panel.set_title("\n".join(words), loc="left", fontsize=8, parse_math=False)
         if not wide:
             shortest = min(part[0, 0] for part in found.values())
-            room = max(0.1 * (longest - shortest), 0.02 * longest)
-            panels[0].set_xlim(max(0.0, shortest - room), longest + room)
+            room = max(0.1 * (top - shortest), 0.02 * top)
+            panels[0].set_xlim(max(0.0, shortest - room), top + room)
         panels[-1].set_xlabel("delay in the link [ms]")
     return fig
 

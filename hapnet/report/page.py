@@ -18,7 +18,7 @@ from hapnet.report.html import Html, element, join, table
 from hapnet.report.pictures import Picture
 from hapnet.report.settings import Setting, commands, of_side, settings
 from hapnet.report.words import get, has_reservoirs, number, outcome, tuning, verdict
-from hapnet.summary.structure import WAYS, Summary, Way, read
+from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
 
 FOLDED = 12
 """A longer list of events is folded."""
@@ -147,7 +147,7 @@ def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
         "device": _of_device(recording, "hardware"),
         "coupling": f"{COUPLINGS[coupling].title} ({coupling})" if coupling in COUPLINGS else coupling,
         "tuned to": tuning(summary),
-        **{f"{way}link": _link(recording, way) for way in WAYS},
+        **{f"{direction}link": _link(recording, direction) for direction in DIRECTIONS},
         "duration": None if duration is None else f"{number(duration)} s",
         "seed": summary["seed"],
         "clock": "virtual time" if get(meta, "clock") == "virtual" else "real time",
@@ -159,13 +159,13 @@ def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
     return element("dl", *items)
 
 
-def _link(recording: Recording, way: Way) -> str | None:
-    side = of_side(recording, "device" if way == "up" else "world")
-    asked = get(side, "links", way)
+def _link(recording: Recording, direction: Direction) -> str | None:
+    side = of_side(recording, "device" if direction == "up" else "world")
+    asked = get(side, "links", direction)
     if asked is None:
-        link = read(recording.summary)["links"][way]
+        link = read(recording.summary)["links"][direction]
         asked = None if link is None else link["profile"]
-    timeline = get(side, "params", "link", f"{way}_timeline")
+    timeline = get(side, "params", "link", f"{direction}_timeline")
     return None if asked is None else f"{asked or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
 
 
@@ -218,12 +218,12 @@ def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
 
 
 def _versions(recording: Recording) -> Html:
-    told = {
+    reported = {
         side: get(of_side(recording, side), "versions") or read(recording.summary)["versions"]
         for side in ("device", "world")
     }
-    same = told["device"] == told["world"]
-    columns = {"": told["device"]} if same else told
+    same = reported["device"] == reported["world"]
+    columns = {"": reported["device"]} if same else reported
     names = dict.fromkeys(name for versions in columns.values() if isinstance(versions, Mapping) for name in versions)
     rows = [(name, *(str(get(versions, name) or "-") for versions in columns.values())) for name in names]
     return table(("" if same else "package", *columns), rows) if rows else element("p", "Unknown.")

@@ -10,7 +10,7 @@ from hapnet.report.files import png
 from hapnet.report.histograms import lateness_histogram, link_histogram
 from hapnet.report.scene_figure import scene_figure
 from hapnet.report.words import has_reservoirs, number, verdict
-from hapnet.summary.structure import WAYS, read
+from hapnet.summary.structure import DIRECTIONS, read
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,18 @@ def pictures(recording: Recording) -> dict[str, Picture]:
     if (scene := scene_figure(recording)) is not None:
         found.append(Picture("scene", png(scene), _SCENE, "The scene in 3-D, with the ways of device and proxy."))
     if (links := link_histogram(summary)) is not None:
-        ways = [
-            f"{way}link p50 {number(link['delay_p50_ms'])} ms, p99 {number(link['delay_p99_ms'])} ms"
-            for way in WAYS
-            if (link := summary["links"][way]) is not None
+        directions = [
+            f"{direction}link p50 {number(link['delay_p50_ms'])} ms, p99 {number(link['delay_p99_ms'])} ms"
+            for direction in DIRECTIONS
+            if (link := summary["links"][direction]) is not None
         ]
-        found.append(Picture("link", png(links), _LINK, f"Histogram of delays: {'; '.join(ways)}."))
+        found.append(Picture("link", png(links), _LINK, f"Histogram of delays: {'; '.join(directions)}."))
     lateness, device = lateness_histogram(summary), summary["device"]
     if lateness is not None and device is not None:
         servo = device["servo"]
         late = (servo["late_p50_us"], servo["late_p99_us"], servo["late_max_us"])
-        told = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
-        found.append(Picture("servo", png(lateness), _SERVO, told))
+        reported = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
+        found.append(Picture("servo", png(lateness), _SERVO, reported))
     return {picture.name: picture for picture in found}
 
 

@@ -1,4 +1,4 @@
-"""The figure of a scene: its solids and bodies, and the ways of device and proxy around them.
+"""The figure of a scene: its solids and bodies, and the paths of device and proxy around them.
 
 What moves is drawn where it was when the force was greatest, with the contacts of that moment, and faintly where it was
 at other times: at the start and at the end, and of few bodies also between.
@@ -67,8 +67,8 @@ def scene_figure(recording: Recording) -> Figure | None:
         _surfaces(axes, [part for part in shown if part.body == RESTS], _OPACITY, zorder=0)
         _surfaces(axes, ghosts, _FAINT, zorder=1)
         _surfaces(axes, [part for part in shown if part.body != RESTS], 1.0, zorder=2)
-        _way(axes, hand, DEVICE_COLOR, "device")
-        _way(axes, proxy, WORLD_COLOR, "proxy")
+        _path(axes, hand, DEVICE_COLOR, "device")
+        _path(axes, proxy, WORLD_COLOR, "proxy")
         if pressed.any():
             axes.plot(*(proxy[pressed] * _MM).T, ".", color=_RED, markersize=3, label="proxy in contact", zorder=5)
         if peak is not None:
@@ -83,8 +83,8 @@ def scene_figure(recording: Recording) -> Figure | None:
 
 def _parts(recording: Recording) -> tuple[Part, ...]:
     """As recorded; of an older recording, and of a scene that is too large to be told, as its words tell."""
-    told = () if recording.drawing is None else unpack(recording.drawing.data)
-    return told or parts_of_words(get(recording.meta, "scene"))
+    reported = () if recording.drawing is None else unpack(recording.drawing.data)
+    return reported or parts_of_words(get(recording.meta, "scene"))
 
 
 def _name(recording: Recording) -> object:
@@ -96,9 +96,9 @@ def _moments(scene: Sequence[SceneSample], world: Columns) -> tuple[SceneSample 
     """The scene when the force was greatest, and at other times."""
     if not scene:
         return None, []
-    greatest = int(np.linalg.norm(world["contact_force_N"], axis=1).argmax())
+    top = int(np.linalg.norm(world["contact_force_N"], axis=1).argmax())
     times = np.array([one.time_ns for one in scene])
-    peak = scene[int(np.abs(times - world["time_ns"][greatest]).argmin())]
+    peak = scene[int(np.abs(times - world["time_ns"][top]).argmin())]
     count = _FEW if len(peak.bodies()) <= _FEW_BODIES else 2
     return peak, [scene[i] for i in np.linspace(0, len(scene) - 1, count).astype(int)]
 
@@ -118,9 +118,9 @@ def _placed(parts: Sequence[Part], moment: SceneSample | None) -> list[Part]:
     return placed
 
 
-def _near(way: Array, parts: Sequence[Part]) -> list[Part]:
+def _near(path: Array, parts: Sequence[Part]) -> list[Part]:
     """Without the bodies that have left: one that fell off a table is soon far away."""
-    middle = way.mean(axis=0)
+    middle = path.mean(axis=0)
     return [part for part in parts if part.body == RESTS or np.abs(part.vertices - middle).max() < _FAR_M]
 
 
@@ -162,8 +162,8 @@ def _surfaces(axes: Any, parts: Sequence[Part], opacity: float, zorder: int) -> 
 
 def _contacts(axes: Any, touches: Sequence[Touch]) -> None:
     """Each contact's friction cone, as high as the normal force is long, and its force in it."""
-    greatest_N = np.linalg.norm(sum((np.array(touch.force_N) for touch in touches), np.zeros(3)))
-    force_label, cone_label = f"the greatest force, {greatest_N:.2g} N", "its friction cone"
+    top_N = np.linalg.norm(sum((np.array(touch.force_N) for touch in touches), np.zeros(3)))
+    force_label, cone_label = f"the greatest force, {top_N:.2g} N", "its friction cone"
     for touch in touches:
         point, normal = np.array(touch.point) * _MM, np.array(touch.normal)
         force = _MM_PER_N * np.array(touch.force_N)
@@ -187,7 +187,7 @@ def _padded(vectors: Array) -> Array:
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
-def _way(axes: Any, position: Array, color: str, label: str) -> None:
+def _path(axes: Any, position: Array, color: str, label: str) -> None:
     step = -(-len(position) // _MOST_POINTS)
     axes.plot(*(position[::step] * _MM).T, color=color, linewidth=1.2, label=label, zorder=4)
 

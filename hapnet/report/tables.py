@@ -21,14 +21,14 @@ from hapnet.report.words import (
     verdict,
 )
 from hapnet.summary.structure import (
+    DIRECTIONS,
     SIDES,
-    WAYS,
+    DirectionFigures,
     Environment,
     Flow,
     LinkPart,
     Motion,
     Path,
-    PathWay,
     SidePart,
     Summary,
     Theorem,
@@ -119,7 +119,7 @@ _LINKS: tuple[_Row[LinkPart], ...] = (
     _Row("dropped, queue full", "", lambda of: of["dropped_limit"], number),
     _Row("reordered", "", lambda of: of["reordered"], number),
 )
-_PATH: tuple[_Row[PathWay], ...] = (
+_PATH: tuple[_Row[DirectionFigures], ...] = (
     _Row("messages numbered", "", lambda of: of["sent"], number),
     _Row("arrived", "", lambda of: of["arrived"], number),
     _Row("overtaken", "", lambda of: of["overtaken"], number),
@@ -170,31 +170,31 @@ def environment(summary: Summary) -> Table:
 
 def energy(summary: Summary) -> Table:
     """The account of the shuffled energy; no rows if the coupling shuffles none."""
-    ways = [summary["energy"][way] for way in WAYS]
-    rows = [*_rows(_ENERGY, ways)] if has_reservoirs(summary["coupling"]) else []
-    return Table("shuffled energy (up: from the device)", WAYS, rows)
+    directions = [summary["energy"][direction] for direction in DIRECTIONS]
+    rows = [*_rows(_ENERGY, directions)] if has_reservoirs(summary["coupling"]) else []
+    return Table("shuffled energy (up: from the device)", DIRECTIONS, rows)
 
 
 def links(summary: Summary) -> Table:
     """What the emulated links did; `path` includes the network."""
-    ways = [summary["links"][way] for way in WAYS]
-    rows = [*_rows(_LINKS, ways)]
-    lost = [None if way is None else _share(way["lost"], way["offered"]) for way in ways]
+    directions = [summary["links"][direction] for direction in DIRECTIONS]
+    rows = [*_rows(_LINKS, directions)]
+    lost = [None if direction is None else _share(direction["lost"], direction["offered"]) for direction in directions]
     if any(lost):
         rows.append(("lost [%]", *map(text, lost)))
-    return Table("emulated links (up: from the device)", WAYS, rows)
+    return Table("emulated links (up: from the device)", DIRECTIONS, rows)
 
 
 def path(summary: Summary) -> Table:
     """The path between the sides, as the streams showed it: the network and the emulated links together."""
     found = summary["path"]
-    rows = [*_rows(_PATH, [found[way] for way in WAYS])]
+    rows = [*_rows(_PATH, [found[direction] for direction in DIRECTIONS])]
     lost = _lost(found)
     if any(lost):
         rows.insert(4, ("lost [%]", *map(text, lost)))
     trips = {"min": found["round_trip_min_ms"], "p50": found["round_trip_p50_ms"], "p99": found["round_trip_p99_ms"]}
     rows += [(f"round trip {name} [ms]", "", number(trip)) for name, trip in trips.items() if trip is not None]
-    return Table("path, measured end to end (up: from the device)", WAYS, rows)
+    return Table("path, measured end to end (up: from the device)", DIRECTIONS, rows)
 
 
 def motion(summary: Summary) -> Table:
@@ -207,13 +207,13 @@ def brief(summary: Summary) -> list[str]:
     moved = summary["motion"]
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
     errors = {"free": moved["free_rms_m"], "in contact": moved["contact_rms_m"]}
-    told = ", ".join(f"{milli(value)} mm {where}" for where, value in errors.items() if value is not None)
+    reported = ", ".join(f"{milli(value)} mm {where}" for where, value in errors.items() if value is not None)
     pushed = [] if force is None else [f"{number(force)} N"]
     pushed += [f"{number(contacts)} contact{'s' * (contacts != 1)}"] if contacts else []
     pushed += [f"{milli(depth)} mm deep at most"] if contacts and depth is not None else []
     walls = felt(summary["environment"])
     return [
-        f"tracking error (rms): {told or 'not known'}",
+        f"tracking error (rms): {reported or 'not known'}",
         f"largest force: {', '.join(pushed) or 'not known'}",
         *([] if walls is None else [f"wall: {walls}"]),
         f"path: {_path_words(summary['path'])}",
@@ -277,13 +277,20 @@ def _path_words(found: Path) -> str:
     said = [] if median is None else [f"round trip {number(median)} ms"]
     if said and late is not None:
         said[0] += f" (99 %: {number(late)})"
-    said += [f"{lost} % lost {way}" for way, lost in zip(WAYS, _lost(found), strict=True) if lost is not None]
+    said += [
+        f"{lost} % lost {direction}"
+        for direction, lost in zip(DIRECTIONS, _lost(found), strict=True)
+        if lost is not None
+    ]
     return ", ".join(said) or "not known"
 
 
 def _lost(found: Path) -> list[str | None]:
     """What was lost on the path in each direction, in %."""
-    return [None if way is None else _share(way["lost"], way["sent"]) for way in (found["up"], found["down"])]
+    return [
+        None if direction is None else _share(direction["lost"], direction["sent"])
+        for direction in (found["up"], found["down"])
+    ]
 
 
 def _rows(rows: tuple[_Row[Part], ...], columns: Sequence[Part | None]) -> Iterator[tuple[str, ...]]:

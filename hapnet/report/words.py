@@ -58,8 +58,8 @@ def felt(environment: object, *, springs: bool = True) -> str | None:
     wall, hand = (known(get(environment, name)) for name in ("stiffness_N_m", "felt_stiffness_N_m"))
     if wall is None or hand is None:
         return None
-    told = get(environment, "springs_N_m") if springs else None
-    names = " and ".join(map(number, told)) if isinstance(told, list | tuple) else ""
+    reported = get(environment, "springs_N_m") if springs else None
+    names = " and ".join(map(number, reported)) if isinstance(reported, list | tuple) else ""
     through = f" through {'springs' if ' and ' in names else 'a spring'} of {names} N/m" if names else ""
     return f"{number(wall)} N/m, felt as {number(hand)} N/m{through}"
 

@@ -80,7 +80,7 @@ class DeviceSide(ABC):
         self.ticks: int = 0
         self.overruns: int = 0
         """How many times the watchdog released the spring."""
-        self.longest_ns: int = 0
+        self.max_ns: int = 0
         """The longest time between two ticks [ns]."""
         self.stopped: Stop | None = None
         """The force was stopped for good; None: it was not."""
@@ -91,7 +91,7 @@ class DeviceSide(ABC):
         self.live_hand: LiveHand | None = None
         """The simulated hand, if somebody leads it during the run."""
         self._period_ns = drive.period_ns
-        self._longest_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
+        self._max_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
         self._released = False
         self._clock = drive.clock
         self._write, self.write_motion = drive.write, drive.write_motion
@@ -154,9 +154,9 @@ class DeviceSide(ABC):
                 self.origin_ns = self.last_ns = self._expected_ns = now_ns  # last: a device may fail right here
             return None
         since_ns = now_ns - self.last_ns
-        if since_ns > self.longest_ns:
-            self.longest_ns = since_ns
-        late = since_ns > self._longest_ns
+        if since_ns > self.max_ns:
+            self.max_ns = since_ns
+        late = since_ns > self._max_ns
         if late and not self._released:
             self.overruns += 1
             text = f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"
@@ -170,7 +170,7 @@ class DeviceSide(ABC):
         return message
 
     @property
-    def resting(self) -> int:
+    def skippable_ticks(self) -> int:
         """How many of the next ticks `rest` may make later, as long as nothing arrives; in virtual time only."""
         return 0
 
@@ -275,7 +275,7 @@ class ContinuousDeviceSide(DeviceSide):
     ) -> None:
         super().__init__(endpoint, device, drive)
         self._make_servo = make_servo
-        self._resting_dt = max(drive.period_ns * NANO, device.period)
+        self._skippable_dt = max(drive.period_ns * NANO, device.period)
         self._ahead: TickResult | None = None  # of the next tick, up to which the device was advanced already
 
     def _start(self, x: Vector) -> None:
@@ -287,13 +287,13 @@ class ContinuousDeviceSide(DeviceSide):
         device.passage()
 
     @property
-    def resting(self) -> int:
+    def skippable_ticks(self) -> int:
         if self.ledger is None or self.endpoint.has_news or self.paused:
             return 0
-        return self.servo.resting(self._resting_dt)
+        return self.servo.skippable_ticks(self._skippable_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        device, servo, ledger, dt = self.device, self.servo, self.ledger, self._resting_dt
+        device, servo, ledger, dt = self.device, self.servo, self.ledger, self._skippable_dt
         assert ledger is not None, "control has not started"
         results = device.run(ticks + then_tick)
         if then_tick:

@@ -67,9 +67,9 @@ class ControlInbox(Protocol):
         """Shuffled energy came [nJ]."""
 
     def on_signal(self, name: str, value: Signal) -> None:
-        """The peer tells another value beside the stream."""
+        """The peer reports another value beside the stream."""
 
-    def told(self) -> tuple[str, Signal] | None:
+    def reported(self) -> tuple[str, Signal] | None:
         """Take a signal that is to be told to the peer; None if there is none."""
 
     def shuffled(self) -> float:
@@ -79,7 +79,7 @@ class ControlInbox(Protocol):
     def has_shuffled(self) -> bool: ...
 
     @property
-    def has_told(self) -> bool: ...
+    def has_reported(self) -> bool: ...
 
 
 class ControlHalf:
@@ -110,7 +110,7 @@ class ControlHalf:
         self.credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
         self._signals: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
-        self._told: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
+        self._reported: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
 
     @property
     def coupling(self) -> CouplingState:
@@ -144,12 +144,12 @@ class ControlHalf:
     def on_signal(self, name: str, value: Signal) -> None:
         self._signals.append((name, value))
 
-    def told(self) -> tuple[str, Signal] | None:
-        return self._told.popleft() if self._told else None
+    def reported(self) -> tuple[str, Signal] | None:
+        return self._reported.popleft() if self._reported else None
 
     @property
-    def has_told(self) -> bool:
-        return bool(self._told)
+    def has_reported(self) -> bool:
+        return bool(self._reported)
 
     def shuffled(self) -> float:
         return self._shuffled.popleft() if self._shuffled else 0.0
@@ -165,9 +165,9 @@ class ControlHalf:
         """The newest sample that control has not taken yet."""
         return self.waiting[-1][0] if self.waiting else None
 
-    def tell(self, name: str, value: Signal) -> None:
+    def report(self, name: str, value: Signal) -> None:
         """Tell the peer this value beside the stream."""
-        self._told.append((name, value))
+        self._reported.append((name, value))
 
     def signals(self) -> list[tuple[str, Signal]]:
         """Take the signals that have come."""
@@ -273,12 +273,12 @@ class WireHalf:
     def stop_force(self, why: str) -> None:
         """Let the device render no force any more, whichever side this is."""
         self._control.on_signal(STOP, why)
-        self.session.tell(STOP, why)
+        self.session.report(STOP, why)
 
     @property
     def uncollected(self) -> bool:
         """Is there anything to `collect`?"""
-        return self._control.has_shuffled or self._control.has_told
+        return self._control.has_shuffled or self._control.has_reported
 
     def collect(self) -> None:
         """Give control's surplus energy to the session, which sends it when it is due; `poll` does the same.
@@ -287,8 +287,8 @@ class WireHalf:
         """
         while surplus := self._control.shuffled():
             self.session.shuffle(surplus)
-        while (signal := self._control.told()) is not None:
-            self.session.tell(*signal)
+        while (signal := self._control.reported()) is not None:
+            self.session.report(*signal)
 
     @property
     def next_due_ns(self) -> int | None:

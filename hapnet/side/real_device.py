@@ -50,7 +50,7 @@ class RealDevice(Device, Protocol):
         """Control begins."""
 
     def acted(self) -> Vector | None:
-        """The force that acted between the last two readings [N], if the device tells it."""
+        """The force that acted between the last two readings [N], if the device reports it."""
 
     def interval(self) -> float | None:
         """The time between the last two readings [s] by the device's own clock, if it tells it."""
@@ -110,7 +110,7 @@ class RealDeviceSide(SampledDeviceSide):
         self._patience_ns = drive.watchdog_ns or 0
         if device.watchdog_s is not None:
             self._patience_ns = min(self._patience_ns, round(device.watchdog_s / NANO))
-        self._tells = False
+        self._reports = False
         self._sent: Vector = (0.0,) * device.dof
         self._held_before: Vector | None = None  # what may still be held, as a command did not go out
         self._was_released = False  # so that one that is not held at the start is told
@@ -132,7 +132,7 @@ class RealDeviceSide(SampledDeviceSide):
         if self._silent:
             self._go_on(now_ns)
         self._heard_ns = now_ns
-        self._tell(now_ns)
+        self._report(now_ns)
         if self.origin_ns is None:
             if self.endpoint.paired and self._check is not None:
                 self._push(self._check, now_ns)
@@ -209,16 +209,16 @@ class RealDeviceSide(SampledDeviceSide):
         super()._on_signal(now_ns, name, value)
         self.device.signal(name, value)
 
-    def _tell(self, now_ns: int) -> None:
+    def _report(self, now_ns: int) -> None:
         """Tell the world which buttons are pressed and how the handle is turned, where that has changed."""
         buttons = tuple(self.device.buttons())
         if buttons != self._buttons:
             self._buttons = buttons
-            self.endpoint.tell("buttons", buttons)
+            self.endpoint.report("buttons", buttons)
             self._write(Event(now_ns, "signal", signal_text("buttons", buttons)))
         if now_ns - self._turned_ns >= _TURNED_EVERY_NS and (turned := self.device.orientation()) is not None:
             self._turned_ns = now_ns
-            self.endpoint.tell("orientation", turned)
+            self.endpoint.report("orientation", turned)
 
     def _start(self, x: Vector) -> None:
         super()._start(x)
@@ -238,12 +238,12 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _elapsed(self) -> float:
         ours = super()._elapsed()
-        told = self.device.interval()
-        if told is None:
+        reported = self.device.interval()
+        if reported is None:
             return ours
-        if (apart := self._clocks.apart(told, ours, late=self._released)) is not None:
+        if (apart := self._clocks.apart(reported, ours, late=self._released)) is not None:
             raise HapnetError(f"the device {self.device.name} failed: the sum of its interval() is {apart}")
-        return told
+        return reported
 
     def _apply(self, dt: float, force: Vector) -> Vector | None:
         braked = self.device.braked()
@@ -261,8 +261,8 @@ class RealDeviceSide(SampledDeviceSide):
             level = "warning" if self._was_released else "info"
             self._write(Event(self._clock(), "dead-man", f"the dead-man switch is {state}", level))
         applied = self._send(permitted)
-        if applied is None and (self._tells or permitted is not force):
-            self.applied &= self._tells and self.device.knows_force
+        if applied is None and (self._reports or permitted is not force):
+            self.applied &= self._reports and self.device.knows_force
             return permitted
         return applied
 
@@ -279,8 +279,8 @@ class RealDeviceSide(SampledDeviceSide):
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         if (acted := self.device.acted()) is not None:
             self.servo.force, self._held_before = acted, None
-            self._tells = True
-        elif release or self._held_before is not None or self._tells:
+            self._reports = True
+        elif release or self._held_before is not None or self._reports:
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, self._reading[0], self.x)))
         if self.stopped is None:
             dt = (now_ns - self.last_ns) * NANO
@@ -339,20 +339,20 @@ class _Clocks:
     """Readings may wait for so long, and the clocks run at rates that differ by so much: resonators are within 1 %."""
 
     def __init__(self) -> None:
-        self._told_s = self._lived_s = 0.0
-        self._told_on_time_s = self._on_time_s = 0.0
+        self._reported_s = self._lived_s = 0.0
+        self._reported_on_time_s = self._on_time_s = 0.0
 
-    def apart(self, told_s: float, lived_s: float, *, late: bool) -> str | None:
+    def apart(self, reported_s: float, lived_s: float, *, late: bool) -> str | None:
         """Another interval [s]; returns by how much the clocks differ, in words, if that cannot be.
 
         late : the servo was away. Of what the device told meanwhile some may be lost, and the rest comes later.
         """
-        self._told_s += told_s
+        self._reported_s += reported_s
         self._lived_s += lived_s
         if not late:
-            self._told_on_time_s += told_s
+            self._reported_on_time_s += reported_s
             self._on_time_s += lived_s
         slack_s = self.LATE_S + self.RATE * self._lived_s
-        if self._told_s <= self._lived_s + slack_s and self._told_on_time_s >= self._on_time_s - slack_s:
+        if self._reported_s <= self._lived_s + slack_s and self._reported_on_time_s >= self._on_time_s - slack_s:
             return None
-        return f"{self._told_s:.3g} s in {self._lived_s:.3g} s (is the unit s?)"
+        return f"{self._reported_s:.3g} s in {self._lived_s:.3g} s (is the unit s?)"

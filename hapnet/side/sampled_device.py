@@ -39,7 +39,7 @@ class SampledDeviceSide(DeviceSide):
         self._make_servo = make_servo
         self.true_ledger: Ledger | None = None
         self.hand_ledger = Ledger(0.0, 0.0)
-        self._resting: Callable[[float], int] | None = None
+        self._skippable_ticks: Callable[[float], int] | None = None
         self._follow: Callable[[float, Vector], None] | None = None
 
     @property
@@ -80,8 +80,8 @@ class SampledDeviceSide(DeviceSide):
             if servo.harvest == "range":  # the account is at the hand's port
                 stored += self._simulated.kinetic
             self.true_ledger = Ledger(stored, servo.coupling.account)
-            self._resting_dt = max(self._period_ns * NANO, self._simulated.period)
-            self._resting = servo.resting
+            self._skippable_dt = max(self._period_ns * NANO, self._simulated.period)
+            self._skippable_ticks = servo.skippable_ticks
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
 
@@ -138,10 +138,10 @@ class SampledDeviceSide(DeviceSide):
         return self.device.apply(force)
 
     @property
-    def resting(self) -> int:
-        if self._resting is None or self.endpoint.has_news or self.paused:
+    def skippable_ticks(self) -> int:
+        if self._skippable_ticks is None or self.endpoint.has_news or self.paused:
             return 0
-        return self._resting(self._resting_dt)
+        return self._skippable_ticks(self._skippable_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
         simulated, servo, hand, ledger, dt = (
@@ -149,7 +149,7 @@ class SampledDeviceSide(DeviceSide):
             self.servo,
             self.hand_ledger,
             self.ledger,
-            self._resting_dt,
+            self._skippable_dt,
         )
         assert simulated is not None, "only simulated ticks may wait"
         assert ledger is not None, "control has not started"

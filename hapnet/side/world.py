@@ -69,7 +69,7 @@ class WorldSide:
         self.rng: Final = rng
         self._name = name
         self._write = write
-        self._told: dict[str, Signal] = {}
+        self._reported: dict[str, Signal] = {}
         self.last_ns = 0
         self._scene_writer: SceneWriter | None = None
 
@@ -126,14 +126,14 @@ class WorldSide:
 
     def _drawn(self, now_ns: int) -> SceneWriter | None:
         """What writes how the scene looks; None: it cannot be drawn. HapnetError with its name if it tells nonsense."""
-        told: object = None
+        reported: object = None
         try:
-            told = picture = self.scene.picture()
+            reported = picture = self.scene.picture()
             return None if picture is None else SceneWriter(picture, self._write, now_ns)
         except HapnetError:
             raise
         except BaseException as error:  # see `loading.failure`
-            wrong = f"picture() gave {told!r:.120}, not what can be drawn ({failure(error)})"
+            wrong = f"picture() gave {reported!r:.120}, not what can be drawn ({failure(error)})"
             raise HapnetError(f"the scene {self._name} failed: {wrong}") from error
 
     def _exchange_signals(self, now_ns: int) -> None:
@@ -142,9 +142,9 @@ class WorldSide:
             for name, value in self.endpoint.signals():
                 self.scene.signal(name, value)
             for name, value in self.scene.signals().items():
-                if self._told.get(name, self) != value:
-                    self._told[name] = value
-                    self.endpoint.tell(name, value)
+                if self._reported.get(name, self) != value:
+                    self._reported[name] = value
+                    self.endpoint.report(name, value)
                     self._write(Event(now_ns, "signal", signal_text(name, value)))
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._name} failed: its signals raised {failure(error)}") from error

@@ -40,7 +40,7 @@ class Original:
     params, seed : the replay runs with these. hand : describes the replay's hand.
     recording : of both sides, as far as there are files. summary : of the original.
     in_virtual_time : True if the original was simulated, so that the replay is exact.
-    notes : one line for each way in which the replay differs from the original.
+    notes : one line for each direction in which the replay differs from the original.
     """
 
     files: tuple[Path, ...]
@@ -83,9 +83,9 @@ def read_original(files: Sequence[Path]) -> Original:
         asked["operator_hand.end_hold_s"] = 0.0  # the recorded motion has its end already
     notes = [*_notes(device, world, simulated, sorted({*own, *worlds} - known)), *_left_out(recording)]
     if not simulated:
-        for way, part in (("up", device), ("down", world)):
-            if way == "up" or part is not device:
-                changes, about = _link(recording, part, way, asked)
+        for direction, part in (("up", device), ("down", world)):
+            if direction == "up" or part is not device:
+                changes, about = _link(recording, part, direction, asked)
                 asked |= changes
                 notes += about
     asked |= {
@@ -178,22 +178,24 @@ def _left_out(recording: Recording) -> Iterator[str]:
         yield f"the replay leaves out pauses: {len(cuts)}, {lasted_s:.1f} s in all"
 
 
-def _link(whole: Recording, part: Recording, way: str, asked: Mapping[str, Any]) -> tuple[dict[str, object], list[str]]:
+def _link(
+    whole: Recording, part: Recording, direction: str, asked: Mapping[str, Any]
+) -> tuple[dict[str, object], list[str]]:
     """The link's parameters as its side recorded them, including changes during the run; and notes about them.
 
     `whole` is on the device's clock, `part` on its own.
     """
-    words = (part.meta.get("links") or {}).get(way, asked.get(f"link.{way}", ""))
+    words = (part.meta.get("links") or {}).get(direction, asked.get(f"link.{direction}", ""))
     events = [event for event in part.events if event.kind == KIND]
     times = np.array([event.time_ns for event in events], dtype=np.int64)
     times = replay_ns(whole, times if part.device is not None else on_device_clock(whole.meta, times))
     start, entries, notes = played(words, zip(times.tolist(), (event.text for event in events), strict=True))
     if entries:
         often = "once" if len(entries) == 1 else f"{len(entries)} times"
-        notes.append(f"the {way}link was changed {often} during the run: the replay makes the same changes")
-    changed: dict[str, object] = {f"link.{way}": start}
+        notes.append(f"the {direction}link was changed {often} during the run: the replay makes the same changes")
+    changed: dict[str, object] = {f"link.{direction}": start}
     if events or begins_late(whole):  # else the run's own timeline, if any, made all changes
-        changed[f"link.{way}_timeline"] = str(Timeline(entries)) if entries else ""
+        changed[f"link.{direction}_timeline"] = str(Timeline(entries)) if entries else ""
     return changed, notes
 
 

@@ -373,7 +373,7 @@ class Simulation:
         if device.ledger is not None:
             self._observe(device.ledger.work, device.hand_work)
         self._tick_ns = now + self.period_ns
-        due[_TICK] = self._tick_ns + device.resting * self.period_ns
+        due[_TICK] = self._tick_ns + device.skippable_ticks * self.period_ns
         if packets:
             self._to_world(packets)
 

@@ -22,21 +22,21 @@ LIGHT = "@light"
 """Suffix of an operator's name: it has a relaxed hand. A firm hand damps what a bad coupling does."""
 
 
-def parted(words: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
-    """The name in ``pspm:feel=paper``, and the parameters that are set besides; any number may follow.
+def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
+    """The name in ``pspm:rendering=paper``, and the parameters that are set besides; any number may follow.
 
     Raises
     ------
     InvalidParameter : a parameter is set twice. It names `flag`.
     """
-    name, *rest = words.split(":")
+    name, *rest = text.split(":")
     if rest and "=" not in rest[0]:
         name = f"{name}:{rest.pop(0)}"  # a law of the user's own, module:NAME
     settings: dict[str, str] = {}
     for word in rest:
         parameter, equals, value = (part.strip() for part in word.partition("="))
         if not equals or parameter in settings:
-            raise InvalidParameter(flag, words, "a name, and PARAMETER=VALUE after each further colon, once each")
+            raise InvalidParameter(flag, text, "a name, and PARAMETER=VALUE after each further colon, once each")
         settings[parameter] = value
     return name.strip(), settings
 
@@ -127,8 +127,8 @@ class Plan:
     def case(self, variant: Variant, link: str, operator: str, seed: int) -> Case:
         """One case. Raises InvalidParameter if its parameters do not go together."""
         values = self._values(variant, link, operator)
-        ways = values.pop(LINK)
-        changes = values | {f"link.{way}": words for way, words in ways.items()}
+        directions = values.pop(LINK)
+        changes = values | {f"link.{direction}": words for direction, words in directions.items()}
         return Case(variant, link, operator, seed, self.params.set(changes))
 
     @property

@@ -124,13 +124,13 @@ def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
         _axes(panels, links, _bound_mJ(outcomes), max(_out_mJ(outcomes), default=0.0))
         fig.supxlabel(_OUT, fontsize=8)
         marks = [panels[0][0].plot([], [], label=str(one), **_mark(plan, one))[0] for one in plan.variants]
-        told = story(plan, outcomes)  # as the legend's title: a figure's own title would lie on the legend
+        reported = story(plan, outcomes)  # as the legend's title: a figure's own title would lie on the legend
         legend = fig.legend(
             handles=marks,
             loc="outside upper center",
             ncols=_columns(plan.variants),
             fontsize=8,
-            title=told,
+            title=reported,
             title_fontsize=9,
         )
         legend.get_title().set(multialignment="center", parse_math=False)

@@ -37,7 +37,7 @@ Measured = Collection[tuple[str, int]]
 """(metric, place of the case): where some trial has a value."""
 
 _RELATIONS = MappingProxyType({"<=": operator.le, ">=": operator.ge, "<": operator.lt, ">": operator.gt})
-_WAYS = get_args(Better)
+_DIRECTIONS = get_args(Better)
 _FORM = f"'{PASSIVE}', or a metric, {' '.join(_RELATIONS)}, a number and perhaps a share: 'free_rms_mm <= 3 in 90 %'"
 
 
@@ -65,8 +65,8 @@ class Term:
 
     def __str__(self) -> str:
         of = "median" if self.quantile == 0.5 else f"{self.quantile:g} quantile"
-        way = "" if self.better == METRICS[self.metric].better else f", {self.better} is better"
-        return f"{self.weight:g} x {of} of {self.metric}{way}"
+        direction = "" if self.better == METRICS[self.metric].better else f", {self.better} is better"
+        return f"{self.weight:g} x {of} of {self.metric}{direction}"
 
 
 @dataclass(frozen=True)
@@ -194,25 +194,25 @@ def _term(metric: str, given: Any) -> Term:
         raise InvalidParameter(f"weight of {metric}", weight, "a number above 0; `better` says which way")
     if not number(share) or not 0.0 <= share <= 1.0:
         raise InvalidParameter(f"quantile of {metric}", share, "0 to 1; 0.5 is the median")
-    if better not in _WAYS:
-        raise InvalidParameter(f"better of {metric}", better, "one of " + ", ".join(_WAYS), _WAYS)
+    if better not in _DIRECTIONS:
+        raise InvalidParameter(f"better of {metric}", better, "one of " + ", ".join(_DIRECTIONS), _DIRECTIONS)
     return Term(metric, float(weight), float(share), better)
 
 
-def _constraint(words: str) -> Constraint:
-    found = re.fullmatch(r"\s*(\w+)\s*(?:(<=|>=|<|>)\s*(\S+?))?\s*(?:\bin\s+(\S+?)\s*%)?\s*", words)
+def _constraint(text: str) -> Constraint:
+    found = re.fullmatch(r"\s*(\w+)\s*(?:(<=|>=|<|>)\s*(\S+?))?\s*(?:\bin\s+(\S+?)\s*%)?\s*", text)
     metric, relation, bound, share = found.groups() if found is not None else ("", None, None, None)
     limit, part = _float(bound, 0.0), _float(share, 100.0) / 100.0
     if not metric or (relation is None) != (metric == PASSIVE) or not math.isfinite(limit) or not 0.0 < part <= 1.0:
-        raise InvalidParameter("constraints", words, _FORM)
+        raise InvalidParameter("constraints", text, _FORM)
     if metric != PASSIVE:
         _metric("constraints", metric)
     return Constraint(metric, relation or ">=", limit, part)
 
 
-def _float(words: str | None, absent: float) -> float:
+def _float(text: str | None, absent: float) -> float:
     try:
-        return absent if words is None else float(words)
+        return absent if text is None else float(text)
     except ValueError:
         return math.nan
 

@@ -204,9 +204,9 @@ def _words(name: str, value: Any) -> str:
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.4g}"
 
 
-def _is(name: str, value: Any, words: str) -> bool:
+def _is(name: str, value: Any, text: str) -> bool:
     """Do these words, as in an axis or a table, mean this value?"""
-    return words.strip() in (_words(name, value), value_words(name, value))
+    return text.strip() in (_words(name, value), value_words(name, value))
 
 
 def _plural(name: str) -> str:

@@ -78,10 +78,10 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
     values = np.full(shape, np.nan)
     for (i, j), figure in figures.items():
         values[j, i] = figure
-    told = _tells_passivity(grid.metric)
-    bad = {place for place, cell in grid.cells.items() if cell.not_passive or (told and _negative(grid, cell))}
+    reported = _shows_passivity(grid.metric)
+    bad = {place for place, cell in grid.cells.items() if cell.not_passive or (reported and _negative(grid, cell))}
     shown = values.copy()
-    if told:  # one bad cell would use up the range of colours, so the colours are for the others
+    if reported:  # one bad cell would use up the range of colours, so the colours are for the others
         for i, j in bad:
             shown[j, i] = np.nan
     norm, colours = _colours(shown)
@@ -96,7 +96,7 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
             cell = grid.cells.get((i, j), Cell())
             figure = values[j, i]
             if (i, j) in bad:
-                _mark_not_passive(panel, i, j, figure, written, fill=told)
+                _mark_not_passive(panel, i, j, figure, written, fill=reported)
             elif np.isnan(figure):
                 panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1.0, 1.0, **_EMPTY))
             elif written:
@@ -123,7 +123,7 @@ def _mark_not_passive(panel: Axes, i: int, j: int, figure: float, written: bool,
         )
 
 
-def _tells_passivity(metric: str) -> bool:
+def _shows_passivity(metric: str) -> bool:
     return metric in (USUAL, "slack_J") or ("margin" in metric and metric.endswith("_J"))
 
 
@@ -232,7 +232,7 @@ def _legend(grid: Grid) -> list[Any]:
     if not_passive := sum(cell.not_passive for cell in counted):
         label = f"not passive: {not_passive} case{'s' * (not_passive > 1)}"
         if grid.y is not None:
-            face = _BAD if _tells_passivity(grid.metric) else "none"
+            face = _BAD if _shows_passivity(grid.metric) else "none"
             marks.append(Patch(facecolor=face, **{**_NOT_PASSIVE, "linewidth": 1.0}, label=label))
         else:
             marks.append(Line2D([], [], **_NOT_PASSIVE_POINT, label=label))
@@ -258,10 +258,10 @@ def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> 
         return []
     unit = label.partition(" [")[2].rstrip("]")
 
-    def told(word: str, place: tuple[int, int]) -> str:
+    def reported(word: str, place: tuple[int, int]) -> str:
         axes = [(grid.x, place[0])] + ([] if grid.y is None else [(grid.y, place[1])])
         at = ", ".join(f"{axis.name} {axis.words[index]}" for axis, index in axes)
         return f"{word} {figures[place]:.3g} {unit}".rstrip() + f" at {at}"
 
     least, most = min(figures, key=figures.__getitem__), max(figures, key=figures.__getitem__)
-    return textwrap.wrap(f"{told('least', least)}; {told('most', most)}", 105)
+    return textwrap.wrap(f"{reported('least', least)}; {reported('most', most)}", 105)

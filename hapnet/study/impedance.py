@@ -26,14 +26,14 @@ from hapnet.plant.worlds.walls import Wall
 from hapnet.simulation.simulation import Simulation
 from hapnet.study.misses import quantile
 
-LEAST_HZ, MOST_HZ, LINES = 0.5, 20.0, 20
+MIN_HZ, MOST_HZ, LINES = 0.5, 20.0, 20
 DEPTH_M, AMPLITUDE_M = 0.010, 0.002
 PERIOD_S = 4.0
 IMPOSING = Impedance(0.5, 400.0, 1e5)
 """A hand that imposes its motion: 1 N moves it by 10 um."""
 
 _APPROACH_S, _REST_S = 1.0, 1.0
-HARMONICS = harmonics_between(LEAST_HZ, MOST_HZ, PERIOD_S, LINES)
+HARMONICS = harmonics_between(MIN_HZ, MOST_HZ, PERIOD_S, LINES)
 
 
 class Imposed:
@@ -45,11 +45,11 @@ class Imposed:
     def __init__(self, wall: Wall, start: Vector) -> None:
         self.impedance = IMPOSING
         self._start, self._normal = start, wall.normal
-        self._way = DEPTH_M - wall.penetration(start)
+        self._path = DEPTH_M - wall.penetration(start)
         self._signal = multisine(HARMONICS, PERIOD_S, AMPLITUDE_M)
 
     def reference(self, t: float) -> Vector:
-        along = self._way * minimum_jerk(t / _APPROACH_S)
+        along = self._path * minimum_jerk(t / _APPROACH_S)
         if (since := t - _APPROACH_S - _REST_S) > 0.0:
             along += minimum_jerk(since / PERIOD_S) * self._signal(since)
         return tuple([x + along * n for x, n in zip(self._start, self._normal, strict=True)])

@@ -46,8 +46,8 @@ class Scores(NamedTuple):
     def verdicts(self, spec: TuneSpec) -> tuple[Verdict, Verdict | None]:
         """What both are worth on these cases."""
         known = [one for one in self if one is not None]
-        told = judge(spec, known)
-        return told[0], told[1] if self.found is not None else None
+        reported = judge(spec, known)
+        return reported[0], reported[1] if self.found is not None else None
 
 
 class Search:

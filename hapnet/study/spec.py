@@ -162,9 +162,9 @@ class Spec:
         names = {name for name in (*self.fixed, *self.varied) if name != SEED}
         if LINK in names:
             names = names - {LINK} | {"link.up", "link.down"}
-        told = {name: every[name] for name in names}
-        told |= {name: profile(name, told[name]) for name in ("link.up", "link.down") if name in told}
-        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+        reported = {name: every[name] for name in names}
+        reported |= {name: profile(name, reported[name]) for name in ("link.up", "link.down") if name in reported}
+        return hashlib.sha256(json.dumps(reported, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @cache
@@ -241,8 +241,8 @@ def _spelled(values: Values) -> Values:
     plain = {name: value for name, value in values.items() if name not in (LINK, SEED)}
     if LINK in values:
         link = values[LINK]
-        ways = link if isinstance(link, Mapping) else {"up": link, "down": link}
-        plain = {f"link.{way}": words for way, words in ways.items()} | plain
+        directions = link if isinstance(link, Mapping) else {"up": link, "down": link}
+        plain = {f"link.{direction}": words for direction, words in directions.items()} | plain
     return plain
 
 
@@ -339,17 +339,17 @@ def _seed(value: object, allowed: str) -> None:
 
 
 def _link(value: object) -> None:
-    ways: Mapping[str, Any] = value if isinstance(value, Mapping) else {"up": value, "down": value}
-    if set(ways) != {"up", "down"} or not all(isinstance(words, str) for words in ways.values()):
+    directions: Mapping[str, Any] = value if isinstance(value, Mapping) else {"up": value, "down": value}
+    if set(directions) != {"up", "down"} or not all(isinstance(words, str) for words in directions.values()):
         raise InvalidParameter(LINK, value, "a profile's name, tc's words, or {up = ..., down = ...} with these")
-    for words in ways.values():
+    for words in directions.values():
         profile(LINK, words)
 
 
-def profile(name: str, words: str) -> str:
+def profile(name: str, text: str) -> str:
     """A link in tc's words; equal links give equal words."""
     try:
-        return str(LinkProfile.named(words))
+        return str(LinkProfile.named(text))
     except NetemError as error:
         allowed = f"a profile of `netem profiles`; or tc's words ({error})"
-        raise InvalidParameter(name, words, allowed, PRESETS) from None
+        raise InvalidParameter(name, text, allowed, PRESETS) from None

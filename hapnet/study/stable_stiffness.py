@@ -27,7 +27,7 @@ from hapnet.recording.samples import Recording
 from hapnet.report.style import MM, STYLE
 from hapnet.simulation.simulation import Simulation
 from hapnet.study.figures import COLOURS
-from hapnet.study.z_width import ZWidth, greatest
+from hapnet.study.z_width import ZWidth, maximum
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ OWN_DAMPING = (0.1, 0.3, 1.0)
 ENCODERS_M = (0.0, 55e-6)
 """Those of the Phantom Omni, and none."""
 
-LEAST, MOST, RATIO = 10.0, 1e5, 1.03
+MINIMUM, MOST, RATIO = 10.0, 1e5, 1.03
 """Between which stiffnesses is searched [N/m], and how closely."""
 
 HELD_S = 8.0
@@ -115,7 +115,7 @@ def stiffest(params: Params, ratio: float = RATIO) -> ZWidth:
     ------
     HapnetError : the parameters do not make a run.
     """
-    return greatest(lambda K: stable(params.set({"device.stiffness": K})), LEAST, MOST, ratio)
+    return maximum(lambda K: stable(params.set({"device.stiffness": K})), MINIMUM, MOST, ratio)
 
 
 def stable(params: Params) -> bool:

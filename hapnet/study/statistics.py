@@ -16,7 +16,7 @@ SEED = 2009
 """Of the generator that resamples hands, so that the same cases have the same intervals."""
 
 _SHARE, _DRAWS = 0.95, 1000
-_LEAST_HANDS = 3
+_MIN_HANDS = 3
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def spreads(hands: Sequence[Sequence[Measures]], seed: int = SEED) -> Iterator[t
         finite = [value for value in values if isfinite(value)] or [inf]
         missed = sum(not isfinite(value) for value in values)
         low, high = None, None
-        if len(hands) > 1 and len(units) >= _LEAST_HANDS:
+        if len(hands) > 1 and len(units) >= _MIN_HANDS:
             low, high = median_interval(units, np.random.default_rng(seed))
         yield (
             metric,

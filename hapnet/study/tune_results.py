@@ -138,10 +138,10 @@ def _held(verdict: Verdict | None, i: int) -> str:
 
 def _part(spec: TuneSpec, scores: Scores) -> dict[str, Any]:
     both = zip(("default", "found"), scores, scores.verdicts(spec), strict=True)
-    return {whose: _told(spec, trial, verdict) for whose, trial, verdict in both}
+    return {whose: _reported(spec, trial, verdict) for whose, trial, verdict in both}
 
 
-def _told(spec: TuneSpec, trial: Trial | None, verdict: Verdict | None) -> dict[str, Any] | None:
+def _reported(spec: TuneSpec, trial: Trial | None, verdict: Verdict | None) -> dict[str, Any] | None:
     if trial is None or verdict is None:
         return None
     return {

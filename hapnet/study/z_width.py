@@ -72,11 +72,11 @@ def z_width(
         return None if factor is None else ideal_stiffness(run := scaled(factor), run.world.wall.stiffness)
 
     felt(1.0)  # so that springs that are no numbers are refused at once
-    found = greatest(free, least, most, ratio)
+    found = maximum(free, least, most, ratio)
     return ZWidth(felt(found.free), felt(found.cycles))
 
 
-def greatest(free: Callable[[float], bool], least: float, most: float, ratio: float) -> ZWidth:
+def maximum(free: Callable[[float], bool], least: float, most: float, ratio: float) -> ZWidth:
     """Bisect, on a log scale, where `free` ends between `least` and `most`, until the two ends are within `ratio`."""
     if not 0.0 < least < most:
         raise InvalidParameter("least", least, f"above 0 and below {most:g}, the greatest")

@@ -122,8 +122,8 @@ def _more(most: float | None, value: float) -> float | None:
     return value if math.isfinite(value) and (most is None or value > most) else most
 
 
-def _less(least: float | None, value: float) -> float | None:
-    return value if math.isfinite(value) and (least is None or value < least) else least
+def _less(minimum: float | None, value: float) -> float | None:
+    return value if math.isfinite(value) and (minimum is None or value < minimum) else minimum
 
 
 def total_margin(recording: Recording) -> Columns | None:
@@ -190,7 +190,7 @@ def _on_one_clock(recording: Recording) -> tuple[Columns, Columns] | None:
     return device, world
 
 
-def least_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
+def min_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
     """The least value of `total_margin` from `since_s` on [J]; None if it is unknown."""
     total = total_margin(recording)
     margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]

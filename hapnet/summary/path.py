@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from hapnet.side.notices import Notice
 from hapnet.summary import structure
-from hapnet.summary.structure import PathWay, Way
+from hapnet.summary.structure import Direction, DirectionFigures
 from hapnet.wire.messages import Role
 from hapnet.wire.path import Path, PathFigures
 
@@ -14,7 +14,7 @@ Section = structure.Path
 
 RoundTrip = Literal["round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms"]
 ROUND_TRIP: tuple[RoundTrip, ...] = ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms")
-WAYS: dict[Role, Way] = {"device": "down", "world": "up"}
+DIRECTIONS: dict[Role, Direction] = {"device": "down", "world": "up"}
 """The direction that each role receives."""
 
 REPORT_EVERY_NS = 10_000_000_000
@@ -29,7 +29,7 @@ def of_side(role: Role, figures: PathFigures) -> Section:
     """What one side knows: the round trip, and the direction towards it."""
     if not figures.sent:
         return unknown()
-    way: PathWay = {
+    flow: DirectionFigures = {
         "sent": figures.sent,
         "arrived": figures.arrived,
         "overtaken": figures.overtaken,
@@ -40,13 +40,13 @@ def of_side(role: Role, figures: PathFigures) -> Section:
         "age_p50_ms": _ms(figures.age_p50_ns),
         "age_p99_ms": _ms(figures.age_p99_ns),
         "stalls": figures.stalls,
-        "longest_stall_ms": _ms(figures.longest_stall_ns),
+        "longest_stall_ms": _ms(figures.max_stall_ns),
     }
     median, late = _ms(figures.round_trip_p50_ns), _ms(figures.round_trip_p99_ns)
     whole = unknown() | {
         "round_trip_min_ms": _ms(figures.round_trip_min_ns), "round_trip_p50_ms": median, "round_trip_p99_ms": late
     }  # fmt: skip
-    whole[WAYS[role]] = way
+    whole[DIRECTIONS[role]] = flow
     return whole
 
 
@@ -56,8 +56,8 @@ def of_both(device: Section | None, world: Section | None) -> Section:
     whole = unknown()
     for key in ROUND_TRIP:
         whole[key] = next((side[key] for side in sides if side.get(key) is not None), None)
-    for way in WAYS.values():
-        whole[way] = next((side[way] for side in sides if side.get(way) is not None), None)
+    for flow in DIRECTIONS.values():
+        whole[flow] = next((side[flow] for side in sides if side.get(flow) is not None), None)
     return whole
 
 
@@ -90,24 +90,24 @@ class PathReporter:
         section = self._meter.read()
         if first or not (text := words(section, self._meter.role)):
             return None
-        way = section[WAYS[self._meter.role]]
-        values: dict[str, Any] = {**{key: section[key] for key in ROUND_TRIP}, **(way or {})}
+        flow = section[DIRECTIONS[self._meter.role]]
+        values: dict[str, Any] = {**{key: section[key] for key in ROUND_TRIP}, **(flow or {})}
         return Notice("path", text, now_ns, values={key: value for key, value in values.items() if value is not None})
 
 
 def words(section: Section, role: Role) -> str:
     """Returns the figures of this side in one line; "" while there are none."""
-    way = section[WAYS[role]]
-    if way is None or section["round_trip_p50_ms"] is None:
+    flow = section[DIRECTIONS[role]]
+    if flow is None or section["round_trip_p50_ms"] is None:
         return ""
     other = "world" if role == "device" else "device"
     trips = f"round trip {section['round_trip_p50_ms']:.1f} ms (99 %: {section['round_trip_p99_ms']:.1f})"
-    heard = f"from the {other} {100 * (way['loss'] or 0.0):.1f} % lost, jitter {way['jitter_p99_ms']:.1f} ms (99 %)"
-    if 100 * (way["overtaken"] or 0) >= (way["sent"] or 0):
-        heard += f", {100 * (way['overtaken'] or 0) / (way['sent'] or 1):.1f} % overtaken"
-    if way["age_p99_ms"] is not None:
-        heard += f", what is used up to {way['age_p99_ms']:.0f} ms old"
-    stalls = f", {way['stalls']} stall{'s' * (way['stalls'] > 1)}" if way["stalls"] else ""
+    heard = f"from the {other} {100 * (flow['loss'] or 0.0):.1f} % lost, jitter {flow['jitter_p99_ms']:.1f} ms (99 %)"
+    if 100 * (flow["overtaken"] or 0) >= (flow["sent"] or 0):
+        heard += f", {100 * (flow['overtaken'] or 0) / (flow['sent'] or 1):.1f} % overtaken"
+    if flow["age_p99_ms"] is not None:
+        heard += f", what is used up to {flow['age_p99_ms']:.0f} ms old"
+    stalls = f", {flow['stalls']} stall{'s' * (flow['stalls'] > 1)}" if flow["stalls"] else ""
     return f"path: {trips}; {heard}{stalls}"
 
 

@@ -34,7 +34,10 @@ def from_recording(recording: Recording) -> Summary:
     asked = asked if isinstance(asked, Mapping) else {}
     tuning, felt = meta.get("tuning"), meta.get("felt")
     unknown = dict.fromkeys(field.name for field in fields(LinkStats))
-    links = {way: {**unknown, "profile": asked[way]} if way in asked else None for way in ("up", "down")}
+    links = {
+        direction: {**unknown, "profile": asked[direction]} if direction in asked else None
+        for direction in ("up", "down")
+    }
     return combine(
         device,
         world,
@@ -129,7 +132,7 @@ def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Sum
 
 
 def of_parts(
-    told: Mapping[str, Summary],
+    reported: Mapping[str, Summary],
     recordings: Mapping[str, Recording],
     whole: Recording | None,
     failed: Mapping[str, str],
@@ -145,7 +148,7 @@ def of_parts(
     """
     parts: dict[Role, Summary] = {}
     for role in SIDES:
-        left, recording = told.get(role), recordings.get(role)
+        left, recording = reported.get(role), recordings.get(role)
         found = left if recording is None or (left is not None and has_account(left[role])) else _own(recording)
         if found is not None:
             parts[role] = found

@@ -13,7 +13,7 @@ from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
-from hapnet.summary.from_samples import credited_early, least_total_margin, two_port_margin
+from hapnet.summary.from_samples import credited_early, min_total_margin, two_port_margin
 from hapnet.summary.structure import (
     Contradictions,
     DriverPart,
@@ -150,7 +150,7 @@ def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
         "peers_J": session.peers_J,
         "outages": {
             "count": outages.count,
-            "longest_s": outages.longest_ns * NANO,
+            "longest_s": outages.max_ns * NANO,
             "total_s": outages.total_ns * NANO,
             "recovery_max_s": outages.recovery_max_ns * NANO,
         },
@@ -216,8 +216,8 @@ def combine(
         ends = [side["ledger"].get("margin_end_J") for side in sides]
         end = None if None in ends else sum(end for end in ends if end is not None)
         if jointly_passive(coupling):
-            told = [value for value in (total_margin_J, bound) if value is not None]
-            margin = None if total_margin_J is None else min(told)
+            reported = [value for value in (total_margin_J, bound) if value is not None]
+            margin = None if total_margin_J is None else min(reported)
         if any(early is not None and early > ROUNDING_J for early in early_J):
             margin = None if two_port_recorded_J is None else min(margin or 0.0, two_port_recorded_J)
     theorem = {
@@ -274,8 +274,8 @@ def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
     initial = []
     for side, peer in ((device, world), (world, device)):
         own = None if side is None else side["ledger"]["bound_J"]
-        told = None if peer is None else peer.get("peers_J")
-        known = [energy for energy in (own, told) if energy is not None]
+        reported = None if peer is None else peer.get("peers_J")
+        known = [energy for energy in (own, reported) if energy is not None]
         if not known:
             return None
         initial.append(float(max(known)))
@@ -308,8 +308,8 @@ def _felt(device: object, world: object) -> Felt:
     return of_springs([*own[:1], *far[1:]] if own and far else own or far or None, wall)
 
 
-def _springs(told: object) -> list[float]:
-    springs = told.get("springs_N_m") if isinstance(told, Mapping) else None
+def _springs(reported: object) -> list[float]:
+    springs = reported.get("springs_N_m") if isinstance(reported, Mapping) else None
     return [one for one in map(_positive, springs) if one] if isinstance(springs, list | tuple) else []
 
 
@@ -322,8 +322,8 @@ def recorded_margins(recording: Recording | None) -> dict[str, Any]:
     if recording is None:
         return {}
     return {
-        "total_margin_J": least_total_margin(recording),
-        "total_later_J": least_total_margin(recording, since_s=START_S),
+        "total_margin_J": min_total_margin(recording),
+        "total_later_J": min_total_margin(recording, since_s=START_S),
         "two_port_recorded_J": two_port_margin(recording),
         "early_J": credited_early(recording),
     }

@@ -27,11 +27,11 @@ from typing import (
 from hapnet.summary.from_samples import Motion as Motion
 from hapnet.wire.messages import Role
 
-Way = Literal["up", "down"]
+Direction = Literal["up", "down"]
 """From the device, and from the world."""
 
 SIDES: tuple[Role, Role] = ("device", "world")
-WAYS: tuple[Way, Way] = ("up", "down")
+DIRECTIONS: tuple[Direction, Direction] = ("up", "down")
 
 Number = float | None
 Count = int | None
@@ -231,13 +231,13 @@ class Flow(TypedDict):
 
 
 class Energy(TypedDict):
-    """Shuffled energy, both ways."""
+    """Shuffled energy, in both directions."""
 
     up: Flow
     down: Flow
 
 
-class PathWay(TypedDict):
+class DirectionFigures(TypedDict):
     """What was measured of one direction, end to end: of the messages sent, how many arrived, were overtaken, or lost.
 
     Overtaken are those that arrived late, and those that the transport dropped for it.
@@ -262,8 +262,8 @@ class Path(TypedDict):
     round_trip_min_ms: Number
     round_trip_p50_ms: Number
     round_trip_p99_ms: Number
-    up: PathWay | None
-    down: PathWay | None
+    up: DirectionFigures | None
+    down: DirectionFigures | None
 
 
 class LinkPart(TypedDict):
@@ -291,7 +291,7 @@ class Links(TypedDict):
     down: LinkPart | None
 
 
-class Told(TypedDict):
+class Reported(TypedDict):
     """Whose part is what a peer told, and when it came, in seconds after pairing [s].
 
     `final` : that side's control had stopped. `whole` : it covers the time of the side that has it.
@@ -325,7 +325,7 @@ class Summary(TypedDict):
     wall_clock: dict[str, Any]
     replay: NotRequired[dict[str, Any]]
     reconstructed: NotRequired[bool | None]
-    told: Told | None
+    told: Reported | None
 
 
 def known(value: object) -> float | None:

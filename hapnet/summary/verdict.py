@@ -10,8 +10,8 @@ somebody else sent in a side's name; a deficit, a servo that was away, a speed a
 stopped because a reading was impossible, encoders that blur more than the margin, an energy stream without
 acknowledgements), or the world's own account is no finite number.
 
-Energy that a held force put out while the servo was away is the servo's, not the coupling's: it breaks no claim. The
-port of a simulated device is known through it, so there only the margins count.
+Energy that a force under zero-order hold put out while the servo was away is the servo's, not the coupling's: it breaks
+no claim. The port of a simulated device is known through it, so there only the margins count.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
-from hapnet.summary.structure import SIDES, Flow, SidePart, Summary, Verdict, Way, read
+from hapnet.summary.structure import SIDES, Direction, Flow, SidePart, Summary, Verdict, read
 from hapnet.wire.messages import Role
 
 ROUNDING_J = 1e-9
@@ -38,13 +38,13 @@ UNANSWERED_S = 5.0
 START_S = 1.0
 """The least margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
-_WAYS: tuple[tuple[Way, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
+_FLOWS: tuple[tuple[Direction, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
 
 
 def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
-    gave = [*_givers(summary), *_away(summary), *_teller(summary), *_cut_short(summary)]
+    gave = [*_givers(summary), *_away(summary), *_reporter(summary), *_cut_short(summary)]
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join([*against, *gave])}
     if doubts := list(_doubts(summary)):
@@ -155,8 +155,8 @@ def has_reservoirs(coupling: object) -> bool:
 
 def _with_margin(summary: Summary, tree: object) -> Summary:
     """Adds the margin of both ports as the sum of their halves, if an older version did not write it."""
-    told = tree.get("theorem") if isinstance(tree, Mapping) else None
-    if isinstance(told, Mapping) and "margin_J" in told:
+    reported = tree.get("theorem") if isinstance(tree, Mapping) else None
+    if isinstance(reported, Mapping) and "margin_J" in reported:
         return summary
     halves = [_half(summary, side) for side in SIDES]
     if None not in halves and not jointly_passive(_coupling(summary)):
@@ -212,11 +212,11 @@ def _against(summary: Summary) -> Iterator[str]:
         yield from _halves(summary)
     yield from _true_ports(summary, bound)
     torn = _torn(summary)
-    for way, sender, receiver in _WAYS:
-        flow = summary["energy"][way]
+    for direction, sender, receiver in _FLOWS:
+        flow = summary["energy"][direction]
         beyond, certain = excess_nJ(flow), flow["abandoned_nJ"] is not None and flow["abandoned_nJ"] < 0
-        told = summary["told"]
-        if told is not None and told["side"] == sender and not told["final"]:
+        reported = summary["told"]
+        if reported is not None and reported["side"] == sender and not reported["final"]:
             continue  # it may have sent more since
         if beyond and sender not in torn and (certain or not _restarted(summary)):
             yield f"the {receiver} credited {_milli(beyond * 1e-9)} mJ that the {sender} never sent"
@@ -234,11 +234,12 @@ def _halves(summary: Summary) -> Iterator[str]:
 
 def _true_ports(summary: Summary, bound: float | None) -> Iterator[str]:
     """The port of a simulated device's hand is known too, whatever the device reports of its actuator."""
-    least, by_hand, by_world = summary["hand"]["margin_J"], summary["hand"]["work_J"], summary["environment"]["work_J"]
-    if least is None and bound is not None and by_hand is not None and by_world is not None:
-        least = None if _restarted(summary) else bound + by_hand + by_world
-    if least is not None and least < -ROUNDING_J:
-        yield f"at the hand and the walls: margin {_milli(least)} mJ"
+    hand, by_world = summary["hand"], summary["environment"]["work_J"]
+    minimum, by_hand = hand["margin_J"], hand["work_J"]
+    if minimum is None and bound is not None and by_hand is not None and by_world is not None:
+        minimum = None if _restarted(summary) else bound + by_hand + by_world
+    if minimum is not None and minimum < -ROUNDING_J:
+        yield f"at the hand and the walls: margin {_milli(minimum)} mJ"
 
 
 def _givers(summary: Summary) -> Iterator[str]:
@@ -260,18 +261,18 @@ def _givers(summary: Summary) -> Iterator[str]:
         "what moves the world": supplied,
         "the hand": summary["hand"]["work_J"],
     }
-    told = [f"{name} ({_milli(of)} mJ)" for name, of in sources.items() if of is not None and of > ROUNDING_J]
-    if told:
-        yield f"energy came from {', '.join(told)}"
+    reported = [f"{name} ({_milli(of)} mJ)" for name, of in sources.items() if of is not None and of > ROUNDING_J]
+    if reported:
+        yield f"energy came from {', '.join(reported)}"
     if given is not None and given > ROUNDING_J:
         paid = _milli(world["env_paid_J"])
         yield f"the world would have given {_milli(given)} mJ of its own, of which damping took back {paid}"
 
 
-def _teller(summary: Summary) -> Iterator[str]:
+def _reporter(summary: Summary) -> Iterator[str]:
     """Whose account is only a claim: that of a process elsewhere."""
-    if (told := summary["told"]) is not None:
-        yield f"the {told['side']}'s account as it told it"
+    if (reported := summary["told"]) is not None:
+        yield f"the {reported['side']}'s account as it reported it"
 
 
 def untold(tree: object) -> str | None:
@@ -284,9 +285,9 @@ def untold(tree: object) -> str | None:
 
 def _cut_off(summary: Summary) -> Iterator[str]:
     """From when on the account of a process elsewhere is missing."""
-    if (told := summary["told"]) is not None and not told["whole"]:
-        when = "" if told["as_of_s"] is None else f", {told['as_of_s']:.1f} s after pairing"
-        yield f"the rest of the {told['side']}'s account is missing since it told it last{when}"
+    if (reported := summary["told"]) is not None and not reported["whole"]:
+        when = "" if reported["as_of_s"] is None else f", {reported['as_of_s']:.1f} s after pairing"
+        yield f"the rest of the {reported['side']}'s account is missing since its last report{when}"
 
 
 def _cut_short(summary: Summary) -> Iterator[str]:
@@ -305,8 +306,8 @@ def _doubts(summary: Summary) -> Iterator[str]:
     yield from _cut_off(summary)
     if margin is None:
         yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
-    for way, sender, receiver in _WAYS:
-        early = summary["energy"][way]["early_J"]
+    for direction, sender, receiver in _FLOWS:
+        early = summary["energy"][direction]["early_J"]
         if early is not None and early > ROUNDING_J and not _restarted(summary):
             yield f"the {receiver} credited {_milli(early)} mJ before the {sender} sent it"
     for side, part in _parts(summary):
@@ -344,8 +345,8 @@ _CONTRADICTIONS = {
 def _contradictions(side: Role, part: SidePart) -> Iterator[str]:
     """The sum of both halves is a bound only if nobody credits what was not sent by then."""
     other = SIDES[1 - SIDES.index(side)]
-    told = cast(Mapping[str, int | None], part["contradictions"])
-    found = [f"{count} {_CONTRADICTIONS.get(kind, kind)}" for kind, count in told.items() if count]
+    reported = cast(Mapping[str, int | None], part["contradictions"])
+    found = [f"{count} {_CONTRADICTIONS.get(kind, kind)}" for kind, count in reported.items() if count]
     if found:
         yield f"somebody else spoke in the {other}'s name: of its energy messages {', '.join(found)}"
 

@@ -24,7 +24,7 @@ PROBE = "probe"
 """The last part of the keys."""
 
 MOST_HZ, MOST_AT_ONCE = 500, 100
-LONGEST = 512
+MAX_LENGTH = 512
 """Probes beyond this rate [1/s] or burst, and longer ones [bytes], get no answer."""
 
 EVERY_NS = 5_000_000
@@ -44,7 +44,7 @@ class Answering:
 
     def answer(self, data: bytes) -> None:
         """Answer a probe; on one of Zenoh's threads."""
-        if not 1 <= len(data) <= LONGEST or not self._rate_limiter.admit(self._clock()):
+        if not 1 <= len(data) <= MAX_LENGTH or not self._rate_limiter.admit(self._clock()):
             return
         with self._lock:
             self._answered += 1
@@ -68,10 +68,10 @@ class Answers:
     """Figures from the answers, beginning with the first."""
 
     trips: Histogram = field(default_factory=Histogram)
-    least_ns: int | None = None
+    min_ns: int | None = None
     received: int = 0
     stalls: int = 0
-    longest_stall_ns: int = 0
+    max_stall_ns: int = 0
     _first: tuple[int, int] | None = None  # number of the probe, and of its answer
     _last: tuple[int, int] = (0, 0)
     _heard_ns: int = 0
@@ -89,11 +89,11 @@ class Answers:
             self._first = number, count
         elif (stall_ns := now_ns - self._heard_ns - EVERY_NS) > STALL_NS:
             self.stalls += 1
-            self.longest_stall_ns = max(self.longest_stall_ns, stall_ns)
+            self.max_stall_ns = max(self.max_stall_ns, stall_ns)
         self._last, self._heard_ns = (number, count), now_ns
         self.received += 1
         self.trips.add(trip_ns)
-        self.least_ns = trip_ns if self.least_ns is None else min(self.least_ns, trip_ns)
+        self.min_ns = trip_ns if self.min_ns is None else min(self.min_ns, trip_ns)
 
     @property
     def losses(self) -> tuple[float, float]:

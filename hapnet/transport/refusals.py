@@ -80,9 +80,9 @@ class Refusals:
         """The refusals to report now."""
         new, self._new = self._new, {}
         self._reported_ns = {text: at_ns for text, at_ns in self._reported_ns.items() if now_ns - at_ns < AGAIN_NS}
-        told = [text for text in new if text not in self._reported_ns][: MOST_REPORTED - len(self._reported_ns)]
-        self._reported_ns.update(dict.fromkeys(told, now_ns))
-        return told
+        reported = [text for text in new if text not in self._reported_ns][: MOST_REPORTED - len(self._reported_ns)]
+        self._reported_ns.update(dict.fromkeys(reported, now_ns))
+        return reported
 
 
 @contextlib.contextmanager

@@ -26,7 +26,7 @@ ENCRYPTED = ("tls", "quic")
 UNTIMELY = {10: "has expired", 9: "is not valid yet"}
 """OpenSSL's X509_V_ERR_CERT_HAS_EXPIRED and X509_V_ERR_CERT_NOT_YET_VALID in words."""
 
-LEAST_SECRET = 8
+MIN_SECRET = 8
 """The fewest characters of a secret."""
 
 _LOCAL = ("unixsock-stream", "unixpipe", "serial", "vsock")
@@ -67,13 +67,13 @@ class Security:
 
         Raises
         ------
-        InvalidParameter : the file cannot be read, or its first line is shorter than `LEAST_SECRET` characters.
+        InvalidParameter : the file cannot be read, or its first line is shorter than `MIN_SECRET` characters.
         """
         if self.secret_file is None:
             return ""
         word = _first_line("--secret-file", self.secret_file)
-        if len(word) < LEAST_SECRET:  # the line itself is not shown
-            allowed = f"a file whose first line has {LEAST_SECRET} characters or more"
+        if len(word) < MIN_SECRET:  # the line itself is not shown
+            allowed = f"a file whose first line has {MIN_SECRET} characters or more"
             raise InvalidParameter("--secret-file", str(self.secret_file), allowed)
         return word
 

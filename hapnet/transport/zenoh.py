@@ -397,14 +397,14 @@ class ZenohTransport:
         self._notify()
 
     def _notify(self) -> None:
-        self._post(self._tell)
+        self._post(self._report)
 
     def _post(self, call: Callable[..., object], *args: object) -> None:
         assert self._loop is not None
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
             self._loop.call_soon_threadsafe(call, *args)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         self._changed.set()
         if self._on_change is not None:
             self._on_change()

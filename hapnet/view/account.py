@@ -22,7 +22,7 @@ class Account:
     def __init__(self) -> None:
         self.margin_J: float | None = None
         """The sum of both sides' present margins [J]."""
-        self.least_J: float | None = None
+        self.min_J: float | None = None
         self.later_J: float | None = None
         """The least sum: over all samples, and over those from `START_S` after the first on."""
         self._anew: set[Role] = set()
@@ -47,7 +47,7 @@ class Account:
             self._anew.clear()  # both began: a new pair
         else:
             self._anew.add(role)
-        self.margin_J = self.least_J = self.later_J = None
+        self.margin_J = self.min_J = self.later_J = None
         newest = {side: sample for side, sample in self._newest.items() if side != role}
         self._forget()
         self._newest = newest
@@ -63,7 +63,7 @@ class Account:
         if (theirs := self._newest.get(other)) is None:
             return
         self.margin_J = total = sample.margin_J + theirs.margin_J
-        self.least_J = total if self.least_J is None else min(self.least_J, total)
+        self.min_J = total if self.min_J is None else min(self.min_J, total)
         if role == "device":
             self._first_ns = sample.time_ns if self._first_ns is None else self._first_ns
         if role == "device" and self._first_ns is not None and sample.time_ns - self._first_ns >= START_S * 1e9:
@@ -83,7 +83,7 @@ class Account:
 
     def summary(self, coupling: object) -> dict[str, Any] | None:
         """The account in the form of a summary, as far as samples show it; None until both sides have sent one."""
-        if self.least_J is None:
+        if self.min_J is None:
             return None
         pairs = 2 if self._anew else 1
         sides: dict[str, dict[str, Any]] = {
@@ -91,17 +91,17 @@ class Account:
         }
         sides["device"]["deficit_max_J"] = self._deficit
         beyond = {role: round(self._beyond.get(role, 0.0) * 1e9) for role in ROLES}
-        known = not self._anew or self.least_J < 0.0
+        known = not self._anew or self.min_J < 0.0
         return {
             "theorem": {
-                "margin_J": self.least_J if known else None,
+                "margin_J": self.min_J if known else None,
                 "margin_end_J": self.margin_J,
                 "margin_later_J": self.later_J,
             },
             **sides,
             "energy": {
-                way: {"sent_nJ": 0, "credited_nJ": beyond[role] if beyond[role] >= _ROUNDING_nJ else 0}
-                for way, role in zip(("up", "down"), ROLES, strict=True)
+                direction: {"sent_nJ": 0, "credited_nJ": beyond[role] if beyond[role] >= _ROUNDING_nJ else 0}
+                for direction, role in zip(("up", "down"), ROLES, strict=True)
             },
             "coupling": coupling,
         }

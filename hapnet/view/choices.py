@@ -16,7 +16,7 @@ CHOICES: Mapping[str, Choice] = MappingProxyType(
         "hapnet": (pspm.LAW.name, "hapnet"),
         "paper": (pspm.LAW.name, "paper"),
         "zoh": (zoh.LAW.name, "paper"),
-        "zoh, hapnet's feel": (zoh.LAW.name, "hapnet"),
+        "zoh, hapnet's rendering": (zoh.LAW.name, "hapnet"),
         **{name: (name, "auto") for name in COUPLING_NAMES if name not in (pspm.LAW.name, zoh.LAW.name)},
     }
 )
@@ -26,16 +26,16 @@ _WORDS = {
     "hapnet": "PSPM, local contact model",
     "paper": "PSPM as in the paper",
     "zoh": "a plain spring, no PSPM",
-    "zoh, hapnet's feel": "local contact model, no PSPM",
+    "zoh, hapnet's rendering": "local contact model, no PSPM",
 }
 
 
-def label_of(coupling: str, feel: str) -> str:
+def label_of(coupling: str, rendering: str) -> str:
     """The choice that this coupling with this feel is; a user's own coupling is its own label."""
     spec = registry.known(coupling)
-    if feel == "auto" and spec is not None and spec.world_tells:
-        feel = "hapnet"
-    return next((label for label, choice in CHOICES.items() if choice == (coupling, feel)), coupling)
+    if rendering == "auto" and spec is not None and spec.world_tells:
+        rendering = "hapnet"
+    return next((label for label, choice in CHOICES.items() if choice == (coupling, rendering)), coupling)
 
 
 def words_of(label: str) -> str:

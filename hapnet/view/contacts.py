@@ -20,7 +20,7 @@ RED, AMBER = (220, 38, 38), (245, 158, 11)
 
 _MOST = 8
 _FELT_N = 0.02
-_LEAST_HEIGHT = 0.4  # of a cone, in scene units
+_MIN_HEIGHT = 0.4  # of a cone, in scene units
 _POINT_RADIUS = 0.12
 _SIDES = 32
 
@@ -60,7 +60,7 @@ class ContactMarks:
             marks.arrow.points = np.array([[place, place + force]], dtype=np.float32)
         marks.cone.visible = touch.friction > 0.0
         if marks.cone.visible:
-            height = max(_LEAST_HEIGHT, float(force @ normal))
+            height = max(_MIN_HEIGHT, float(force @ normal))
             marks.cone.position, marks.cone.wxyz = place, turned_to(normal)
             marks.cone.scale = (height, touch.friction * height, touch.friction * height)
 

@@ -8,18 +8,18 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from netem.units import split_words
 
-Way = Literal["up", "down"]
+Direction = Literal["up", "down"]
 
 
-def require_no_file(words: str) -> None:
+def require_no_file(text: str) -> None:
     """Refuse a link that is read from a file: others may see the page, and its errors would show the file's content.
 
     Raises
     ------
     InvalidParameter, netem.NetemError : the words name a file, or do not describe a link.
     """
-    if {"trace", "csv"} & set(split_words(words)):
-        raise InvalidParameter("link", words, "a link without files: only the command line reads files")
+    if {"trace", "csv"} & set(split_words(text)):
+        raise InvalidParameter("link", text, "a link without files: only the command line reads files")
 
 
 class Controls(Protocol):
@@ -33,10 +33,10 @@ class Controls(Protocol):
     def lead(self, position: Vector) -> None:
         """Lead the hand to `position`, (n,) [m]. Returns at once: a drag calls it some 20 times a second."""
 
-    def link(self, way: Way, words: str) -> None:
+    def link(self, direction: Direction, text: str) -> None:
         """Change the emulated link of one direction; `words` are tc-netem's, "" for the ideal link."""
 
-    def coupling(self, name: str, feel: str) -> None:
+    def coupling(self, name: str, rendering: str) -> None:
         """Couple the sides with this coupling and feel."""
 
     def smoothing(self, seconds: float) -> None:

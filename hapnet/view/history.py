@@ -57,7 +57,7 @@ class Episode:
     """A pair that has ended: its coupling and feel, and its account, on which its verdict is based."""
 
     coupling: str
-    feel: str
+    rendering: str
     account: Mapping[str, Any]
 
 
@@ -65,7 +65,7 @@ class Episode:
 class Snapshot:
     """A consistent copy of all that is known. What has not arrived yet is None.
 
-    `margin_J` is the sum of both sides' present margins, `least_margin_J` its least value since the episode began, and
+    `margin_J` is the sum of both sides' present margins, `min_margin_J` its least value since the episode began, and
     `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
     came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it is told
     none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks like.
@@ -77,7 +77,7 @@ class Snapshot:
     world_status: Status | None
     aligned: bool
     margin_J: float | None
-    least_margin_J: float | None
+    min_margin_J: float | None
     events: tuple[Event, ...]
     taken: int
     later_margin_J: float | None = None
@@ -150,7 +150,7 @@ class History:
                 *statuses,
                 aligned,
                 self._account.margin_J,
-                self._account.least_J,
+                self._account.min_J,
                 tuple(self._events),
                 self._taken,
                 self._account.later_J,
@@ -182,10 +182,10 @@ class History:
         before = self._status[status.role]
         self._status[status.role] = status
         if before is not None and before.incarnation != status.incarnation:
-            coupling, feel = coupled(before)
+            coupling, rendering = coupled(before)
             account = None if self._account.half_new else self._account.summary(coupling)
             if account is not None and self._keeps_past:
-                self._past = [*self._past, Episode(coupling, feel, account)][-MOST_EPISODES:]
+                self._past = [*self._past, Episode(coupling, rendering, account)][-MOST_EPISODES:]
             self._rings[status.role] = None
             self._planes = None
             self._scene = None
@@ -236,8 +236,8 @@ def coupled(status: Status | None) -> tuple[str, str]:
     """A side's coupling and feel, as its status tells them; what it does not tell is empty."""
     about = {} if status is None else status.about
     params = about.get("params")
-    feel = params.get("feel", "") if isinstance(params, Mapping) else ""
-    return str(about.get("coupling", "")), str(feel)
+    rendering = params.get("rendering", params.get("feel", "")) if isinstance(params, Mapping) else ""
+    return str(about.get("coupling", "")), str(rendering)
 
 
 def _scene_of(status: Status) -> tuple[object, object]:

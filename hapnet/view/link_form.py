@@ -10,7 +10,7 @@ from typing import Any
 import viser
 
 from hapnet.errors import HapnetError
-from hapnet.view.controls import Controls, Way, require_no_file
+from hapnet.view.controls import Controls, Direction, require_no_file
 from netem import PRESETS, LinkProfile, NetemError
 from netem.effects import RandomLoss
 
@@ -31,9 +31,11 @@ class LinkForm:
     ways : gives the directions that this form changes; called for each change.
     """
 
-    def __init__(self, gui: viser.GuiApi, label: str, controls: Controls, ways: Callable[[], Iterable[Way]]) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, label: str, controls: Controls, directions: Callable[[], Iterable[Direction]]
+    ) -> None:
         self._controls = controls
-        self._ways = ways
+        self._directions = directions
         self._lock = threading.Lock()
         self._profile = LinkProfile()
         self._followed, self._changed_s = "", -SETTLED_S
@@ -60,7 +62,7 @@ class LinkForm:
             time.sleep(TYPED_S)
             self._change(lambda: _typed(self._words.value), event.client)
 
-    def follow(self, words: str) -> None:
+    def follow(self, text: str) -> None:
         """Show the present link; words that this netem does not know are shown unchanged.
 
         An older report does not undo a change that was made here, and a report does not overwrite what a user types.
@@ -68,14 +70,14 @@ class LinkForm:
         if not self._lock.acquire(blocking=False):
             return
         try:
-            if words == self._followed or time.monotonic() - self._changed_s < SETTLED_S:
+            if text == self._followed or time.monotonic() - self._changed_s < SETTLED_S:
                 return
-            self._followed = words
-            profile = LinkProfile.named(words)
+            self._followed = text
+            profile = LinkProfile.named(text)
             if str(profile) != str(self._profile):
                 self._show(profile)
         except NetemError:
-            put(self._words, words)
+            put(self._words, text)
         finally:
             self._lock.release()
 
@@ -94,8 +96,8 @@ class LinkForm:
         with self._lock:
             try:
                 profile = wanted()
-                for way in self._ways():
-                    self._controls.link(way, str(profile))
+                for direction in self._directions():
+                    self._controls.link(direction, str(profile))
             except (HapnetError, NetemError) as error:
                 show_notification(client, "The link stays as it was", str(error))
             else:
@@ -127,9 +129,9 @@ def show_notification(client: viser.ClientHandle | None, title: str, text: str) 
         client.add_notification(title, text, color="red", auto_close_seconds=8.0)
 
 
-def _typed(words: str) -> LinkProfile:
-    require_no_file(words)
-    return LinkProfile.named(words)
+def _typed(text: str) -> LinkProfile:
+    require_no_file(text)
+    return LinkProfile.named(text)
 
 
 def _delayed(profile: LinkProfile, ms: float) -> LinkProfile:

@@ -17,7 +17,7 @@ from hapnet.report.words import felt
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
 from hapnet.view.choices import CHOICES, label_of, words_of
-from hapnet.view.controls import Controls, Way
+from hapnet.view.controls import Controls, Direction
 from hapnet.view.force import force_now
 from hapnet.view.history import Episode, Snapshot, coupled
 from hapnet.view.link_form import LinkForm, put, show_notification
@@ -91,7 +91,7 @@ class ControlPanel:
         self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown("coupling", tuple(CHOICES), hint=SWITCH_HINT)
         self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
         self._alike = gui.add_checkbox("alike both ways", True)
-        self._up = LinkForm(gui, "link, both ways", controls, self._ways_of_first)
+        self._up = LinkForm(gui, "link, both ways", controls, self._directions_of_first)
         self._down = LinkForm(gui, "link, world to device", controls, lambda: ("down",))
         self._down.folder.visible = False
         self._paused = self._recording = False
@@ -142,7 +142,7 @@ class ControlPanel:
         self._seen[name] = value
         return bool(known != value)
 
-    def _ways_of_first(self) -> tuple[Way, ...]:
+    def _directions_of_first(self) -> tuple[Direction, ...]:
         return ("up", "down") if self._alike.value else ("up",)
 
     def _arrange(self) -> None:
@@ -212,7 +212,7 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
         ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
         ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
         ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
-        ("least so far", f"{_number(_milli(snapshot.least_margin_J), 1)} mJ"),
+        ("least so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
         ("least after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
     ]
     if recording:
@@ -251,7 +251,7 @@ def _past(episodes: Iterable[Episode]) -> str:
     said = []
     for episode in episodes:
         word, colour = _VERDICTS[judge(episode.account)["passive"]]
-        label = html.escape(label_of(episode.coupling, episode.feel))
+        label = html.escape(label_of(episode.coupling, episode.rendering))
         said.append(f'{label} <span style="color:{colour}">{word}</span>')
     return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(said)}</div>' if said else ""
 
@@ -267,9 +267,9 @@ def _round_trip(*sides: Status | None) -> float | None:
     return next((value for value in known if value is not None), None)
 
 
-def _lost(status: Status | None, way: str) -> float | None:
+def _lost(status: Status | None, direction: str) -> float | None:
     """The share of the other side's messages that did not arrive [%]."""
-    heard = None if status is None else status.path.get(way)
+    heard = None if status is None else status.path.get(direction)
     return None if heard is None else 100.0 * float(heard["loss"])
 
 

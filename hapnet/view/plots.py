@@ -19,7 +19,7 @@ POINTS = 300
 
 _BLUE, _ORANGE, _GREEN, _INK, _GREY = "#2563eb", "#ea580c", "#16a34a", "#0f172a", "#94a3b8"
 
-_LEAST = 1.0
+_MINIMUM = 1.0
 """The axis always goes up to this [N, mJ, mm]: otherwise mere rounding errors would fill a plot."""
 
 _HEADING, _FRAME = 150, 42  # pixels: of the panel above the plots, of a plot around its curves
@@ -91,7 +91,7 @@ class Plots:
 
 def _draw(plot: viser.GuiUplotHandle, at: Array, *curves: Array) -> None:
     reach = np.zeros(len(at))
-    reach[0] = _LEAST
+    reach[0] = _MINIMUM
     plot.data = (at, reach, np.zeros(len(at)), *curves)
 
 

@@ -195,13 +195,13 @@ class Scene:
         self._newtons.text = f"{size:.2f} N"
 
     def _show_spring(self, a: Array, b: Array) -> None:
-        way = b - a
-        length = float(np.linalg.norm(way))
+        path = b - a
+        length = float(np.linalg.norm(path))
         self._spring.visible = length > 0.05
         if length <= 0.05:
             return
         self._spring.position = a
-        self._spring.wxyz = turned_to(way / length)
+        self._spring.wxyz = turned_to(path / length)
         self._spring.scale = (length, 1.0, 1.0)
 
     def _look(self, parts: Sequence[Part]) -> None:

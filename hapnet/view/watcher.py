@@ -49,7 +49,7 @@ class Watcher:
         name: str | None = None,
     ) -> None:
         # two keys: under access control a subscription must lie within what may be read
-        keys = [f"hapnet/{session or '*'}/{name or '*'}/{way}/{TELEMETRY}" for way in ("up", "down")]
+        keys = [f"hapnet/{session or '*'}/{name or '*'}/{direction}/{TELEMETRY}" for direction in ("up", "down")]
         self._subscription = Subscription(settings, keys, self._receive)
         word = settings.security.secret_word()
         self._secret = Secret(bytes(32), word) if word else None

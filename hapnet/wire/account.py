@@ -60,11 +60,11 @@ class AccountExchange:
         self.heard: Heard | None = None
         self.owes: bool = False
         self._values: dict[str, Signal] = {}
-        self._number = self._answered = self._first_final = self._newest = self._told_heard = 0
+        self._number = self._answered = self._first_final = self._newest = self._reported_heard = 0
         self._final = False
         self._due_ns: int | None = None
 
-    def tell(self, values: Mapping[str, Signal], *, final: bool) -> None:
+    def report(self, values: Mapping[str, Signal], *, final: bool) -> None:
         """Tell the peer this account, made now. A final one that has not changed keeps its number."""
         if not (final and self._final and dict(values) == self._values):
             self._number += 1
@@ -72,7 +72,7 @@ class AccountExchange:
         if final and not self._final:
             self._first_final = self._number
         self._final = final
-        self._told_heard, self.owes, self._due_ns = self._newest, False, 0
+        self._reported_heard, self.owes, self._due_ns = self._newest, False, 0
 
     @property
     def known(self) -> bool:
@@ -113,7 +113,7 @@ class AccountExchange:
             self._due_ns = None
             return None
         self._due_ns = now_ns + REPEAT_NS if asks else None
-        return self._number, self._told_heard, asks, self._final, self._values
+        return self._number, self._reported_heard, asks, self._final, self._values
 
     @property
     def next_due_ns(self) -> int | None:
@@ -121,7 +121,8 @@ class AccountExchange:
         return self._due_ns
 
     def change_pair(self, *, paired: bool) -> None:
-        """There is another peer now, which has told and heard nothing; or none, and what the last one told stays."""
+        """There is another peer now, which has reported and heard nothing; or none, and what the last one told
+        stays."""
         self.owes, self._due_ns, self._answered = False, None, 0
         if paired:
-            self.heard, self._newest, self._told_heard = None, 0, 0
+            self.heard, self._newest, self._reported_heard = None, 0, 0

@@ -31,7 +31,7 @@ from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator, back_off, sample, timeout_ns
 from hapnet.wire.token_bucket import TokenBucket, due_ns, take
 
-ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows both ways, no acknowledgement is sent alone
+ACK_DELAY_NS = 10_000_000  # the usual spacing: while energy flows in both directions, no acknowledgement is sent alone
 ADMISSION_STEP_NS = 10_000_000
 MAX_TIMED = 256  # messages whose round trip is being measured: 2.5 s of them, above any timeout
 

@@ -49,7 +49,7 @@ class EnergyCredited(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SignalReceived:
-    """The peer tells another value under this name than before."""
+    """The peer reports another value under this name than before."""
 
     name: str
     value: Signal

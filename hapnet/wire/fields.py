@@ -140,12 +140,12 @@ def signals(value: object, most: int = MAX_SIGNALS) -> None:
         raise BadMessage("type", f"{_kind(value)}; allowed: a map")
     if len(value) > most:
         raise BadMessage("range", f"{len(value)} signals; allowed: up to {most}")
-    for name, told in value.items():
+    for name, reported in value.items():
         text(name)
-        if type(told) is tuple and len(told) > MAX_DOF:
-            raise BadMessage("range", f"the signal {name} has {len(told)} numbers; allowed: up to {MAX_DOF}")
-        for part in told if type(told) is tuple else (told,):
-            if type(told) is tuple and type(part) not in (float, int, bool):
+        if type(reported) is tuple and len(reported) > MAX_DOF:
+            raise BadMessage("range", f"the signal {name} has {len(reported)} numbers; allowed: up to {MAX_DOF}")
+        for part in reported if type(reported) is tuple else (reported,):
+            if type(reported) is tuple and type(part) not in (float, int, bool):
                 raise BadMessage("type", f"the signal {name} has {_kind(part)} in an array; allowed: numbers")
             _scalar(f"the signal {name}", part)
 

@@ -176,7 +176,7 @@ class Proxy(_ProxyFields):
     aimed_ns : the time on the device's clock for which the position stands; 0: the world does not know.
     force : of the environment on the mass in the last step [N].
     planes : each is a unit normal that points into the solid, an offset along it [m], a stiffness [N/m], a damping
-        [Ns/m] and a velocity along the normal [m/s]. None: this world can tell no planes.
+        [Ns/m] and a velocity along the normal [m/s]. None: this world can send no planes.
 
     The further entry `fields.CURVATURES` has for each plane how the surface bends that it touches: an array of a
     direction and a curvature [1/m] each; `fields.FRICTION` has for each its coefficient of friction. `fields.REACH`
@@ -311,7 +311,7 @@ class _Layout:
 
     make: Callable[..., Any]
     checks: tuple[tuple[int, Callable[[object], object]], ...]
-    least: int
+    minimum: int
     most: int
 
     @classmethod
@@ -382,12 +382,12 @@ def examined(frame: Any) -> Message:
     layout = _LAYOUTS.get(kind)
     if layout is None:
         raise BadMessage("kind", f"message kind {kind}; allowed: 1 to {max(_LAYOUTS)}")
-    if not layout.least <= len(frame) <= layout.most:
+    if not layout.minimum <= len(frame) <= layout.most:
         name = layout.make.__name__
-        raise BadMessage("length", f"{name} of {len(frame)} elements; allowed: {layout.least} to {layout.most}")
+        raise BadMessage("length", f"{name} of {len(frame)} elements; allowed: {layout.minimum} to {layout.most}")
     for index, check in layout.checks:
         check(frame[index])
-    if len(frame) > layout.least:
+    if len(frame) > layout.minimum:
         fields.more(frame[-1])
         frame = (*frame[:-1], frame[-1] or None)
     message: Message = layout.make(*frame[2:])

@@ -24,7 +24,7 @@ NEW, AGAIN, LATE, DOUBTFUL = range(4)
 """How a message relates to the run so far: newer than all before; the first of another run, which is believed from here
 on; older than one before; no part of the run."""
 
-LEAST_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
+MIN_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
 """In the long run a sender's messages are at least this far apart; at most this many may come ahead of that."""
 
 RUN = 2
@@ -53,7 +53,7 @@ class Numbering(Record):
     Attributes
     ----------
     newest, stamp_ns, heard_ns : the highest number of the run, -1 before the first message; its stamp and arrival.
-    least_ns : the least difference, lately, of the time of arrival and the sender's stamp. It contains the difference
+    min_ns : the least difference, lately, of the time of arrival and the sender's stamp. It contains the difference
         of the clocks. mean_ns, count : the mean difference, of so many messages.
     before_ns, lately_ns, roll_ns : the least of the last window and of the present one, and when that ends.
     other_number, other_stamp_ns, other_came_ns : of the last doubtful message.
@@ -65,7 +65,7 @@ class Numbering(Record):
     newest: int
     stamp_ns: int
     heard_ns: int
-    least_ns: int
+    min_ns: int
     mean_ns: int
     count: int
     before_ns: int
@@ -107,7 +107,7 @@ class Numbering(Record):
 
 @equation
 def _measure_anew(numbers: Numbering, now_ns: int, offset_ns: int) -> None:
-    numbers.least_ns = numbers.mean_ns = numbers.before_ns = numbers.lately_ns = offset_ns
+    numbers.min_ns = numbers.mean_ns = numbers.before_ns = numbers.lately_ns = offset_ns
     numbers.roll_ns = now_ns + WINDOW_NS
     numbers.count = 1
 
@@ -122,7 +122,7 @@ def _go_on(numbers: Numbering, now_ns: int, number: int, sent_ns: int) -> None:
         if numbers.proof == PROOF:
             numbers.displaced = -1
             _measure_anew(numbers, now_ns, offset_ns)
-    elif numbers.count >= WARM and offset_ns < 3 * numbers.least_ns - 2 * numbers.mean_ns - EARLY_NS:
+    elif numbers.count >= WARM and offset_ns < 3 * numbers.min_ns - 2 * numbers.mean_ns - EARLY_NS:
         numbers.displaced, numbers.proof = numbers.newest, 0
     else:
         numbers.count += 1
@@ -130,11 +130,11 @@ def _go_on(numbers: Numbering, now_ns: int, number: int, sent_ns: int) -> None:
         if now_ns >= numbers.roll_ns:
             numbers.before_ns, numbers.lately_ns = numbers.lately_ns, offset_ns
             numbers.roll_ns = now_ns + WINDOW_NS
-            numbers.least_ns = min(numbers.before_ns, offset_ns)
+            numbers.min_ns = min(numbers.before_ns, offset_ns)
         elif offset_ns < numbers.lately_ns:
             numbers.lately_ns = offset_ns
-            if offset_ns < numbers.least_ns:
-                numbers.least_ns = offset_ns
+            if offset_ns < numbers.min_ns:
+                numbers.min_ns = offset_ns
     numbers.newest, numbers.stamp_ns, numbers.heard_ns = number, sent_ns, now_ns
 
 
@@ -156,7 +156,7 @@ def _is_run(numbers: Numbering, now_ns: int, number: int, sent_ns: int, sure: bo
 @equation
 def _most(waited_ns: int) -> int:
     """By how much a sender's number can have risen in that time."""
-    return MOST_AT_ONCE + waited_ns // LEAST_PERIOD_NS
+    return MOST_AT_ONCE + waited_ns // MIN_PERIOD_NS
 
 
 place = Numbering.place

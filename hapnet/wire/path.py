@@ -34,7 +34,7 @@ _NANO = 1e-9
 STALL_NS = 100_000_000
 """A stall: nothing new came for this much longer than the sender paused. 3GPP TR 22.847 allows no longer delay."""
 
-LONGEST_NS = 60_000_000_000
+MAX_NS = 60_000_000_000
 """No round trip is longer: an echo that claims it is wrong."""
 
 
@@ -64,7 +64,7 @@ class PathFigures:
     """How many were lost on the path; an estimate if the other side has them sampled."""
     stalls: int
     """How often nothing new came for `STALL_NS` longer than the sender paused."""
-    longest_stall_ns: int
+    max_stall_ns: int
 
 
 class Counts(Record):
@@ -80,13 +80,13 @@ class Counts(Record):
     came: int
     late: int
     stalls: int
-    longest_stall_ns: int
+    max_stall_ns: int
     sampled: int
     sampled_came: int
 
     def __init__(self) -> None:
         self.trips, self.jitter, self.ages = Histogram(), Histogram(), Histogram()
-        self.sent = self.came = self.late = self.stalls = self.longest_stall_ns = 0
+        self.sent = self.came = self.late = self.stalls = self.max_stall_ns = 0
         self.sampled = self.sampled_came = 0
 
     def since(self, earlier: Counts) -> Counts:
@@ -96,7 +96,7 @@ class Counts(Record):
         part.sent, part.came = self.sent - earlier.sent, self.came - earlier.came
         part.late, part.stalls = self.late - earlier.late, self.stalls - earlier.stalls
         part.sampled, part.sampled_came = self.sampled - earlier.sampled, self.sampled_came - earlier.sampled_came
-        part.longest_stall_ns = self.longest_stall_ns
+        part.max_stall_ns = self.max_stall_ns
         return part
 
     def copy(self) -> Counts:
@@ -117,7 +117,7 @@ class Path(Record):
     Attributes
     ----------
     all : the counts since the start.
-    least_trip_ns : the least round trip; `NEVER`: none was measured.
+    min_trip_ns : the least round trip; `NEVER`: none was measured.
     since_ns, every : see `begin`.
     echo_ns, came_ns : stamp and arrival of the sampled message that came last, late or not: what to echo.
     last_ns, last_stamp_ns : arrival and stamp of the newest; `NEVER`: there is none.
@@ -125,7 +125,7 @@ class Path(Record):
     """
 
     all: Counts
-    least_trip_ns: int
+    min_trip_ns: int
     since_ns: int
     every: int
     echo_ns: int
@@ -136,7 +136,7 @@ class Path(Record):
 
     def __init__(self) -> None:
         self.all = Counts()
-        self.least_trip_ns = NEVER
+        self.min_trip_ns = NEVER
         self.under_way_ns = self.last_stamp_ns = 0
         self.begin(0)
 
@@ -155,7 +155,7 @@ class Path(Record):
         return (self.echo_ns, self.came_ns) if self.came_ns or self.echo_ns else None
 
     @equation
-    def on_position(self, now_ns: int, number: int, sent_ns: int, since: int, least_ns: int, place: int) -> bool:
+    def on_position(self, now_ns: int, number: int, sent_ns: int, since: int, min_ns: int, place: int) -> bool:
         """A message of the stream came, `since` numbers after the newest before it; see `Numbering` for the rest.
 
         True: it is one of the sample, so that its echo counts.
@@ -165,7 +165,7 @@ class Path(Record):
         counts.came += 1
         if sampled:
             self.echo_ns, self.came_ns = sent_ns, now_ns
-            add(counts.jitter, now_ns - sent_ns - least_ns)
+            add(counts.jitter, now_ns - sent_ns - min_ns)
         if every > 1:
             counts.sampled_came += 1 if sampled else 0
             counts.sampled += 0 if place == LATE else number // every - (number - since) // every
@@ -174,12 +174,12 @@ class Path(Record):
             return sampled
         counts.sent += since
         if place == NEW and self.last_ns != NEVER:
-            add(counts.ages, now_ns - self.last_stamp_ns - least_ns)
+            add(counts.ages, now_ns - self.last_stamp_ns - min_ns)
             stall_ns = now_ns - self.last_ns - (sent_ns - self.last_stamp_ns if since == 1 else 0)
             if stall_ns > STALL_NS:
                 counts.stalls += 1
-                if stall_ns > counts.longest_stall_ns:
-                    counts.longest_stall_ns = stall_ns
+                if stall_ns > counts.max_stall_ns:
+                    counts.max_stall_ns = stall_ns
         self.last_ns, self.last_stamp_ns = now_ns, sent_ns
         return sampled
 
@@ -189,17 +189,17 @@ class Path(Record):
         if not (self.since_ns <= echo_ns <= now_ns and came_ns <= sent_ns):
             return
         trip_ns = now_ns - echo_ns - sent_ns + came_ns
-        if not 0 <= trip_ns <= LONGEST_NS:
+        if not 0 <= trip_ns <= MAX_NS:
             return
         add(self.all.trips, trip_ns)
-        if trip_ns < self.least_trip_ns:
-            self.least_trip_ns = trip_ns
+        if trip_ns < self.min_trip_ns:
+            self.min_trip_ns = trip_ns
 
     @equation
-    def took_ns(self, now_ns: int, sent_ns: int, least_ns: int) -> int:
+    def took_ns(self, now_ns: int, sent_ns: int, min_ns: int) -> int:
         """Estimate of how long a message that comes now was under way, without a common clock [ns]."""
-        half_ns = 0 if self.least_trip_ns == NEVER else self.least_trip_ns // 2
-        return min(max(0, now_ns - sent_ns - least_ns), LONGEST_NS) + half_ns
+        half_ns = 0 if self.min_trip_ns == NEVER else self.min_trip_ns // 2
+        return min(max(0, now_ns - sent_ns - min_ns), MAX_NS) + half_ns
 
     def counts(self) -> Counts:
         """The counts so far, for `figures` of the time from now on."""
@@ -213,8 +213,8 @@ class Path(Record):
         return self._figures(self.all if since is None else self.all.since(since))
 
     def _figures(self, counts: Counts) -> PathFigures:
-        least_ns, trips = None if self.least_trip_ns == NEVER else self.least_trip_ns, counts.trips
-        half_ns = None if least_ns is None else least_ns // 2
+        min_ns, trips = None if self.min_trip_ns == NEVER else self.min_trip_ns, counts.trips
+        half_ns = None if min_ns is None else min_ns // 2
 
         def age(q: float) -> int | None:
             older_ns = counts.ages.quantile(q)
@@ -222,10 +222,10 @@ class Path(Record):
 
         lost = counts.lost
         return PathFigures(
-            least_ns, trips.interpolated(0.5, least_ns or 0), trips.interpolated(0.99, least_ns or 0),
+            min_ns, trips.interpolated(0.5, min_ns or 0), trips.interpolated(0.99, min_ns or 0),
             counts.jitter.quantile(0.5), counts.jitter.quantile(0.99), age(0.5), age(0.99),
             counts.sent, counts.came, counts.late + max(0, counts.sent - counts.came) - lost, lost,
-            counts.stalls, counts.longest_stall_ns,
+            counts.stalls, counts.max_stall_ns,
         )  # fmt: skip
 
 
@@ -238,9 +238,9 @@ def arrive(path: Path, monitor: PeerMonitor, now_ns: int, number: int, sent_ns: 
     if found == DOUBTFUL:
         return found
     since = 1 if newest < 0 else number - newest
-    if on_position(path, now_ns, number, sent_ns, since, numbers.least_ns, found) and echo_ns:
+    if on_position(path, now_ns, number, sent_ns, since, numbers.min_ns, found) and echo_ns:
         on_echo(path, now_ns, sent_ns, echo_ns, came_ns)
-    path.under_way_ns = took_ns(path, now_ns, sent_ns, numbers.least_ns)
+    path.under_way_ns = took_ns(path, now_ns, sent_ns, numbers.min_ns)
     if found == LATE:
         monitors.on_any_message(monitor, now_ns)
     else:

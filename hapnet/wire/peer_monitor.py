@@ -20,7 +20,7 @@ class Outages:
 
     count: int
     """Silences: those that ended, and one that still lasts."""
-    longest_ns: int
+    max_ns: int
     total_ns: int
     recovery_max_ns: int
     """The longest time from the other side's first message after a silence, of any kind, to its first position."""
@@ -48,7 +48,7 @@ class PeerMonitor(Record):
     life_ns : when the last new position came, or the pair began. last_ns : the same, but a new pair does not end a
         silence. sign_ns : when the first message of any kind came in this silence. `NEVER`: there was none.
     reported : was the present silence reported?
-    silences, longest_ns, total_ns, recovery_max_ns, received, missing : as in `Outages`, of silences that ended.
+    silences, max_ns, total_ns, recovery_max_ns, received, missing : as in `Outages`, of silences that ended.
     ended_ns, recovery_ns, missed : of the silence that the last new position ended; ended_ns is 0 if it ended none.
     """
 
@@ -58,7 +58,7 @@ class PeerMonitor(Record):
     sign_ns: int
     reported: int
     silences: int
-    longest_ns: int
+    max_ns: int
     total_ns: int
     recovery_max_ns: int
     received: int
@@ -125,7 +125,7 @@ class PeerMonitor(Record):
             lasting_ns = 0
         return Outages(
             self.silences + (lasting_ns > 0),
-            max(self.longest_ns, lasting_ns),
+            max(self.max_ns, lasting_ns),
             self.total_ns + lasting_ns,
             self.recovery_max_ns,
             self.received,
@@ -147,7 +147,7 @@ def on_position(monitor: PeerMonitor, now_ns: int, since: int) -> None:
         return
     recovery_ns = 0 if monitor.sign_ns == NEVER else now_ns - monitor.sign_ns
     monitor.silences += 1
-    monitor.longest_ns = max(monitor.longest_ns, silence_ns)
+    monitor.max_ns = max(monitor.max_ns, silence_ns)
     monitor.total_ns += silence_ns
     monitor.recovery_max_ns = max(monitor.recovery_max_ns, recovery_ns)
     monitor.reported, monitor.sign_ns = 0, NEVER

@@ -121,9 +121,9 @@ class Session:
         self.position: Callable[[int, Sequence[float]], bytes] = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
         self.signals: SignalExchange = SignalExchange()
-        """Named values beside the stream, both ways."""
+        """Named values beside the stream, in both directions."""
         self.accounts: AccountExchange = AccountExchange()
-        """What each side tells of its half of the account."""
+        """What each side reports of its half of the account."""
         self.peers_J: float = 0.0
         """The energy in the first peer's reservoir at its start, as it says; the peers after it start with none [J]."""
 
@@ -163,10 +163,10 @@ class Session:
         if self.peer is None or self.closed:
             self._channel.abandon()
 
-    def tell(self, name: str, value: Signal) -> None:
+    def report(self, name: str, value: Signal) -> None:
         """Tell the peer this value beside the stream. One that is no small value is dropped, and counted."""
         try:
-            self.signals.tell(name, value)
+            self.signals.report(name, value)
         except InvalidParameter as error:
             self._drop(BadMessage("own signal", str(error)))
 
@@ -227,10 +227,10 @@ class Session:
         outgoing: list[Outgoing] = []
         peer = self._handshake.peer
         if peer is not None and (due := self._channel.poll(now_ns)) is not None:
-            sums = {SUMS: self.sums.next(self._channel.sent_nJ, due[1])} if self.settings.tells_sums else None
+            sums = {SUMS: self.sums.next(self._channel.sent_nJ, due[1])} if self.settings.sends_sums else None
             outgoing.append(self._outgoing(Energy(self.identity.incarnation, peer.incarnation, *due, sums)))
-        if peer is not None and not self.closed and (told := self.signals.poll(now_ns)) is not None:
-            outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *told)))
+        if peer is not None and not self.closed and (reported := self.signals.poll(now_ns)) is not None:
+            outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *reported)))
         if peer is not None and not self.closed and (account := self.accounts.poll(now_ns)) is not None:
             outgoing.append(self._outgoing(Account(self.identity.incarnation, peer.incarnation, *account)))
         outgoing.extend(self._outgoing(message) for message in self._handshake.poll(now_ns))

@@ -22,7 +22,7 @@ class SessionSettings:
     spacing_ns : least time between two messages with new energy.
     silence_ns : after this time without a new position the peer counts as silent.
     expects : the kind of message in the peer's stream. Waves are handed out even if they are late, but once each.
-    tells_sums : do energy messages hold what shows that all of them are of one sender (`hapnet.wire.sums`)?
+    sends_sums : do energy messages hold what shows that all of them are of one sender (`hapnet.wire.sums`)?
     """
 
     accept_stale: bool = _DEFAULT.accept_stale
@@ -32,7 +32,7 @@ class SessionSettings:
     spacing_ns: int = round(_DEFAULT.energy_spacing_s * 1e9)
     silence_ns: int = round(DeviceParams().silence_after_s * 1e9)
     expects: type[Stream] = Position
-    tells_sums: bool = False
+    sends_sums: bool = False
 
     def __post_init__(self) -> None:
         for name in ("hello_period_ns", "spacing_ns"):

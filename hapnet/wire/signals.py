@@ -31,32 +31,32 @@ class SignalExchange:
     """
 
     def __init__(self) -> None:
-        self.told: dict[str, Signal] = {}
+        self.reported: dict[str, Signal] = {}
         self.heard: dict[str, Signal] = {}
         self._sequence = 0
         self._newest = -1
         self._due_ns: int | None = None
         self._sent_ns: int | None = None
 
-    def tell(self, name: str, value: Signal) -> None:
+    def report(self, name: str, value: Signal) -> None:
         """Tell the peer this value from now on.
 
         Raises
         ------
         InvalidParameter : it is no signal, or there would be too many.
         """
-        if self.told.get(name, self) == value and type(self.told[name]) is type(value):
+        if self.reported.get(name, self) == value and type(self.reported[name]) is type(value):
             return
-        told = {**self.told, name: value}
-        characters = sum(len(text) for item in told.items() for text in item if isinstance(text, str))
-        numbers = sum(len(each) for each in told.values() if isinstance(each, tuple))
+        reported = {**self.reported, name: value}
+        characters = sum(len(text) for item in reported.items() for text in item if isinstance(text, str))
+        numbers = sum(len(each) for each in reported.values() if isinstance(each, tuple))
         try:
-            fields.signals(told)
+            fields.signals(reported)
             if characters + 9 * numbers > MOST_CHARACTERS:
                 raise BadMessage("size", f"more than {MOST_CHARACTERS} characters, at 9 for a number")
         except BadMessage as error:
             raise InvalidParameter(f"signal {name}", value, f"a small value ({error.detail})") from None
-        self.told = told
+        self.reported = reported
         earliest_ns = 0 if self._sent_ns is None else self._sent_ns + SPACING_NS
         self._due_ns = earliest_ns if self._due_ns is None else min(self._due_ns, earliest_ns)
 
@@ -79,7 +79,7 @@ class SignalExchange:
         self._sequence += 1
         self._sent_ns = now_ns
         self._due_ns = now_ns + REPEAT_NS
-        return self._sequence, self.told
+        return self._sequence, self.reported
 
     @property
     def next_due_ns(self) -> int | None:
@@ -87,7 +87,7 @@ class SignalExchange:
         return self._due_ns
 
     def change_pair(self) -> None:
-        """There is another peer now, or none: it has told nothing yet, and heard nothing."""
+        """There is another peer now, or none: it has reported nothing yet, and heard nothing."""
         self.heard, self._newest = {}, -1
-        if self.told:
+        if self.reported:
             self._due_ns = 0

@@ -80,8 +80,8 @@ class PositionStream:
         A plane's sixth and seventh elements, if it has them, are its curvatures and its friction. reach_m : within it
         there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not told.
         """
-        told = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
-        values = (_floats(position), aimed_ns, _floats(force), told)
+        reported = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
+        values = (_floats(position), aimed_ns, _floats(force), reported)
         bends = tuple([tuple([(_floats(e), float(k)) for e, k in _after(plane, 5, ())]) for plane in planes or ()])
         friction = tuple([float(_after(plane, 6, 0.0)) for plane in planes or ()])
         more: dict[str, Any] = {name: each for name, each in ((CURVATURES, bends), (FRICTION, friction)) if any(each)}

@@ -62,8 +62,8 @@ class Sums:
 
     def take(self, message: Energy, announced_nJ: int) -> tuple[Event, ...]:
         """What contradicts in the peer's message; each kind is told once for each pair. Nothing else depends on it."""
-        told = f"it tells that {message.total_nJ} nJ were sent, and {message.acked_nJ} nJ credited"
-        found = self._found(self._contradiction(message), told)
+        reported = f"it tells that {message.total_nJ} nJ were sent, and {message.acked_nJ} nJ credited"
+        found = self._found(self._contradiction(message), reported)
         return found + self.acknowledged(message.acked_nJ, announced_nJ)
 
     def acknowledged(self, acked_nJ: int, announced_nJ: int) -> tuple[Event, ...]:
@@ -81,11 +81,11 @@ class Sums:
         return (Contradiction(kind, detail),)
 
     def _contradiction(self, message: Energy) -> str:
-        told = (message.more or {}).get(SUMS)
-        if told is None:
+        reported = (message.more or {}).get(SUMS)
+        if reported is None:
             self._without = True
             return TELLERS if self._newest is not None else ""
-        number, sent_nJ, seen = told
+        number, sent_nJ, seen = reported
         content = message.total_nJ, message.acked_nJ, sent_nJ, seen
         found = self._without or message.total_nJ > sent_nJ or seen > self._number
         if self._newest is not None:

@@ -245,15 +245,15 @@ class Unweighed(Telling):
 def test_what_it_declares_is_what_is_warned_of(name: str, words: list[str]) -> None:
     changes = {"scene": "free", "hardware": f"tests.assembly.test_user_device:{name}", "device.damping": 40.0}
     setup = prepare(PAPER.set({**changes, "device.ceiling_J": 10.0 if name != "Light" else 0.05}), "sampled")
-    told: list[str] = []
+    reported: list[str] = []
 
     def write(sample: Sample) -> None:
         assert isinstance(sample, Event)
-        told.append(sample.text)
+        reported.append(sample.text)
 
     device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, write)
     assert setup.warnings == ()
-    assert [word in text for word, text in zip(words, told, strict=True)] == [True] * len(words)
+    assert [word in text for word, text in zip(words, reported, strict=True)] == [True] * len(words)
 
 
 def driven(name: str) -> SampledDeviceSide:

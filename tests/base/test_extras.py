@@ -91,10 +91,10 @@ def test_a_command_without_files_needs_no_extra(command: list[str], tmp_path: Pa
 
 
 def test_the_extras_are_those_of_the_package() -> None:
-    told = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    reported = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
 
     def libraries(extra: str) -> set[str]:
-        names = {line.partition(">=")[0] for line in told[extra]}
+        names = {line.partition(">=")[0] for line in reported[extra]}
         own = {name for name in names if name.startswith("hapnet-haptics[")}
         return (names - own).union(*(libraries(name.removeprefix("hapnet-haptics[").rstrip("]")) for name in own))
 

@@ -100,7 +100,7 @@ def test_cost_rows(name: str) -> None:
     assert row.unit == "us"
     assert row.figures is not None
     assert row.reference is not None
-    assert 0.0 < row.figures.least <= row.figures.median <= row.figures.p99
+    assert 0.0 < row.figures.minimum <= row.figures.median <= row.figures.p99
     assert row.ratio == row.figures.median / row.reference.median
     assert row.against
 

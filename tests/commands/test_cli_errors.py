@@ -176,7 +176,7 @@ def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_pat
         ("simulate --coupling psmp", "unknown coupling 'psmp'; did you mean pspm?"),
         ("transparency --coupling psmp", "unknown coupling 'psmp'; did you mean pspm?"),
         ("simulate --operator pres", "unknown operator 'pres'; did you mean press or rest?"),
-        ("simulate --feel papr", "unknown feel 'papr'; did you mean paper?"),
+        ("simulate --rendering papr", "unknown rendering 'papr'; did you mean paper?"),
         ("run --device seriall", "unknown hardware 'seriall'; did you mean serial?"),
         ("run --device serial:prot=x", "hardware serial:prot=x: unknown option 'prot'; did you mean port?"),
         ("simulate --profile 4gg", "unknown profile '4gg'; did you mean 4g?"),
@@ -185,7 +185,7 @@ def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_pat
         ("compare --link lossy-wfi", "unknown --link 'lossy-wfi'; did you mean lossy-wifi?"),
         ("compare --bench tap", "unknown --bench 'tap'; did you mean taps?"),
         ("bench --only device_tik", "unknown --only 'device_tik'; did you mean device_tick?"),
-        ("simulate --set feell=paper", "unknown parameter 'feell'; did you mean feel?"),
+        ("simulate --set renderin=paper", "unknown parameter 'renderin'; did you mean rendering?"),
         ("device --mode pear", "unknown mode 'pear'; did you mean peer?"),
     ],
 )

@@ -181,12 +181,12 @@ def test_versions_for_a_bug_report(program: str, main: Callable[[list[str]], int
     out, err = capsys.readouterr()
     first, *rest = out.splitlines()
     assert first == f"{program} {metadata.version('hapnet-haptics')}"
-    told = dict(line.split(maxsplit=1) for line in rest)
-    assert told["python"].startswith(platform.python_version())
-    assert platform.release() in told["platform"]
-    assert told["cpus"].startswith(str(os.cpu_count()))
+    reported = dict(line.split(maxsplit=1) for line in rest)
+    assert reported["python"].startswith(platform.python_version())
+    assert platform.release() in reported["platform"]
+    assert reported["cpus"].startswith(str(os.cpu_count()))
     for package in ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "mcap", "matplotlib"):
-        assert told[package] == metadata.version(package)
+        assert reported[package] == metadata.version(package)
     assert not err
 
 

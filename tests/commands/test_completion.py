@@ -192,9 +192,11 @@ def test_what_is_offered_is_accepted() -> None:
         assert prepare(Params().set({"operator": operator}), "continuous").params.operator == operator
     for name, _ in complete.assignments(""):
         Params().get(name.removesuffix("="))
-    told = [word for name in Params().flat() for word, _ in complete.assignments(f"{name}=") if not word.endswith("=")]
-    assert len(told) > len(Params().flat()) / 2
-    Params().set_words(told)
+    reported = [
+        word for name in Params().flat() for word, _ in complete.assignments(f"{name}=") if not word.endswith("=")
+    ]
+    assert len(reported) > len(Params().flat()) / 2
+    Params().set_words(reported)
 
 
 def test_bash_completes_the_installed_command(directory: Path) -> None:

@@ -181,11 +181,11 @@ def test_the_impulse_is_that_of_the_moment() -> None:
     here = handle(None)
     here.hold(0, (1.5,))
     times_ns = (300_000, 1_000_000, 34_700_000, 34_900_000)
-    told = []
+    reported = []
     for now_ns in times_ns:
         here.read(now_ns)
-        told.append(here.impulse_at(now_ns)[0])
-    for (a, b), (start, end) in zip(pairwise(told), pairwise(times_ns), strict=True):
+        reported.append(here.impulse_at(now_ns)[0])
+    for (a, b), (start, end) in zip(pairwise(reported), pairwise(times_ns), strict=True):
         assert (b - a) / ((end - start) * 1e-9) == pytest.approx(1.5)
 
 

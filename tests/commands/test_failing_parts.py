@@ -71,7 +71,7 @@ def unbuilt():
 
 
 @pytest.mark.parametrize(
-    ("flag", "part"), [("operator", "Hand"), ("scene", "World"), ("scene", "Told"), ("scene", "unbuilt")]
+    ("flag", "part"), [("operator", "Hand"), ("scene", "World"), ("scene", "Reported"), ("scene", "unbuilt")]
 )
 def test_ctrl_c_inside_a_part_is_no_failure_of_it(flag: str, part: str, capsys: Capture) -> None:
     Path("interrupted.py").write_text(INTERRUPTED, "utf-8")

@@ -23,17 +23,17 @@ class Hand:
     mass: float = 0.5
 
 
-Told = list[tuple[int, Link, Hand, bool]]
+Reported = list[tuple[int, Link, Hand, bool]]
 
 
-def application(told: Told) -> typer.Typer:
+def application(reported: Reported) -> typer.Typer:
     app = typer.Typer()
 
     @app.command()
     @grouped
     def both(*, seed: int = 3, link: Link, hand: Hand, quick: bool = False) -> int:
         """What it does."""
-        told.append((seed, link, hand, quick))
+        reported.append((seed, link, hand, quick))
         return 7
 
     return app
@@ -53,11 +53,11 @@ def test_a_group_becomes_its_fields_in_its_place() -> None:
 
 
 def test_the_command_gets_its_groups_built() -> None:
-    told: Told = []
+    reported: Reported = []
     argv = ["--loss", "2%", "--mass", "0.1", "--quick", "--seed", "4"]
-    assert application(told)(args=argv, standalone_mode=False) == 7
-    assert application(told)(args=[], standalone_mode=False) == 7
-    assert told == [(4, Link(None, "2%"), Hand(0.1), True), (3, Link(), Hand(), False)]
+    assert application(reported)(args=argv, standalone_mode=False) == 7
+    assert application(reported)(args=[], standalone_mode=False) == 7
+    assert reported == [(4, Link(None, "2%"), Hand(0.1), True), (3, Link(), Hand(), False)]
 
 
 def test_what_a_command_goes_without_keeps_its_default() -> None:

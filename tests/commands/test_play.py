@@ -128,7 +128,7 @@ async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tm
         async def shake(until: Callable[[float], bool]) -> None:
             """Move the hand to and fro until the least margin is as wanted."""
             began = time.monotonic()
-            while not until(play.history.snapshot().least_margin_J or 0.0):
+            while not until(play.history.snapshot().min_margin_J or 0.0):
                 assert time.monotonic() < began + WAIT_S
                 play.stage.lead((0.01 if int(4.0 * time.monotonic()) % 2 else -0.01,))
                 await asyncio.sleep(0.05)
@@ -136,14 +136,14 @@ async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tm
         await play.until(lambda: play.coupled("pspm"))
         begun = time.monotonic()
         await shake(lambda margin: time.monotonic() > begun + 4.0)
-        least = play.history.snapshot().least_margin_J
-        assert least is not None
-        assert least >= 0.0
+        minimum = play.history.snapshot().min_margin_J
+        assert minimum is not None
+        assert minimum >= 0.0
         play.stage.coupling("zoh", "paper")
         await play.until(lambda: play.coupled("zoh"))
         await shake(lambda margin: margin < -0.05)
         play.stage.coupling("pspm", "paper")
-        await play.until(lambda: play.coupled("pspm") and (play.history.snapshot().least_margin_J or -1.0) > 0.0)
+        await play.until(lambda: play.coupled("pspm") and (play.history.snapshot().min_margin_J or -1.0) > 0.0)
         assert [episode.coupling for episode in play.history.snapshot().past] == ["pspm", "zoh"]
         play.stage.smoothing(0.02)
         await play.until(lambda: (d := play.device) is not None and d.about["params"]["device"]["smoothing_s"] == 0.02)
@@ -175,7 +175,7 @@ async def test_the_hand_stays_where_it_is_when_the_coupling_changes(tmp_path: Pa
         assert track.position_m[0, 0] == pytest.approx(pressed, abs=3e-3)
     first, second = (read_recording(tmp_path / f"{number}-device.mcap") for number in ("01", "02"))
     assert [one.meta["coupling"] for one in (first, second)] == ["pspm", "popc"]
-    assert first.meta["params"]["feel"] == "hapnet"
+    assert first.meta["params"]["rendering"] == "hapnet"
     assert second.device is not None
     assert second.device["position_m"].min() > 0.02
 

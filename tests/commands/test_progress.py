@@ -184,13 +184,13 @@ def test_a_terminal_shows_how_far_the_compiler_is(terminal: bool) -> None:
     with Progress(words, "simulating", 20.0, background=False, clock=clock) as progress:
         progress.update(1.0)
         before = shown(words)
-        compiler.told.get()(0.4)
+        compiler.reported.get()(0.4)
         compiled = shown(words)[len(before) :]
-        compiler.told.get()(1.0)
+        compiler.reported.get()(1.0)
         progress.update(2.0)
     assert ("compiling, once for all runs" in compiled and "40 of 100 %" in compiled) == terminal
     assert "compiling" not in shown(words).splitlines()[-1].rpartition("\r")[2]
     if not terminal:
         assert "compil" not in shown(words)
-    compiler.told.get()(0.5)  # nobody is told any more
+    compiler.reported.get()(0.5)  # nobody is told any more
     assert "50 of 100" not in shown(words)

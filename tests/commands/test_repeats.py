@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapnet.commands.repeats import EVERY_NS, REPEATING, TOLD, Repeats
+from hapnet.commands.repeats import EVERY_NS, REPEATING, REPORTED, Repeats
 
 SILENT = "nothing from the world for 0.50 s: the set-position is held"
 
@@ -11,7 +11,7 @@ SILENT = "nothing from the world for 0.50 s: the set-position is held"
 def test_a_thing_that_happens_29_times_is_three_lines_and_one_that_counts() -> None:
     repeats = Repeats()
     shown = [repeats.line("device", "silent", SILENT, at * EVERY_NS // 30) for at in range(29)]
-    assert [line for line in shown if line] == [SILENT] * TOLD
+    assert [line for line in shown if line] == [SILENT] * REPORTED
     assert repeats.rest() == [("device", f"{SILENT} (the last of 26 more like this)")]
     assert repeats.rest() == []
 

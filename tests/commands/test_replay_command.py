@@ -59,7 +59,7 @@ def test_a_recording_is_an_operator_everywhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "reported"),
     [
         (["replay", "nothing.mcap"], "cannot read recording nothing.mcap"),
         (["replay", "own_hand.py"], "own_hand.py is not a recording"),
@@ -77,7 +77,7 @@ def test_a_recording_is_an_operator_everywhere(tmp_path: Path) -> None:
     ids=lambda value: "-".join(value)[:40] if isinstance(value, list) else "",
 )
 def test_what_cannot_be_replayed_is_told_in_one_line(
-    tmp_path: Path, argv: list[str], told: str, capsys: Capture
+    tmp_path: Path, argv: list[str], reported: str, capsys: Capture
 ) -> None:
     recorded(tmp_path / "a.mcap", duration_s=0.2)
     save(read_recording("a.mcap"), "run.mcap")
@@ -87,13 +87,13 @@ def test_what_cannot_be_replayed_is_told_in_one_line(
     assert run(*argv) == 2
     _, err = capsys.readouterr()
     assert err.startswith("hapnet: ")
-    assert told in err
+    assert reported in err
     assert len(err.splitlines()) == 1
     assert (tmp_path / "run.mcap").read_bytes() == before
 
 
 @pytest.mark.parametrize(
-    ("meta", "told"),
+    ("meta", "reported"),
     [
         ({"seed": "one"}, "seed of the recording"),
         ({"seed": None}, "seed of the recording"),
@@ -103,10 +103,10 @@ def test_what_cannot_be_replayed_is_told_in_one_line(
         ({"params": {"coupling": "glue"}}, "coupling"),
     ],
 )
-def test_settings_that_are_none_are_told_in_one_line(tmp_path: Path, meta: dict[str, Any], told: str) -> None:
+def test_settings_that_are_none_are_told_in_one_line(tmp_path: Path, meta: dict[str, Any], reported: str) -> None:
     recorded(tmp_path / "a.mcap", duration_s=0.2)
     rewritten(tmp_path / "a.mcap", lambda whole: with_meta(whole, **meta), "b.mcap")
-    with pytest.raises(HapnetError, match=told) as info:
+    with pytest.raises(HapnetError, match=reported) as info:
         read_original([tmp_path / "b.mcap"])
     assert "\n" not in str(info.value)
 

@@ -46,7 +46,7 @@ def scene(name: str, files: Path) -> dict[str, Any]:
     return {"scene": words(name, write_files(files)), "dof": 3, "operator": "tests.support.scene_runs:Stroke"}
 
 
-def told(said: str) -> dict[str, list[float]]:
+def reported(said: str) -> dict[str, list[float]]:
     """The least margins and slacks that were printed [J], by side."""
     lines = re.findall(r"^(device|world|both): margin (\S+) mJ(?: and slack (\S+) mJ)? at least", said, re.MULTILINE)
     return {side: [float(energy) / 1e3 for energy in energies if energy] for side, *energies in lines}
@@ -54,7 +54,7 @@ def told(said: str) -> dict[str, list[float]]:
 
 def agrees(verdict: str, said: str, summary: Any, device: Columns, world: Columns) -> None:
     """With a side's own account to within one tick's or step's work, which ends between two looks at the account."""
-    found = told(said)
+    found = reported(said)
     for side, columns in (("device", device), ("world", world)):
         margin, slack = found[side]
         ledger = summary[side]["ledger"]
@@ -79,7 +79,7 @@ def test_it_agrees_with_the_summary_of_a_simulation(name: str, servo: str, tmp_p
     said = capsys.readouterr().out
     agrees(verdict, said, result.summary, device, world)
     assert verdict == "passive"
-    [both] = told(said)["both"]
+    [both] = reported(said)["both"]
     assert both == pytest.approx(result.summary["theorem"]["margin_J"], abs=2.0 * PRINTED_J)
     assert np.abs(world["work_J"]).max() > 1e-4  # it was touched
 
@@ -88,12 +88,12 @@ def test_it_agrees_with_the_summary_of_a_simulation(name: str, servo: str, tmp_p
 def test_it_agrees_that_a_plain_coupling_is_not_passive(servo: str, tmp_path: Path, capsys: Capture) -> None:
     """With relaxed fingers, as in examples/link_study.py."""
     hand = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 20.0}
-    changes = {**hand, "link.up": "delay 60ms", "link.down": "delay 60ms", "coupling": "zoh", "feel": "paper"}
+    changes = {**hand, "link.up": "delay 60ms", "link.down": "delay 60ms", "coupling": "zoh", "rendering": "paper"}
     result = simulate(BASE.set({**changes, "device.servo": servo, "operator": "sine", "duration_s": 3.25}), seed=1)
     assert result.summary["verdict"]["passive"] is False
     save(result.recording, tmp_path / "run.mcap")
     assert judge([str(tmp_path / "run.mcap")]).startswith("not passive: ")
-    [both] = told(capsys.readouterr().out)["both"]
+    [both] = reported(capsys.readouterr().out)["both"]
     assert both == pytest.approx(result.summary["theorem"]["margin_J"], abs=2.0 * PRINTED_J)
 
 
@@ -140,8 +140,8 @@ def test_it_agrees_with_the_summary_of_two_processes(name: str, servo: str, tmp_
     if summary["verdict"]["passive"] is not None:
         agrees(verdict, said, summary, device, world)
     assert verdict == "passive"
-    [both] = told(said)["both"]
-    assert both == pytest.approx(sum(told(said)[side][0] for side in ("device", "world")), abs=2.0 * PRINTED_J)
+    [both] = reported(said)["both"]
+    assert both == pytest.approx(sum(reported(said)[side][0] for side in ("device", "world")), abs=2.0 * PRINTED_J)
 
 
 # -- tampered with -----------------------------------------------------------------------------------------------------
@@ -150,7 +150,7 @@ def test_it_agrees_with_the_summary_of_two_processes(name: str, servo: str, tmp_
 @pytest.fixture(scope="module")
 def run() -> Recording:
     """Much is shuffled, at the default rate of samples."""
-    changes = {"operator": "sine", "operator_hand.frequency_hz": 1.5, "device.damping": 2.0, "feel": "paper"}
+    changes = {"operator": "sine", "operator_hand.frequency_hz": 1.5, "device.damping": 2.0, "rendering": "paper"}
     return simulate(BASE.set({**changes, "device.servo": "sampled", "record_hz": 200.0}), seed=1).recording
 
 

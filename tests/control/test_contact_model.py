@@ -14,7 +14,7 @@ from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import Proxy
-from hapnet.control.own_motion import OwnMotion
+from hapnet.control.self_motion import SelfMotion
 from hapnet.mechanics.plane import Plane
 
 K_WORLD, K_WALL, K, B, TICK = 500.0, 3000.0, 100.0, 1.0, 1e-3
@@ -29,12 +29,12 @@ def model(x: Vector, lead: float = 0.0) -> ContactModel:
         x,
         compliance=(eye / K_WORLD).tolist(),
         lead=(eye * lead * B / K).tolist(),
-        own_motion=OwnMotion(),
+        self_motion=SelfMotion(),
         added=AddedDamping((eye * K).tolist(), (eye / K).tolist(), 0.0, 5.0),
     )
 
 
-def told(planes: tuple[Plane, ...] | None, x: Vector = (0.0,), force: Vector = ()) -> Proxy:
+def reported(planes: tuple[Plane, ...] | None, x: Vector = (0.0,), force: Vector = ()) -> Proxy:
     return Proxy(x, 1.0, force or (0.0,) * len(x), planes)
 
 
@@ -69,7 +69,7 @@ def test_the_proxy_rests_where_the_energy_is_least(place: tuple[Vector, tuple[Pl
     m = model(x)
     normals, offsets = np.array([p.normal for p in planes]), np.array([p.offset_m for p in planes])
     outside = np.linalg.lstsq(normals, offsets - 1e-3, rcond=None)[0]  # a proxy that touches nothing shifts nothing
-    m.receive(told(planes, tuple(outside.tolist())), 0.0, 0.0)
+    m.receive(reported(planes, tuple(outside.tolist())), 0.0, 0.0)
     y = after(m, x, 0.2)
 
     def energy(s: np.ndarray) -> float:
@@ -77,15 +77,15 @@ def test_the_proxy_rests_where_the_energy_is_least(place: tuple[Vector, tuple[Pl
         walls = sum(0.5 * p.stiffness * d * d for p, d in zip(planes, depths, strict=True))
         return 1e3 * (0.5 * K_WORLD * float(np.sum((s - np.array(x)) ** 2)) + walls)
 
-    least = minimize(
+    minimum = minimize(
         energy, np.array(x), method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000}
     )
-    assert energy(np.array(y)) <= least.fun * 1.02 + 1e-9
+    assert energy(np.array(y)) <= minimum.fun * 1.02 + 1e-9
 
 
 def test_a_wall_is_felt_as_the_springs_in_series() -> None:
     m = model((0.01,))
-    m.receive(told((wall(),)), 0.0, 0.0)
+    m.receive(reported((wall(),)), 0.0, 0.0)
     assert after(m, (0.01,), 0.1)[0] == pytest.approx(0.01 * (1.0 - SOFT), rel=1e-6)
 
 
@@ -93,17 +93,17 @@ def test_the_shares_of_planes_and_damping_are_told() -> None:
     """In contact the planes make all of it; with an old answer, added damping makes the rest; before, nobody."""
     m, x, v = model((0.01,)), 0.01, 0.05
     assert m.planes_share == m.damping_share == (0.0,)
-    m.receive(told((wall(),)), 0.0, 0.0)
+    m.receive(reported((wall(),)), 0.0, 0.0)
     y = after(m, (x,), 0.1)
     assert m.planes_share[0] == pytest.approx(-0.01 * SOFT, rel=1e-6)
     assert m.planes_share[0] == pytest.approx(y[0] - x, abs=1e-9)
-    m.receive(told((wall(),)), 0.1, 3.0)
+    m.receive(reported((wall(),)), 0.1, 3.0)
     for _ in range(100):
         x += v * TICK
         y = m.step(TICK, (x,))
     assert m.damping_share[0] == pytest.approx(-1.5 * v / K, rel=0.01)
     assert m.planes_share[0] + m.damping_share[0] == pytest.approx(y[0] - x, abs=1e-9)
-    m.receive(told(None, (0.0,)), 0.2, 0.0)
+    m.receive(reported(None, (0.0,)), 0.2, 0.0)
     after(m, (x,), 0.5)
     assert m.planes_share == (0.0,)  # the world's answer makes it
     m.reset((x,))
@@ -132,9 +132,9 @@ def test_a_change_takes_effect_without_a_jump_and_is_over_after_100_ms(
 ) -> None:
     x = (0.01,)
     m = model(x)
-    m.receive(told(before), 0.0, 0.0)
+    m.receive(reported(before), 0.0, 0.0)
     y = after(m, x, 0.5)
-    m.receive(told(now, (-0.001,)), 0.5, 0.0)
+    m.receive(reported(now, (-0.001,)), 0.5, 0.0)
     steps = []
     for _ in range(100):
         later = m.step(TICK, x)
@@ -144,7 +144,7 @@ def test_a_change_takes_effect_without_a_jump_and_is_over_after_100_ms(
     assert max(steps) <= whole * TICK / (0.005 + TICK) * 1.01
     if now is not None:
         alone = model(x)
-        alone.receive(told(now, (-0.001,)), 0.0, 0.0)
+        alone.receive(reported(now, (-0.001,)), 0.0, 0.0)
         assert y[0] == pytest.approx(after(alone, x, 0.5)[0], abs=1e-6)
 
 
@@ -156,7 +156,7 @@ def test_a_wrong_plane_is_corrected_by_what_the_proxy_feels(error: float, factor
     force = K_WALL * proxy
     m = model((x,))
     for _ in range(20):
-        m.receive(told((wall(error, factor * K_WALL),), (proxy,), (-force,)), 0.0, 0.0)
+        m.receive(reported((wall(error, factor * K_WALL),), (proxy,), (-force,)), 0.0, 0.0)
         y = after(m, (x,), 0.03)
     assert K * (x - y[0]) == pytest.approx(K * (x - proxy), rel=0.01)
 
@@ -164,7 +164,7 @@ def test_a_wrong_plane_is_corrected_by_what_the_proxy_feels(error: float, factor
 def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:
     m = model((0.01,))
     for _ in range(20):
-        m.receive(told((wall(),), (0.01,)), 0.0, 0.0)  # 10 mm behind the plane, and feels nothing
+        m.receive(reported((wall(),), (0.01,)), 0.0, 0.0)  # 10 mm behind the plane, and feels nothing
         y = after(m, (0.01,), 0.03)
     assert y[0] == pytest.approx(0.01, abs=1e-5)
 
@@ -172,18 +172,18 @@ def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:
 def test_a_shift_is_forgotten_out_of_contact() -> None:
     m = model((0.01,))
     for _ in range(2):  # what a plane says in its first message proves nothing
-        m.receive(told((wall(0.003),), (0.01 * (1 - SOFT),), (-K_WALL * 0.01 * (1 - SOFT),)), 0.0, 0.0)
+        m.receive(reported((wall(0.003),), (0.01 * (1 - SOFT),), (-K_WALL * 0.01 * (1 - SOFT),)), 0.0, 0.0)
         after(m, (0.01,), 0.01)
     after(m, (0.01,), 0.3)
     assert m.shift[0] == pytest.approx(-0.003, rel=0.02)
-    m.receive(told((wall(0.003),), (-0.01,)), 0.0, 0.0)
+    m.receive(reported((wall(0.003),), (-0.01,)), 0.0, 0.0)
     after(m, (-0.01,), 3.0)
     assert abs(m.shift[0]) < 1e-5
 
 
 def test_a_moving_plane_goes_on_for_a_fifth_of_a_second() -> None:
     m = model((0.01,))
-    m.receive(told((Plane((1.0,), 0.0, K_WALL, 0.0, 0.02),)), 0.0, 0.05)
+    m.receive(reported((Plane((1.0,), 0.0, K_WALL, 0.0, 0.02),)), 0.0, 0.05)
     assert after(m, (0.01,), 0.1)[0] == pytest.approx(0.01 - (0.01 - 0.02 * 0.15) * SOFT, rel=0.01)
     assert after(m, (0.01,), 1.0)[0] == pytest.approx(0.01 - (0.01 - 0.02 * 0.2) * SOFT, abs=2e-4)
 
@@ -200,7 +200,7 @@ def test_random_planes_in_every_message_move_y_smoothly(seed: int) -> None:
             normal = rng.standard_normal(2)
             normal /= np.linalg.norm(normal)
             plane = Plane(tuple(normal.tolist()), rng.uniform(-0.02, 0.02), 10 ** rng.uniform(2, 4), 0.0)
-            m.receive(told((plane,), tuple(rng.uniform(-0.02, 0.02, 2).tolist())), 0.0, 0.1)
+            m.receive(reported((plane,), tuple(rng.uniform(-0.02, 0.02, 2).tolist())), 0.0, 0.1)
         later = m.step(TICK, x)
         assert math.dist(later, y) < 0.06 * TICK / (0.005 + TICK)
         y = later
@@ -211,18 +211,22 @@ def test_without_planes_free_motion_follows_the_own_motion_and_contact_the_answe
     for k in range(1000):
         t = TICK * k
         if k % 30 == 0:
-            m.receive(told(None, (v * max(0.0, t - delay),)), 0.0, delay)  # the proxy was exactly where the device was
+            m.receive(
+                reported(None, (v * max(0.0, t - delay),)), 0.0, delay
+            )  # the proxy was exactly where the device was
         y = m.step(TICK, (v * t,))
     assert y[0] == pytest.approx(v * t, abs=5e-4)  # a half of a tick and the settling of sigma
     for _ in range(20):
-        m.receive(told(None, (v * t - 0.02,)), 0.0, delay)  # the hand holds still, the proxy is held 20 mm before it
+        m.receive(
+            reported(None, (v * t - 0.02,)), 0.0, delay
+        )  # the hand holds still, the proxy is held 20 mm before it
         y = after(m, (v * t,), 0.03)
     assert y[0] == pytest.approx(v * t - 0.02, abs=1e-4)
 
 
 def test_a_new_world_is_waited_for_where_y_was() -> None:
     m, x = model((0.01,)), (0.01,)
-    m.receive(told((wall(),)), 0.0, 0.0)
+    m.receive(reported((wall(),)), 0.0, 0.0)
     y = after(m, x, 0.2)
     m.reset(y)
     first = m.step(TICK, x)
@@ -235,7 +239,7 @@ def test_an_old_answer_drags_and_a_fresh_one_does_not() -> None:
     for age, wanted in ((0.0, 0.0), (0.7, 0.0), (1.5, 0.75), (4.0, 1.5)):
         m, v = model((0.0,)), 0.05
         for k in range(200):
-            m.receive(told(()), 0.0, age)
+            m.receive(reported(()), 0.0, age)
             y = m.step(TICK, (v * TICK * k,))
         assert K * (v * TICK * 199 - y[0]) == pytest.approx(wanted * v, rel=0.01, abs=1e-9)
 

@@ -19,7 +19,7 @@ class Spring:
     def __init__(self, K: float, B: float, n: int = 1) -> None:
         self.K, self.B = K, B
         self.set_position: Vector = (0.0,) * n
-        self.told: list[Vector] = []
+        self.reported: list[Vector] = []
         """What was held, as the law was told."""
         self.releases = 0
         self.renewals = 0
@@ -32,14 +32,14 @@ class Spring:
         self.renewals += 1
 
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
-        self.told.append(held)
+        self.reported.append(held)
         return tuple(-self.K * (a - y) - self.B * b for a, b, y in zip(x, v, self.set_position, strict=True))
 
     def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
         return Motion(x, v)
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        self.told.append(held)
+        self.reported.append(held)
         self.releases += 1
 
 
@@ -61,7 +61,7 @@ def test_the_account_is_the_work_of_what_was_held() -> None:
         v = (x[k] - x[k - 1]) / T
         release = k % 50 == 0
         subject.tick(T, tuple(x[k].tolist()), tuple(v.tolist()), release=release)
-        np.testing.assert_array_equal(law.told[-1], held)
+        np.testing.assert_array_equal(law.reported[-1], held)
         wanted = np.zeros(2) if release else -400.0 * x[k] - 2.0 * v
         length = float(np.linalg.norm(wanted))
         held = wanted * min(1.0, 3.0 / length) if length else wanted
@@ -104,7 +104,7 @@ def test_a_released_servo_renders_nothing_and_still_speaks() -> None:
     assert subject.tick(T, (0.02,), (0.0,), release=True) == Update(Motion((0.02,), (0.0,)))
     assert subject.force == (0.0,)
     subject.tick(T, (0.03,), (0.0,))
-    assert law.told == [(0.0,), (-1.0,), (0.0,)]
+    assert law.reported == [(0.0,), (-1.0,), (0.0,)]
     subject.stop()
     assert subject.force == (0.0,)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from hapnet.assembly.build import prepare
 from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
-from hapnet.control.deadband import LEAST_M, LEAST_MPS, LEAST_N, LEAST_WAVE, LONGEST_S, Deadband
+from hapnet.control.deadband import MAX_S, MIN_M, MIN_MPS, MIN_N, MIN_WAVE, Deadband
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
@@ -43,7 +43,7 @@ def test_a_spring_of_several_axes_has_a_ball() -> None:
 
 
 def test_near_zero_force_what_is_too_small_to_feel_is_not_sent() -> None:
-    at_rest: list[CouplingSample] = [(0.0,), (0.9 * LEAST_M,), (-0.9 * LEAST_M,), (1.1 * LEAST_M,)]
+    at_rest: list[CouplingSample] = [(0.0,), (0.9 * MIN_M,), (-0.9 * MIN_M,), (1.1 * MIN_M,)]
     assert sent(Deadband(0.1), at_rest) == [0, 3]
 
 
@@ -53,14 +53,14 @@ def test_a_motion_is_sent_for_its_position_or_its_velocity() -> None:
 
     moving: list[CouplingSample] = [motion(10, 100), motion(10.9, 109), motion(10, 111), motion(11.1, 111)]
     assert sent(Deadband(0.1), moving) == [0, 2, 3]
-    still: list[CouplingSample] = [motion(10, 0), motion(10, 0.9e3 * LEAST_MPS), motion(10, 1.1e3 * LEAST_MPS)]
+    still: list[CouplingSample] = [motion(10, 0), motion(10, 0.9e3 * MIN_MPS), motion(10, 1.1e3 * MIN_MPS)]
     assert sent(Deadband(0.1), still) == [0, 2]
 
 
 def test_a_port_is_sent_for_what_it_shows_its_energy_waits() -> None:
     forces: list[CouplingSample] = [Port((1.0,), 0.0), Port((1.09,), 5.0), Port((1.11,), 6.0), Port((0.0,), 7.0)]
     assert sent(Deadband(0.1, port="force"), forces) == [0, 2, 3]
-    assert sent(Deadband(0.1, port="force"), [Port((0.0,), 0.0), Port((0.9 * LEAST_N,), 9.0)]) == [0]
+    assert sent(Deadband(0.1, port="force"), [Port((0.0,), 0.0), Port((0.9 * MIN_N,), 9.0)]) == [0]
     positions: list[CouplingSample] = [Port((0.01,), 0.0), Port((0.0109,), 5.0), Port((0.0111,), 6.0)]
     assert sent(Deadband(0.1), positions) == [0, 2]
 
@@ -75,7 +75,7 @@ def test_a_wave_is_sent_with_those_that_waited() -> None:
     assert merged.value == pytest.approx((1.15,))
     assert merged.span == pytest.approx(6e-3)
     assert band.held_back == 1
-    assert sent(Deadband(0.1), [Wave((0.0,), 1.0), Wave((0.9 * LEAST_WAVE,), 1.0)]) == [0]
+    assert sent(Deadband(0.1), [Wave((0.0,), 1.0), Wave((0.9 * MIN_WAVE,), 1.0)]) == [0]
 
 
 vectors = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
@@ -102,7 +102,7 @@ def test_of_waves_nothing_is_lost_and_no_energy_made(fraction: float, waves: lis
 
 def test_whatever_rests_is_sent_every_tenth_of_a_second_all_the_same() -> None:
     data: list[CouplingSample] = [(0.01,)] * 1000
-    assert sent(Deadband(1.0), data) == list(range(0, 1000, round(LONGEST_S / 1e-3)))
+    assert sent(Deadband(1.0), data) == list(range(0, 1000, round(MAX_S / 1e-3)))
 
 
 def test_another_peer_is_told_at_once_and_not_what_the_first_one_missed() -> None:
@@ -121,7 +121,7 @@ def test_any_stream_by_another_way_of_counting() -> None:
     for i in range(3000):
         change = float(np.linalg.norm(x[i] - last))
         felt = float(np.linalg.norm(opposite[i] - last))
-        if i == 0 or change > max(0.2 * felt, LEAST_M) or i - when >= 100:
+        if i == 0 or change > max(0.2 * felt, MIN_M) or i - when >= 100:
             expected.append(i)
             last, when = x[i], i
     band = Deadband(0.2)
@@ -215,10 +215,10 @@ def test_a_tenth_saves_most_messages_and_costs_less_than_a_tenth_of_the_force() 
 @pytest.mark.parametrize("servo", ["continuous", "sampled"])
 def test_the_energy_that_is_shuffled_is_not_held_back(servo: str) -> None:
     """With the widest band, most ticks that shuffle send no position; the energy goes all the same, and as soon."""
-    simulation, result = run(feel="paper", operator="sine", wire__deadband=1.0, device__servo=servo)
+    simulation, result = run(rendering="paper", operator="sine", wire__deadband=1.0, device__servo=servo)
     up = result.summary["energy"]["up"]
     assert up["sent_nJ"] == up["credited_nJ"] > 1_000_000
-    whole, _ = run(feel="paper", operator="sine", device__servo=servo)
+    whole, _ = run(rendering="paper", operator="sine", device__servo=servo)
     assert messages(simulation) < 0.3 * messages(whole)
     energy = [s.up.stats.offered - s.device_endpoint.session.positions.next_sequence for s in (simulation, whole)]
     assert energy[0] > 0.8 * energy[1]

@@ -23,11 +23,11 @@ def test_the_spring_force_never_steps_by_more_than_the_limit() -> None:
     for n in (1, 2, 3):
         K = random_spd(rng, n, 10.0, 3000.0)
         limit = 0.3
-        longest = limit / float(np.linalg.eigvalsh(K)[-1])
+        maximum = limit / float(np.linalg.eigvalsh(K)[-1])
         m = SetPositionModulator(stiffness=K, position=np.zeros(n))
         for _ in range(1000):
             before = np.array(m.set_position)
-            y = step_towards(m.set_position, tuple(rng.normal(size=n)), longest)
+            y = step_towards(m.set_position, tuple(rng.normal(size=n)), maximum)
             m.modulate(y, tuple(rng.normal(size=n) * 0.03), float(rng.uniform(0, 1e-4)), 0.0)
             step = np.array(m.set_position) - before
             assert np.linalg.norm(K @ step) <= limit * (1 + 1e-9)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.own_motion import OwnMotion
+from hapnet.control.self_motion import SelfMotion
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.params import Params
@@ -27,7 +27,7 @@ from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage
 from hapnet.wire.messages import decode
 from hapnet.wire.stream import PositionStream
-from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, told
+from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
 from tests.support.rubbing import LINKS, K, rubbed, run
 from tests.wire.test_messages import A, rejected
 
@@ -44,7 +44,7 @@ def face(mu: float, **more: Any) -> Plane:
 def touching(mu: float, *planes: Plane) -> ContactModel:
     """A model whose device came in along x, to `DEEP` at the origin of the surface."""
     m = model((-0.001, 0.0, 0.0))
-    m.receive(told((face(mu), *planes), (-0.001, 0.0, 0.0)), 0.0, 0.0)
+    m.receive(reported((face(mu), *planes), (-0.001, 0.0, 0.0)), 0.0, 0.0)
     for x in np.linspace(-0.001, DEEP, 20):
         m.step(TICK, (float(x), 0.0, 0.0))
     return m
@@ -119,7 +119,7 @@ def test_a_plane_that_is_told_a_little_otherwise_moves_nothing_along_it() -> Non
         normal = np.array((1.0, *lean)) / math.hypot(1.0, *lean)
         plane = Plane(tuple(normal.tolist()), rng.uniform(-2e-5, 2e-5), K_WALL, 10.0, friction=0.5)
         force = (-PUSH_N, -K_WORLD * 0.001, 0.0)
-        m.receive(told((plane,), proxy, force), 0.02 * k, 0.03)
+        m.receive(reported((plane,), proxy, force), 0.02 * k, 0.03)
         ys += [m.step(TICK, x) for _ in range(20)]
     assert np.abs(np.array(ys)[-1, 1:]).max() <= 2e-5  # of its lean: 10 mm times 1 mrad
     assert np.ptp(np.array(ys)[2000:, 1:].reshape(-1, 20, 2).mean(axis=1), axis=0).max() <= 3e-5
@@ -129,7 +129,7 @@ def test_in_a_corner_both_faces_hold() -> None:
     """Along the edge each rubs with its own push; away from one face, the other one's friction holds, then slides."""
     wall = Plane((0.0, 1.0, 0.0), 0.0, K_WALL, 10.0, friction=0.2)
     m = model((-0.001, -0.001, 0.0))
-    m.receive(told((face(0.5), wall), (-0.001, -0.001, 0.0)), 0.0, 0.0)
+    m.receive(reported((face(0.5), wall), (-0.001, -0.001, 0.0)), 0.0, 0.0)
     for share in np.linspace(0.0, 1.0, 40):
         m.step(TICK, (DEEP * share, DEEP * share, 0.0))
     for z in np.linspace(0.0, 0.05, 1000):
@@ -149,9 +149,9 @@ def test_unlike_springs_along_the_axes_obey_the_cone(seed: int) -> None:
     eye = np.eye(3)
     m = ContactModel(
         (-0.001, 0.0, 0.0), compliance=np.linalg.inv(stiff).tolist(), lead=(0.0 * eye).tolist(),
-        own_motion=OwnMotion(), added=AddedDamping((eye * K).tolist(), (eye / K).tolist(), 0.0, 5.0),
+        self_motion=SelfMotion(), added=AddedDamping((eye * K).tolist(), (eye / K).tolist(), 0.0, 5.0),
     )  # fmt: skip
-    m.receive(told((face(0.5),), (-0.001, 0.0, 0.0)), 0.0, 0.0)
+    m.receive(reported((face(0.5),), (-0.001, 0.0, 0.0)), 0.0, 0.0)
     for x in np.linspace(-0.001, DEEP, 100):
         m.step(TICK, (float(x), 0.0, 0.0))
     y = m.step(TICK, (DEEP, 0.0, 0.0))
@@ -171,7 +171,7 @@ def test_it_follows_the_worlds_proxy_if_that_is_carried_away() -> None:
     x, proxy = (DEEP, 0.0, 0.0), 0.0
     for k in range(100):
         proxy = min(0.004, 0.0001 * k)
-        m.receive(told((face(0.5),), (DEEP * (1.0 - SOFT), proxy, 0.0), (-PUSH_N, 0.0, 0.0)), 0.02 * k, 0.03)
+        m.receive(reported((face(0.5),), (DEEP * (1.0 - SOFT), proxy, 0.0), (-PUSH_N, 0.0, 0.0)), 0.02 * k, 0.03)
         y = after(m, x, 0.02)
     assert 0.0018 <= y[1] <= 0.002
 
@@ -181,7 +181,7 @@ def test_friction_of_one_plane_is_no_push_of_another() -> None:
     wall = Plane((0.0, 1.0, 0.0), 0.015, K_WALL, 10.0, friction=0.5)
     m = touching(0.5, wall)
     for k in range(1, 20):
-        m.receive(told((face(0.5), wall), (DEEP * (1 - SOFT), 0.0, 0.0), (-PUSH_N, -2.0, 0.0)), 0.02 * k, 0.03)
+        m.receive(reported((face(0.5), wall), (DEEP * (1 - SOFT), 0.0, 0.0), (-PUSH_N, -2.0, 0.0)), 0.02 * k, 0.03)
         after(m, (DEEP, 0.0, 0.0), 0.02)
     assert m.shift == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
 
@@ -191,7 +191,7 @@ def test_what_slips_off_a_small_ball_does_so_without_a_jump(mu: float) -> None:
     """Pressed 20 mm deep beside the middle of a ball of 10 mm, and moved aside until it slips."""
     at, force = (-0.002, 0.0005, 0.0), None
     m = model(at)
-    m.receive(told((Plane.of_ball(at, (0.01, 0.0, 0.0), 0.01, K_WALL)._replace(friction=mu),), at), 0.0, 0.0)
+    m.receive(reported((Plane.of_ball(at, (0.01, 0.0, 0.0), 0.01, K_WALL)._replace(friction=mu),), at), 0.0, 0.0)
     steps = []
     for x, aside in [(-0.002 + 1e-4 * k, 0.0) for k in range(220)] + [(0.02, 1e-4 * k) for k in range(200)]:
         place = np.array((x, 0.0005 + aside, 0.0))
@@ -214,8 +214,8 @@ def test_a_hand_that_slides_feels_coulombs_friction(mu: float, link: str) -> Non
         on = felt.sliding()
         assert on.sum() > 500
         assert felt.push()[on].mean() == pytest.approx(K / K_WORLD * PUSH_N, rel=0.05)
-        _, least, most = rubbed(felt, mu)
-        assert 0.95 <= least <= most <= 1.05
+        _, minimum, most = rubbed(felt, mu)
+        assert 0.95 <= minimum <= most <= 1.05
         assert np.percentile(felt.steps(), 95) <= 0.02
         assert slack_of(felt.summary) >= -1e-12
 
@@ -291,8 +291,8 @@ def test_a_friction_that_a_device_would_drop_is_refused(wrong: float) -> None:
 
 def rubs(friction: object, planes: int | None = 1) -> list[object]:
     plane = [[1.0, 0.0], 0.02, 3000.0, 10.0, 0.0]
-    told = None if planes is None else [plane] * planes
-    return [2, 10, A, 0, 0, [0.04, 0.0], 0, [0.0, 0.0], told, 0, 0, {"friction": friction}]
+    reported = None if planes is None else [plane] * planes
+    return [2, 10, A, 0, 0, [0.04, 0.0], 0, [0.0, 0.0], reported, 0, 0, {"friction": friction}]
 
 
 @pytest.mark.parametrize(

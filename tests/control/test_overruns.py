@@ -80,7 +80,7 @@ def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followe
     """
     rng = np.random.default_rng([seed, 17])
     n, period = 1 + seed % 3, 1e-3
-    speed, longest = float(10.0 ** rng.uniform(-0.7, 0.3)), float(10.0 ** rng.uniform(-1.5, -0.3))
+    speed, upper = float(10.0 ** rng.uniform(-0.7, 0.3)), float(10.0 ** rng.uniform(-1.5, -0.3))
     K, B = random_spd(rng, n, 10.0, 1e4), float(10.0 ** rng.uniform(-2.0, 1.0))
     step = float(rng.choice([math.inf, 10.0 ** rng.uniform(-2.0, 0.5)]))
     ceiling = float(rng.choice([0.1, 10.0 ** rng.uniform(-4.0, 0.0)]))
@@ -94,16 +94,16 @@ def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followe
         guard=ForceGuard(limit=3.3, step=step, reach=speed * period),
         holding=Holding(speed, 0.021, math.inf, ceiling / 2.0, speed * 0.021),
     )  # fmt: skip
-    x, work, strongest, least = np.zeros(n), 0.0, 0.0, math.inf
+    x, work, strongest, minimum = np.zeros(n), 0.0, 0.0, math.inf
     ledger = coupling.ledger
 
     def go(way: np.ndarray) -> Vector:
-        nonlocal x, work, least
+        nonlocal x, work, minimum
         x, work = x + way, work - float(np.array(servo.force) @ way)
-        least = min(least, work + ceiling + ledger.credited - ledger.sent)
+        minimum = min(minimum, work + ceiling + ledger.credited - ledger.sent)
         return tuple(x.tolist())
 
-    servo.tick(longest, go(np.zeros(n)), (0.0,) * n, release=True)
+    servo.tick(upper, go(np.zeros(n)), (0.0,) * n, release=True)
     for _ in range(25):
         for _ in range(int(rng.integers(1, 80))):
             force = np.array(servo.force)
@@ -116,7 +116,7 @@ def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followe
             servo.tick(period, go(way), tuple((way / period).tolist()))
             assert np.linalg.norm(np.array(servo.force) - force) <= step * (1.0 + 1e-12)
             strongest = max(strongest, float(np.linalg.norm(servo.force)))
-        away = float(rng.uniform(0.021, longest))
+        away = float(rng.uniform(0.021, upper))
         force = np.array(servo.force)
         way = (force / np.linalg.norm(force) if force.any() else unit(rng, n)) * speed * away
         if followed:
@@ -124,10 +124,10 @@ def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followe
             way = -0.3 * way
         servo.tick(away, go(way), (0.0,) * n, release=True)
         assert not any(servo.force)
-    assert least >= -1e-12
-    assert ledger.margin_min == pytest.approx(least, abs=1e-9)  # of the way, too
+    assert minimum >= -1e-12
+    assert ledger.margin_min == pytest.approx(minimum, abs=1e-9)  # of the way, too
     assert (servo.overrun_leak, coupling.deficit_max) == (0.0, 0.0)
-    assert strongest > 0.1 * min(3.0, ceiling / (speed * longest))  # a force came back
+    assert strongest > 0.1 * min(3.0, ceiling / (speed * upper))  # a force came back
 
 
 def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int, *, known: bool) -> tuple[float, dict]:
@@ -137,7 +137,9 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
     summary. known : the servo was away for as long once before, when there was no force.
     """
     rng = np.random.default_rng([seed, 23])
-    setup = prepare(Params().set({"operator": "sine", "operator_hand.frequency_hz": 2.0, "feel": "paper", **words}))
+    setup = prepare(
+        Params().set({"operator": "sine", "operator_hand.frequency_hz": 2.0, "rendering": "paper", **words})
+    )
     now_ns = 0
     side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), lambda: now_ns, lambda sample: None)
     device = side.device
@@ -145,16 +147,16 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
     side.endpoint.paired = True
     side.tick(0)
     ledger = side.coupling.ledger
-    bound = least = ledger.bound
+    bound = minimum = ledger.bound
     put_out = 0.0
     advance = device.advance
 
     def counted() -> float:
-        nonlocal put_out, least
+        nonlocal put_out, minimum
         torque, before = device.state.torque, device.position
         work = advance()
         put_out += sum(t * (b - a) for t, a, b in zip(torque, before, device.position, strict=True))
-        least = min(least, bound - put_out + ledger.credited - ledger.sent)
+        minimum = min(minimum, bound - put_out + ledger.credited - ledger.sent)
         return work
 
     device.advance = counted  # type: ignore[method-assign]
@@ -175,7 +177,7 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
                 side.coupling.credit(1e-3)
             tick(MS)
         tick(int(rng.uniform(shortest_ms, longest_ms) * MS))
-    return least, dict(device_summary(side, "pspm"))
+    return minimum, dict(device_summary(side, "pspm"))
 
 
 @pytest.mark.parametrize("seed", mostly_slow(range(10), 1))
@@ -184,20 +186,20 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
 def test_a_simulated_hand_never_gets_more_than_the_bound(
     stiffness: float, shortest_ms: int, longest_ms: int, known: bool, seed: int
 ) -> None:
-    least, part = away({"device.stiffness": stiffness}, seed, shortest_ms, longest_ms, known=known)
-    assert least >= 0.0
-    assert part["ledger"]["margin_J"] == pytest.approx(least, abs=1e-9)
+    minimum, part = away({"device.stiffness": stiffness}, seed, shortest_ms, longest_ms, known=known)
+    assert minimum >= 0.0
+    assert part["ledger"]["margin_J"] == pytest.approx(minimum, abs=1e-9)
     assert (part["overrun_leak_J"], part["deficit_max_J"]) == (0.0, 0.0)
     assert part["speed_max_mps"] > 0.4  # or nothing would have been tried
 
 
 def test_the_first_long_absence_of_a_device_without_a_watchdog_is_counted_to_the_last_joule() -> None:
     """Nothing foretells it, so it may break the bound: by what is then called the servo's."""
-    least, part = away({"device.stiffness": 3000.0}, 3, 200, 600, known=False)
-    assert least < -0.01
-    assert part["ledger"]["margin_J"] == pytest.approx(least, abs=1e-9)
-    assert part["overrun_leak_J"] >= -least - 1e-9
-    assert part["overrun_leak_J"] <= -least + 0.01
+    minimum, part = away({"device.stiffness": 3000.0}, 3, 200, 600, known=False)
+    assert minimum < -0.01
+    assert part["ledger"]["margin_J"] == pytest.approx(minimum, abs=1e-9)
+    assert part["overrun_leak_J"] >= -minimum - 1e-9
+    assert part["overrun_leak_J"] <= -minimum + 0.01
     assert part["overrun_risk_J"] == 0.0  # all of the way was seen
     assert abs(part["true_slack_J"]) <= 1e-9
 

@@ -12,7 +12,7 @@ from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import Proxy
 from hapnet.control.limits import Silence
-from hapnet.control.own_motion import OwnMotion
+from hapnet.control.self_motion import SelfMotion
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.smoothing import Pipeline
 from hapnet.control.zoh import ZeroOrderHold
@@ -33,7 +33,7 @@ def model(n: int = 1, *, remembers: bool = True, yields_below: float = 0.5) -> C
         FAR * n,
         compliance=(eye / K_WORLD).tolist(),
         lead=(eye * DAMPING / K).tolist(),
-        own_motion=OwnMotion(),
+        self_motion=SelfMotion(),
         added=AddedDamping((eye * K).tolist(), (eye / K).tolist(), DAMPING, 5.0),
         remembers=remembers,
         yields_below=yields_below,

@@ -12,7 +12,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
 
 NUMBERS = st.floats(-2.0, 2.0)
-WINDOW = {"window": 0.06, "longest": 0.2, "longest_curve": 0.1}
+WINDOW = {"window": 0.06, "maximum": 0.2, "max_curve": 0.1}
 
 
 def fed(times: list[float], motion: np.poly1d, **limits: float) -> MotionPredictor:
@@ -36,7 +36,7 @@ def test_a_parabola_is_continued_exactly(a: float, b: float, c: float, ahead: fl
 def test_beyond_a_tenth_of_a_second_the_velocity_stays_and_beyond_a_fifth_nothing_is_predicted() -> None:
     predictor = fed([0.005 * k for k in range(13)], np.poly1d([1.0, 0.0, 0.0]))  # x = t^2, newest at 0.06 s
     at_limit = 0.16**2 + 2 * 0.16 * 0.1  # the parabola to 0.16 s, then its tangent
-    assert predictor.at(0.2) == (pytest.approx((at_limit, -at_limit)), WINDOW["longest"])
+    assert predictor.at(0.2) == (pytest.approx((at_limit, -at_limit)), WINDOW["maximum"])
     assert predictor.at(5.0) == predictor.at(0.2)
 
 
@@ -99,7 +99,7 @@ def test_of_more_positions_than_there_is_room_for_the_newest_count() -> None:
     """The last `MOST` of them, against numpy's fit; the window alone would hold three times as many."""
     rng = np.random.default_rng(5)
     times, places = np.arange(3 * MOST) * 1e-3, rng.normal(size=3 * MOST)
-    predictor = MotionPredictor(window=10.0, longest=0.5, longest_curve=0.5)
+    predictor = MotionPredictor(window=10.0, maximum=0.5, max_curve=0.5)
     for time, place in zip(times.tolist(), places.tolist(), strict=True):
         predictor.receive((place,), time)
     predictor.receive((1e6,), times[-1] - 2.0)  # older than all of these

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hapnet.checks import Vector
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.reserve import ForceGuard, Holding, longest, ramp, reserve
+from hapnet.control.reserve import ForceGuard, Holding, maximum, ramp, reserve
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
@@ -30,8 +30,8 @@ def test_the_ramp_is_the_sum_of_all_the_forces_on_the_way_down(force: float, ste
 
 @given(forces, steps)
 def test_the_longest_force_is_the_one_whose_ramp_costs_as_much(force: float, step: float) -> None:
-    assert longest(ramp(force, step), step) == pytest.approx(force, rel=1e-9)
-    assert ramp(longest(force, step), step) == pytest.approx(force, rel=1e-9)
+    assert maximum(ramp(force, step), step) == pytest.approx(force, rel=1e-9)
+    assert ramp(maximum(force, step), step) == pytest.approx(force, rel=1e-9)
 
 
 def unit(rng: np.random.Generator, n: int) -> np.ndarray:

@@ -22,7 +22,7 @@ K = 100.0
 
 def side(energy: float, ceiling: float = 0.05, reserve: float = 0.0, *, shares: bool = True) -> SetPositionCoupling:
     modulator = SetPositionModulator(
-        stiffness=K, position=[0.0], ceiling=ceiling, energy=energy, reserve=reserve, lends=False
+        stiffness=K, position=[0.0], ceiling=ceiling, energy=energy, reserve=reserve, injects=False
     )
     return SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", 0.5), shares=shares)
 
@@ -60,8 +60,8 @@ def test_no_update_creates_energy_whatever_levels_are_told(seed: int) -> None:
     for _ in range(200):
         x += float(rng.normal(0.0, 1e-3))
         if rng.random() < 0.3:
-            told = Position((float(rng.normal(0.0, 0.02)),), float(rng.random()))
-            one.receive(told, float(rng.random()), 0.0)
+            reported = Position((float(rng.normal(0.0, 0.02)),), float(rng.random()))
+            one.receive(reported, float(rng.random()), 0.0)
         if rng.random() < 0.1:
             one.credit(received := float(rng.uniform(0.0, 0.01)))
         else:
@@ -129,7 +129,7 @@ def test_nothing_is_given_to_a_silent_peer() -> None:
 
 def test_a_side_gives_of_what_it_has_and_not_of_what_is_lent() -> None:
     """20 of 50 mJ, and 30 in the spring: its level is 1, but it gives down to the margin above nothing, not more."""
-    modulator = SetPositionModulator(stiffness=K, position=[0.0], ceiling=0.05, lends=True)
+    modulator = SetPositionModulator(stiffness=K, position=[0.0], ceiling=0.05, injects=True)
     modulator.modulate((np.sqrt(0.06 / K),), (0.0,), 0.0, 0.0)
     assert modulator.level == pytest.approx(1.0)
     given_J = sum(modulator.give(TICK, 0.0, 0.0) for _ in range(10_000))

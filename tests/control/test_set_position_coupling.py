@@ -17,14 +17,14 @@ from tests.conftest import random_spd
 
 
 def coupling(
-    *, ceiling: float = 0.05, smoothing: float = 0.0, policy: OnSilence = "hold", longest: float = math.inf
+    *, ceiling: float = 0.05, smoothing: float = 0.0, policy: OnSilence = "hold", maximum: float = math.inf
 ) -> SetPositionCoupling:
     """K = 100 N/m, from rest at 0."""
     return SetPositionCoupling(
         SetPositionModulator(stiffness=100.0, position=[0.0], ceiling=ceiling),
         stages=Pipeline([SmoothingFilter(smoothing)] if smoothing else []),
         silence=Silence(policy, 0.02),
-        longest_step=longest,
+        max_step=maximum,
     )
 
 
@@ -96,21 +96,21 @@ def test_minimum_and_deficit_are_remembered() -> None:
 
 def test_the_step_of_the_spring_is_limited() -> None:
     """5 mm an update, so 0.5 N; `target` is what was asked for."""
-    c = coupling(longest=0.005)
+    c = coupling(maximum=0.005)
     c.receive((0.02,), 1.0, 0.0)
     steps = [c.update(0.005, (0.0,), 0.0).set_position[0] for _ in range(5)]
     assert steps == pytest.approx([0.005, 0.010, 0.015, 0.02, 0.02])
     assert c.target == (0.02,)
 
 
-@pytest.mark.parametrize("longest", [math.inf, 0.001])
-def test_silence_lets_go(longest: float) -> None:
+@pytest.mark.parametrize("maximum", [math.inf, 0.001])
+def test_silence_lets_go(maximum: float) -> None:
     """After 20 ms without data y = x, under the step limit; the first sample after that takes hold again."""
-    c = coupling(policy="release", longest=longest)
+    c = coupling(policy="release", maximum=maximum)
     c.receive((0.001,), 1.0, 0.0)
     positions = [c.update(0.005, (0.01,), 0.0).set_position[0] for _ in range(5)]
     assert positions == [0.001] * 5
-    assert c.update(0.005, (0.01,), 0.0).set_position[0] == pytest.approx(0.01 if longest == math.inf else 0.002)
+    assert c.update(0.005, (0.01,), 0.0).set_position[0] == pytest.approx(0.01 if maximum == math.inf else 0.002)
     c.receive((0.001,), 2.0, 0.0)
     assert c.update(0.005, (0.01,), 0.0).set_position[0] == 0.001
 
@@ -164,7 +164,7 @@ def test_the_ledger_balances_whatever_happens(seed: int) -> None:
         shuffle=shuffle,  # type: ignore[arg-type]
     )
     c = SetPositionCoupling(
-        modulator, stages=Pipeline(), silence=Silence("release", 0.02), longest_step=float(rng.choice([0.01, math.inf]))
+        modulator, stages=Pipeline(), silence=Silence("release", 0.02), max_step=float(rng.choice([0.01, math.inf]))
     )
     x = np.zeros(n)
 

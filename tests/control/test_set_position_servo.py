@@ -65,11 +65,11 @@ def test_ticks_that_rest_are_those_before_the_next_update() -> None:
     """Of five ticks to an update four rest, as long as no data come; a late tick counts for as long as it took."""
     c = coupling()
     servo = ContinuousServo(c, damping=(0.1,), period=5 * T)
-    assert servo.resting(T) == 4
+    assert servo.skippable_ticks(T) == 4
     servo.rest(2 * T, (0.0,), 0.0, 0.0)
-    assert servo.resting(T) == 2
+    assert servo.skippable_ticks(T) == 2
     c.receive((0.001,), 0.0, 0.0)
-    assert servo.resting(T) == 0
+    assert servo.skippable_ticks(T) == 0
 
 
 def test_continuous_harvests_the_range_over_the_whole_interval() -> None:

@@ -41,7 +41,7 @@ def test_predictor_is_exact_on_a_straight_line_whatever_the_jitter() -> None:
 
 
 def test_predictor_stops_at_its_limit_and_ignores_stale_data() -> None:
-    stage = VelocityPredictor(0.0, longest=0.1)
+    stage = VelocityPredictor(0.0, maximum=0.1)
     stage.step(0.01, (0.0,), 0.0)
     stage.step(0.01, (0.01,), 0.01)
     assert stage.step(5.0, (0.01,), None) == pytest.approx((0.01 + 0.1 * 1.0,))
@@ -51,7 +51,7 @@ def test_predictor_stops_at_its_limit_and_ignores_stale_data() -> None:
 
 def test_predictor_begins_anew_when_the_senders_clock_does() -> None:
     """A peer that restarted on a host just booted counts from zero, and so does one whose stamp once leapt."""
-    stage = VelocityPredictor(0.0, longest=0.1)
+    stage = VelocityPredictor(0.0, maximum=0.1)
     stage.step(0.01, (0.0,), 1e6)
     stage.step(0.01, (0.01,), 1e6 + 0.01)
     assert stage.step(0.01, (5.0,), 3.0) == (5.0,)

@@ -16,7 +16,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Simulation, simulate
 from tests.support.hand_port import LIGHT_HAND
 
-FAR: dict[str, object] = {"link.up": "intercontinental", "link.down": "intercontinental", "feel": "hapnet"}
+FAR: dict[str, object] = {"link.up": "intercontinental", "link.down": "intercontinental", "rendering": "hapnet"}
 TOUCHING: dict[str, object] = {**FAR, "scene": "wall", "operator": "press", "duration_s": 4.0, "record_hz": 1000.0}
 
 
@@ -33,20 +33,27 @@ def test_a_wall_is_felt_at_once_however_long_the_link(name: str) -> None:
     """A proxy K' in the wall K_w, and the device's spring K to where it rests: F = K K_w / (K' + K_w) depth."""
     K, K_world = stiffnesses(name)
     off = {}
-    for feel in ("hapnet", "paper"):
-        found = simulate({**TOUCHING, "coupling": name, "feel": feel}, seed=1).recording.device
+    for rendering in ("hapnet", "paper"):
+        found = simulate({**TOUCHING, "coupling": name, "rendering": rendering}, seed=1).recording.device
         assert found is not None
         depth, force = found["position_m"][:, 0] - 0.02, found["force_N"][:, 0]
         inside = (depth > 2e-3) & (found["time_s"] < 2.0)  # it goes in, and rests
         own = K * 3000.0 / (K_world + 3000.0) * depth[inside]
         assert inside.sum() > 300
-        off[feel] = float(np.median(np.abs(-force[inside] - own)) / np.median(own))
+        off[rendering] = float(np.median(np.abs(-force[inside] - own)) / np.median(own))
     assert off["hapnet"] < min(0.05, 0.5 * off["paper"])
 
 
 def lowest(name: str, link: str, lies: bool, seed: int) -> float:
     """The least energy that the hand has put in so far, in a hand that damps little [J]."""
-    changes = {**LIGHT_HAND, "coupling": name, "feel": "hapnet", "scene": "moving", "link.up": link, "link.down": link}
+    changes = {
+        **LIGHT_HAND,
+        "coupling": name,
+        "rendering": "hapnet",
+        "scene": "moving",
+        "link.up": link,
+        "link.down": link,
+    }
     run = Simulation(Params().set(changes), seed, kernel=False)
     scene: Any = run.world.scene
     if lies:
@@ -87,8 +94,8 @@ def test_where_the_world_lies_popc_takes_nine_tenths_of_what_a_spring_gives_out(
 def test_with_the_stages_pd_claims_nothing() -> None:
     """Its proof needs the other side's real position."""
     params = Params().set({"coupling": "pd", "link.up": "delay 5ms", "link.down": "delay 5ms", "device.own_damping": 9})
-    for feel, claims in (("auto", True), ("paper", True), ("hapnet", False)):
-        setup = prepare(params.set({"feel": feel}))
+    for rendering, claims in (("auto", True), ("paper", True), ("hapnet", False)):
+        setup = prepare(params.set({"rendering": rendering}))
         assert setup.coupling.covers(setup.params, setup.tuning, virtual=True) is claims
 
 
@@ -98,22 +105,22 @@ def test_a_law_without_a_set_position_says_so(name: str, sends: str) -> None:
         rf"^feel is 'hapnet'; allowed: auto or paper with the coupling {name}: it sends {sends}, so it has no set-pos"
     )
     with pytest.raises(InvalidParameter, match=says):
-        prepare({"coupling": name, "feel": "hapnet"})
+        prepare({"coupling": name, "rendering": "hapnet"})
 
 
 def test_auto_is_the_laws_own() -> None:
-    staged = {name for name in COUPLINGS if prepare({"coupling": name}).params.feel == "hapnet"}
+    staged = {name for name in COUPLINGS if prepare({"coupling": name}).params.rendering == "hapnet"}
     assert staged == {"pspm", "zoh"}
-    assert prepare({"coupling": "popc"}).params.feel == "auto"
+    assert prepare({"coupling": "popc"}).params.rendering == "auto"
     assert prepare({"coupling": "popc"}).params.device.stiffness == 100.0
-    assert prepare({"coupling": "popc", "feel": "hapnet"}).params.device.stiffness == 200.0  # by rule, as of zoh
+    assert prepare({"coupling": "popc", "rendering": "hapnet"}).params.device.stiffness == 200.0  # by rule, as of zoh
 
 
 def test_an_older_recording_of_a_law_without_set_positions_can_be_run_again() -> None:
     """Every law's feel was hapnet by default."""
-    assert Params.recorded({"coupling": "wave", "feel": "hapnet"}).feel == "auto"
-    assert Params.recorded({"coupling": "wave"}).feel == "paper"
-    assert Params.recorded({"coupling": "zoh", "feel": "hapnet"}).feel == "hapnet"
+    assert Params.recorded({"coupling": "wave", "rendering": "hapnet"}).rendering == "auto"
+    assert Params.recorded({"coupling": "wave"}).rendering == "paper"
+    assert Params.recorded({"coupling": "zoh", "rendering": "hapnet"}).rendering == "hapnet"
 
 
 def test_a_strangers_law_has_them_too() -> None:
@@ -121,6 +128,6 @@ def test_a_strangers_law_has_them_too() -> None:
     assert coupling("examples.own_law:Mine").takes_positions
     found = simulate(changes, seed=1)
     assert found.world.endpoint.coupling is not None
-    plain = simulate({**changes, "feel": "paper"}, seed=1)
+    plain = simulate({**changes, "rendering": "paper"}, seed=1)
     moved = [run.summary["motion"]["free_rms_m"] or 0.0 for run in (found, plain)]
     assert moved[0] < 0.7 * moved[1]

@@ -32,9 +32,9 @@ def test_its_spring_saturates() -> None:
 
 def test_the_way_since_the_last_measurement() -> None:
     coupling = VirtualCoupling(Spring(100.0, 2), (0.1, 0.1), (0.5, 0.25))
-    for position, way in (((0.75, 0.0), [0.25, -0.25]), ((0.75, 1.0), [0.0, 1.0])):
+    for position, moved in (((0.75, 0.0), [0.25, -0.25]), ((0.75, 1.0), [0.0, 1.0])):
         pass_to(coupling, position)
-        assert coupling.way == way
+        assert coupling.moved == moved
 
 
 def test_it_takes_bare_positions_alone() -> None:

@@ -123,7 +123,7 @@ def test_the_ideal_is_the_spring_that_was_asked_for() -> None:
 def test_a_device_law_differs_from_the_plain_coupling_in_what_it_adds_alone(coupling: str) -> None:
     """In the default hand neither has anything to add: the same run, but for when data are sent."""
     base = Params().set(
-        {"feel": "paper", "device.servo": "sampled", "duration_s": 4.0, "link.up": "ideal", "link.down": "ideal"}
+        {"rendering": "paper", "device.servo": "sampled", "duration_s": 4.0, "link.up": "ideal", "link.down": "ideal"}
     )
     plain, law = (simulate(base.set({"coupling": name}), seed=3) for name in ("zoh", coupling))
     assert isinstance(law.device.coupling, LawState)

@@ -54,7 +54,7 @@ def test_what_the_user_says_stays() -> None:
 
 
 def test_the_papers_feel_has_the_papers_spring() -> None:
-    assert with_springs(Params().set({"feel": "paper"})).device.stiffness == 100.0
+    assert with_springs(Params().set({"rendering": "paper"})).device.stiffness == 100.0
 
 
 def test_a_run_records_the_number() -> None:

@@ -67,7 +67,7 @@ def test_it_renders_nothing_before_anything_was_paid_and_minds_each_axis() -> No
 
 
 def wander(
-    law: EnergyBounding, seed: int, *, damping: float = b, longest: float = T, ticks: int = 3000, greed: float = 0.7
+    law: EnergyBounding, seed: int, *, damping: float = b, maximum: float = T, ticks: int = 3000, greed: float = 0.7
 ) -> tuple[Port, float]:
     """Random positions come; the hand moves at random, or (`greed`) as takes the most out: dx = F dt / 2b.
 
@@ -79,7 +79,7 @@ def wander(
     for n in range(ticks):
         if rng.random() < 0.05:
             law.receive((x + float(rng.normal(0.0, 0.02)),))
-        dt = float(rng.uniform(0.2 * T, longest)) if n % 3 else longest
+        dt = float(rng.uniform(0.2 * T, maximum)) if n % 3 else maximum
         dx = force * dt / (2.0 * damping) if rng.random() < greed else float(rng.normal(0.0, 0.1)) * dt
         port.move(force, dx, dt, damping)
         debt = max(debt, force * force * (dt - T) / (4.0 * damping))
@@ -103,7 +103,7 @@ def test_it_is_not_if_the_device_damps_less_than_is_trusted(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_late_ticks_leave_a_debt_that_does_not_add_up(seed: int) -> None:
-    port, debt = wander(bounding(), seed, longest=1.5 * T)
+    port, debt = wander(bounding(), seed, maximum=1.5 * T)
     assert debt > 0.0
     assert port.lowest >= -debt - 1e-12
 

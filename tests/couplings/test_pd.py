@@ -176,7 +176,7 @@ def against(omega: float, amplitude: float = 0.05) -> tuple[Trajectory, Trajecto
 def test_a_cycle_costs_what_the_frequency_response_says(share: float, coordination: float) -> None:
     """Constant delays, nothing held for long: the sides against each other at w with amplitude V of velocity.
 
-    A cycle takes 2 pi/w V^2 (K_d + K_v + K_v cos(w R/2) - K_p sin(w R/2) / w), the delay being R/2 each way.
+    A cycle takes 2 pi/w V^2 (K_d + K_v + K_v cos(w R/2) - K_p sin(w R/2) / w), the delay being R/2 in each direction.
     """
     K, delay, omega, amplitude, T = 100.0, 0.06, 5.0, 0.05, 4e-4
     gains = Gains(K, share * K * delay, coordination)
@@ -217,7 +217,7 @@ def test_with_the_rules_damping_it_is_passive_for_slow_motions_over_delays_that_
     ids=["no damping", "half of it", "a delay beyond the bound", "loss"],
 )
 def test_where_it_says_nothing_it_is_not(damping: float, delay: float, loss: float) -> None:
-    """Tuned for 50 ms each way, with this share of the rule's damping."""
+    """Tuned for 50 ms in each direction, with this share of the rule's damping."""
     rule = tuned(200.0, round_trip(0.1, 0.005, 0.05, 0.001), 1e9)
     gains = rule._replace(damping=damping * rule.damping)
     port = TwoPort(gains, *against(2.0), delay=(delay, delay), steps=(0.01, 0.05), loss=loss)

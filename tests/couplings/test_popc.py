@@ -124,7 +124,7 @@ def test_the_port_gives_out_what_the_limits_left_and_one_tick(limits: tuple[floa
 
 
 def test_the_cap_is_what_may_be_held() -> None:
-    """A free mass, damped by a held force: more energy goes up to m/T, none at 2m/T."""
+    """A free mass, damped by a force under zero-order hold: more energy goes up to m/T, none at 2m/T."""
 
     def dissipated(alpha: float, mass: float, v: float = 0.3) -> float:
         after = v - alpha * v * T / mass

@@ -17,7 +17,7 @@ from hapnet.control.coupling import Port
 from hapnet.couplings.tdpa_world import PassivityObserver
 from hapnet.params import Params
 from hapnet.study.case import measure
-from tests.support.tdpa_ends import TICK, device, simulated, told, world
+from tests.support.tdpa_ends import TICK, device, reported, simulated, world
 from tests.support.tdpa_ends import watched as watched
 
 # -- the account -----------------------------------------------------------------------------------------------------
@@ -26,9 +26,9 @@ from tests.support.tdpa_ends import watched as watched
 def test_a_passive_wall_makes_both_observers_positive() -> None:
     """Push slowly into a mass that does not move, and come back: a spring K takes K d^2/2 and returns it."""
     hand, far, depth = device(), world(), 0.01
-    far.receive(told(hand))
+    far.receive(reported(hand))
     far.begin()
-    hand.receive(told(far))
+    hand.receive(reported(far))
     way = [depth * (1.0 - math.cos(math.pi * k / 10_000)) / 2.0 for k in range(20_001)]
     held: Vector = (0.0,)
     for k, (before, at) in enumerate(pairwise(way), 1):
@@ -37,14 +37,14 @@ def test_a_passive_wall_makes_both_observers_positive() -> None:
         if k % 10 == 0:
             far.impedance(10 * TICK)
             far.moved(10 * TICK, (0.0,), (0.0,), (0.0,))
-            hand.receive(told(far))
-            far.receive(told(hand, (at,)))
+            hand.receive(reported(far))
+            far.receive(reported(hand, (at,)))
             far.begin()
         if k == 10_000:
-            assert told(hand).energy == pytest.approx(100.0 * depth**2 / 2.0, rel=0.05)
-            assert told(far).energy == pytest.approx(0.0, abs=1e-5)
-    assert told(hand).energy == pytest.approx(100.0 * depth**2 / 2.0, rel=0.05)
-    assert told(far).energy == pytest.approx(100.0 * depth**2 / 2.0, rel=0.05)
+            assert reported(hand).energy == pytest.approx(100.0 * depth**2 / 2.0, rel=0.05)
+            assert reported(far).energy == pytest.approx(0.0, abs=1e-5)
+    assert reported(hand).energy == pytest.approx(100.0 * depth**2 / 2.0, rel=0.05)
+    assert reported(far).energy == pytest.approx(100.0 * depth**2 / 2.0, rel=0.05)
 
 
 @given(st.lists(st.floats(0.0, 10.0), min_size=1, max_size=20), st.randoms())
@@ -168,7 +168,7 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
         assert f @ v_y * T == pytest.approx(balance, rel=1e-9, abs=1e-12)
         out, dissipated = f @ v_y_commanded * T, beta * f @ f * T
         assert law.observer.debt - debt == pytest.approx(max(out, 0.0) - dissipated, rel=1e-6, abs=1e-12)
-        np.testing.assert_allclose(told(law).value, K * (y1 - x1) + B * (v_y - vhat), rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(reported(law).value, K * (y1 - x1) + B * (v_y - vhat), rtol=1e-7, atol=1e-9)
         # what was commanded is where y is, and what it lost
         np.testing.assert_allclose(y1 + np.array(law.drift) - np.array(law.goal), offset, atol=1e-9)
         x = x1
@@ -252,8 +252,8 @@ def test_a_fast_world_renders_as_stiff_a_wall_as_a_slow_one() -> None:
     """Steps of 1 to 2 ms have a new position of the device in every third step, those of 10 to 50 ms in each."""
     case = Params().set({"coupling": "tdpa", "operator": "press", "duration_s": 4.0, "link.up": "", "link.down": ""})
     slow, fast = (
-        measure(case.set({"world.step_min_s": least, "world.step_max_s": most}), 0)["stiffness_percent"]
-        for least, most in ((0.010, 0.050), (0.001, 0.002))
+        measure(case.set({"world.step_min_s": minimum, "world.step_max_s": most}), 0)["stiffness_percent"]
+        for minimum, most in ((0.010, 0.050), (0.001, 0.002))
     )
     assert slow is not None
     assert fast is not None

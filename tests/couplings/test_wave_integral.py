@@ -16,7 +16,7 @@ from hapnet.couplings.wave import DelayLine
 from hapnet.metrics.motion import drift
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
-from tests.support.wave_ports import Counted, put_in, shake, told
+from tests.support.wave_ports import Counted, put_in, reported, shake
 
 TOLERANCE_J = 1e-9
 
@@ -44,7 +44,7 @@ def test_whatever_arrives_the_displacement_is_the_newest_integrals_and_no_energy
     sent: list[tuple[float, float]], data: st.DataObject
 ) -> None:
     """Lost, repeated, in any order; only the first that arrives stands for itself alone."""
-    messages = told([Wave((value,), span) for value, span in sent])
+    messages = reported([Wave((value,), span) for value, span in sent])
     arrive = data.draw(st.lists(st.integers(0, len(sent) - 1), min_size=1, max_size=40))
     line = IntegralLine(taken := Taken())
     for number in arrive:
@@ -67,7 +67,7 @@ def test_a_sender_that_tells_no_integrals_is_taken_at_its_word() -> None:
 
 def test_another_peer_counts_anew() -> None:
     line = IntegralLine(taken := Taken())
-    first, second = told([Wave((1.0,), 0.02)] * 2)
+    first, second = reported([Wave((1.0,), 0.02)] * 2)
     line.push(second)
     line.clear()
     line.push(first)

@@ -144,7 +144,7 @@ def test_a_3d_mouses_buttons(pipe: Pipe, clock: list[float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "ours"),
+    ("reported", "ours"),
     [
         ("HID_ID=0003:0000256F:0000C62E\nHID_NAME=SpaceMouse", True),
         ("HID_ID=0003:0000046D:0000C626", True),
@@ -152,9 +152,9 @@ def test_a_3d_mouses_buttons(pipe: Pipe, clock: list[float]) -> None:
         ("DRIVER=usb", False),
     ],
 )
-def test_which_files_are_3d_mice(told: str, ours: bool, tmp_path: Path) -> None:
+def test_which_files_are_3d_mice(reported: str, ours: bool, tmp_path: Path) -> None:
     (tmp_path / "device").mkdir()
-    (tmp_path / "device" / "uevent").write_text(told)
+    (tmp_path / "device" / "uevent").write_text(reported)
     assert _is_ours(tmp_path) is ours
 
 

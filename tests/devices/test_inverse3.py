@@ -72,8 +72,8 @@ class Service:
             if "configure" in arm and not self.ignores:
                 self.preset = arm["configure"]["preset"]["preset"]
             line.inbox.append(state if self.rubbish < 0 else b"{")
-            told = arm["commands"]["set_cursor_force"]["vector"]
-            self.force = (0.0, 0.0, 0.0) if self.deaf else (told["x"], told["y"], told["z"])
+            reported = arm["commands"]["set_cursor_force"]["vector"]
+            self.force = (0.0, 0.0, 0.0) if self.deaf else (reported["x"], reported["y"], reported["z"])
             self.forces.append(self.force)
 
 
@@ -291,7 +291,7 @@ def event(safety_type: str, device: str = "049D") -> bytes:
     return json.dumps({"name": "device-safety-triggered", "level": "warning", "data": data}).encode()
 
 
-def tell(driver: Inverse3, safety_type: str, device: str = "049D", **more: str) -> None:
+def report(driver: Inverse3, safety_type: str, device: str = "049D", **more: str) -> None:
     line: Any = driver._safety.caller
     line.inbox.append(json.dumps(json.loads(event(safety_type, device)) | more).encode())
 
@@ -301,16 +301,16 @@ def test_there_is_no_force_while_the_brake_is_on(service: Service) -> None:
     driver.read()
     driver.apply((1.0,))
     tick(service, driver, (1.0,))
-    tell(driver, "ebrake_triggered", "06DA")  # of another arm
+    report(driver, "ebrake_triggered", "06DA")  # of another arm
     tick(service, driver, (1.0,), 0.001, 0.0, 0.0)
     assert driver.braked() == ""
-    tell(driver, "ebrake_triggered")
+    report(driver, "ebrake_triggered")
     tick(service, driver, (1.0,), -0.001, 0.0, 0.0)
     assert driver.braked() == "its emergency brake is on"
     assert service.force == (0.0, 0.0, 0.0)
     _, acted = tick(service, driver, (1.0,))
     assert acted == (0.0,)  # it may have ended before it took this motion's energy in
-    tell(driver, "ebrake_released")
+    report(driver, "ebrake_released")
     tick(service, driver, (1.0,))
     assert service.force == (1.0, 0.0, 0.0)
 
@@ -319,7 +319,7 @@ def test_a_stalled_motor_gets_no_force_for_a_second(service: Service) -> None:
     driver = Inverse3(1)
     driver.read()
     driver.apply((1.0,))
-    tell(driver, "stall_detected")
+    report(driver, "stall_detected")
     tick(service, driver, (1.0,))
     assert (driver.braked(), service.force) == ("a motor has stalled", (0.0, 0.0, 0.0))
     service.now_s += 1.0

@@ -7,7 +7,7 @@ import pytest
 from hapnet.devices.inverse3 import Inverse3
 from hapnet.errors import DeviceSilent, HapnetError
 from tests.devices import test_inverse3
-from tests.devices.test_inverse3 import Service, tell, tick
+from tests.devices.test_inverse3 import Service, report, tick
 
 service = test_inverse3.service
 
@@ -18,12 +18,12 @@ service = test_inverse3.service
 def test_what_the_service_sees_as_a_risk_takes_the_force_away(service: Service, name: str, why: str) -> None:
     driver = Inverse3(1)
     driver.read()
-    tell(driver, name)
+    report(driver, name)
     tick(service, driver, (1.0,))
     assert why in driver.braked()
     assert service.force == (0.0, 0.0, 0.0)
     if name == "fod_stage_changed":
-        tell(driver, name, level="info")
+        report(driver, name, level="info")
     else:
         service.now_s += 1.0
     tick(service, driver, (1.0,))
@@ -33,10 +33,10 @@ def test_what_the_service_sees_as_a_risk_takes_the_force_away(service: Service, 
 def test_an_arm_that_is_gone_renders_no_force_until_it_is_back(service: Service) -> None:
     driver = Inverse3(1)
     driver.read()
-    tell(driver, "", name="device-disconnected")
+    report(driver, "", name="device-disconnected")
     tick(service, driver, (1.0,))
     assert driver.braked() == "it is disconnected"
-    tell(driver, "", name="device-connected")
+    report(driver, "", name="device-connected")
     tick(service, driver, (1.0,))
     assert driver.braked() == ""
 
@@ -47,7 +47,7 @@ def test_a_grip_that_falls_asleep_lets_its_buttons_go(service: Service) -> None:
     driver = Inverse3(1)
     driver.read()
     assert driver.buttons() == (True, False)
-    tell(driver, "", "61576", name="device-sleep")
+    report(driver, "", "61576", name="device-sleep")
     tick(service, driver, (0.0,))
     assert driver.buttons() == (False, False)
     assert driver.braked() == ""

@@ -255,8 +255,8 @@ def test_a_run_with_the_axis(tmp_path: Path) -> None:
         assert summary["motion"]["contacts"] >= 1
         assert summary["motion"]["peak_force_N"] > 0.3
         log = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text("utf-8").splitlines()]
-        told = {(entry["role"], entry["text"]) for entry in log if entry["kind"] == "signal"}
-        assert told == {("device", "buttons = [true]"), ("world", "buttons = [true]")}
+        reported = {(entry["role"], entry["text"]) for entry in log if entry["kind"] == "signal"}
+        assert reported == {("device", "buttons = [true]"), ("world", "buttons = [true]")}
         os.kill(emulator.process.pid, signal.SIGTERM)
         assert emulator.end()[0] == 0
         bound = summary["theorem"]["bound_J"] + device["quantisation_J"]
@@ -269,8 +269,8 @@ def test_a_run_with_the_axis(tmp_path: Path) -> None:
     [("stall=2", "is silent, no force: no whole state"), ("noise=0.01", ""), ("rubbish=0.5", "")],
 )
 def test_a_faulty_axis_is_survived(fault: str, says: str, tmp_path: Path) -> None:
-    link, told = tmp_path / "axis", tmp_path / "emulator.json"
-    with Axis(link, fault, more=("--json", told)) as emulator:
+    link, reported = tmp_path / "axis", tmp_path / "emulator.json"
+    with Axis(link, fault, more=("--json", reported)) as emulator:
         with started("run", "--device", f"serial:{link}", "--duration", 5, "--json", "-", "--out", tmp_path) as program:
             code, stdout, stderr = program.end()
         assert code == 0, stderr
@@ -288,7 +288,7 @@ def test_a_faulty_axis_is_survived(fault: str, says: str, tmp_path: Path) -> Non
             assert driver["silent_s"] >= 0.4
         os.kill(emulator.process.pid, signal.SIGTERM)
         emulator.end()
-        found = read_json(told)
+        found = read_json(reported)
         assert found["most_given_J"] <= summary["theorem"]["bound_J"] + summary["device"]["quantisation_J"]
         assert found["released"] > 0 or not says  # its own watchdog took the force away
 

@@ -72,16 +72,16 @@ def test_the_sketch_speaks_the_protocol(axis: SerialAxis) -> None:
 
 def test_the_sketch_counts_the_force_that_acted_while_its_clock_wraps(axis: SerialAxis) -> None:
     """Its clock and its impulse wrap within the first second; the force that is told stays the one asked for."""
-    told = []
+    reported = []
     start_s = time.monotonic()
     while time.monotonic() < start_s + 1.0:
         read(axis)
         axis.apply((1.5,))
         if (acted := axis.acted()) is not None:
-            told.append(acted[0])
-    assert sorted(told)[len(told) // 2] == pytest.approx(1.5, rel=0.01)
-    assert min(told) >= -1e-6
-    assert max(told) <= 1.5 * 1.01
+            reported.append(acted[0])
+    assert sorted(reported)[len(reported) // 2] == pytest.approx(1.5, rel=0.01)
+    assert min(reported) >= -1e-6
+    assert max(reported) <= 1.5 * 1.01
 
 
 def test_the_sketch_limits_the_force_and_takes_it_away_by_itself(axis: SerialAxis) -> None:

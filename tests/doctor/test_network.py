@@ -11,7 +11,7 @@ from hapnet.doctor import machine
 from hapnet.doctor.machine import OK, WARNING
 from hapnet.doctor.network import judged, probed
 from hapnet.transport.config import ZenohSettings, free_address
-from hapnet.transport.probe import EVERY_NS, LONGEST, MOST_AT_ONCE, MOST_HZ, Answering, Answers
+from hapnet.transport.probe import EVERY_NS, MAX_LENGTH, MOST_AT_ONCE, MOST_HZ, Answering, Answers
 from hapnet.transport.security import ANYBODY
 from hapnet.transport.zenoh import ZenohTransport
 from netem import Link, LinkProfile
@@ -71,13 +71,13 @@ def test_what_is_no_answer_is_ignored() -> None:
 def test_no_more_is_answered_than_is_allowed() -> None:
     answered: list[bytes] = []
     answering = Answering(answered.append, lambda: 10**12)
-    for data in (b"", b"x" * (LONGEST + 1)):
+    for data in (b"", b"x" * (MAX_LENGTH + 1)):
         answering.answer(data)
     assert answered == []
     for _ in range(10 * MOST_AT_ONCE):
-        answering.answer(b"x" * LONGEST)
+        answering.answer(b"x" * MAX_LENGTH)
     assert len(answered) == MOST_AT_ONCE
-    assert answered[1] == (2).to_bytes(8, "big") + b"x" * LONGEST
+    assert answered[1] == (2).to_bytes(8, "big") + b"x" * MAX_LENGTH
     assert MOST_HZ > 1e9 / EVERY_NS, "a doctor is always answered"
 
 

@@ -302,10 +302,10 @@ def test_force_is_checked_by_the_command(capsys: Capture) -> None:
 @SLOW
 def test_an_emulated_axis_in_real_time(tmp_path: Path) -> None:
     """Over the serial protocol: 40 s. What its handle has is not told over the wire."""
-    link, told = tmp_path / "axis", tmp_path / "doctor.json"
+    link, reported = tmp_path / "axis", tmp_path / "doctor.json"
     free = [word for part in ("mass", "damping", "stiffness") for word in ("--set", f"operator_hand.{part}=0")]
     with Program("emulate", f"serial:link={link}", *free, "--set", "device.own_damping=0.4") as emulator:
         emulator.until_line("emulates serial")
-        assert cli.main(["doctor", "--device", f"serial:{link}", "--damping", "0.3", "--json", str(told)]) == 0
-        (row,) = [row for row in json.loads(told.read_text("utf-8")) if row["name"] == "own damping"]
+        assert cli.main(["doctor", "--device", f"serial:{link}", "--damping", "0.3", "--json", str(reported)]) == 0
+        (row,) = [row for row in json.loads(reported.read_text("utf-8")) if row["name"] == "own damping"]
         assert 0.2 <= bound(Check(**row)) <= 0.4

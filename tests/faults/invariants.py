@@ -35,11 +35,11 @@ def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> 
     late = np.diff(columns["time_ns"]) * NANO > watchdog_s + 1.0 / params["servo_hz"] + NANO / 2
     steps = lengths(np.diff(columns["set_position_m"], axis=0))
     assert steps[~late].max() * params["stiffness"] <= params["step_limit_N"] + 1e-9
-    told = np.isin(columns["time_ns"][1:], [event.time_ns for event in recording.events if event.kind == "overrun"])
-    released = np.flatnonzero(late & told if gaps else late) + 1
+    reported = np.isin(columns["time_ns"][1:], [event.time_ns for event in recording.events if event.kind == "overrun"])
+    released = np.flatnonzero(late & reported if gaps else late) + 1
     assert (columns["set_position_m"][released] == columns["position_m"][released]).all()
     assert (columns["force_N"][released] == 0.0).all()
-    assert gaps or late.any() == told.any()
+    assert gaps or late.any() == reported.any()
 
 
 def assert_world_within_limits(recording: Recording) -> None:

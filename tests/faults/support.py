@@ -118,7 +118,7 @@ class Side(Program):
         self.until("pressed", pressed)
 
 
-FEEL = ("--feel", "paper")
+RENDERING = ("--rendering", "paper")
 """Faults are judged by the paper's own coupling, whose set-position stands still while nothing comes. The accounts and
 the protocol are the same with any feel."""
 
@@ -149,7 +149,9 @@ class Pair:
     def start(self, role: Role) -> Side:
         lives = self.lives[role]
         stem = self._directory / f"{role}{len(lives)}"
-        lives.append(Side(role, stem, *FEEL, *self._argv[role], "--duration", 0, "--seed", len(lives), env=self._env))
+        lives.append(
+            Side(role, stem, *RENDERING, *self._argv[role], "--duration", 0, "--seed", len(lives), env=self._env)
+        )
         return lives[-1]
 
     @property

@@ -61,7 +61,7 @@ def ordinary(seed: int) -> list[object]:
     words += ["--profile", rng.choice(sorted(PRESETS)), "--scene", rng.choice(SCENES)]
     words += ["--operator", rng.choice(OPERATORS)]
     words += rng.choice([[], ["--realtime"]])
-    words += rng.choice([[], [], ["--feel", "paper"]])
+    words += rng.choice([[], [], ["--rendering", "paper"]])
     words += rng.choice([[], [], ["--deadband", 0.1]])
     words += rng.choice([[], [], ["--on-silence", "release"]])
     return words

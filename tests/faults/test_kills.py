@@ -34,7 +34,7 @@ RESERVOIRS_J: dict[Role, float] = {"device": 0.1, "world": 0.05}
 
 
 @pytest.mark.parametrize(
-    ("role", "on_silence", "kills", "feel"),
+    ("role", "on_silence", "kills", "rendering"),
     [
         pytest.param("device", "release", 5, "paper", marks=pytest.mark.slow),
         pytest.param("world", "hold", 5, "paper", marks=pytest.mark.slow),
@@ -47,14 +47,14 @@ RESERVOIRS_J: dict[Role, float] = {"device": 0.1, "world": 0.05}
     ],
 )
 def test_a_side_killed_in_contact_comes_back(
-    role: Role, on_silence: str, kills: int, feel: str, tmp_path: Path
+    role: Role, on_silence: str, kills: int, rendering: str, tmp_path: Path
 ) -> None:
     rng = random.Random(f"{role} {on_silence}")
     silence = ("--on-silence", on_silence, "--silence-after", SILENCE_S)
     kills_ns, recoveries_s, starts_s = list[int](), list[float](), list[float]()
     silences = list[tuple[int, int]]()
     words = ("--set", "record_hz=1000", "--set", "device.watchdog_s=0")  # which would let the spring go by itself
-    with pair(tmp_path, *LINK, *silence, "--feel", feel, device=(*PRESSED, *words)) as sides:
+    with pair(tmp_path, *LINK, *silence, "--rendering", rendering, device=(*PRESSED, *words)) as sides:
         survivor, lives = sides.lives[OTHER[role]][0], sides.lives[role]
         since_ns = sides.until_paired()
         for number in range(kills):

@@ -25,7 +25,7 @@ from hapnet.recording.samples import Columns
 from hapnet.wire.messages import Role
 from tests.faults.invariants import NANO, columns_of
 from tests.faults.namespaces import LIMIT_S, Host, Unavailable, two_hosts
-from tests.faults.support import FEEL, OTHER, RECOVERY_S, Side
+from tests.faults.support import OTHER, RECOVERY_S, RENDERING, Side
 from tests.faults.tun import CABLE
 from tests.support.processes import HAPNET, assert_side_passive
 
@@ -58,7 +58,7 @@ class Pair:
         settled = ("--silence-after", SILENCE_NS * NANO, "--set", "record_hz=1000", "--duration", 120)
         hand = ("--operator", "sine") if role == "device" else ()  # never twice at the same place
         there = (*self.hosts[role].enter, *HAPNET)
-        side = Side(role, stem, *FEEL, *self._endpoints[role], *settled, *hand, *words, command=there)
+        side = Side(role, stem, *RENDERING, *self._endpoints[role], *settled, *hand, *words, command=there)
         self.lives[role].append(side)
         return side
 
@@ -138,7 +138,7 @@ def assert_new(
 
 
 def assert_all_credited(world: dict[str, Any], device: dict[str, Any]) -> None:
-    """To the nanojoule, both ways."""
+    """To the nanojoule, in both directions."""
     for sender, receiver in ((device, world), (world, device)):
         assert sender["in_flight_nJ"] == sender["abandoned_nJ"] == 0
         assert 0 < sender["sent_nJ"] == receiver["credited_nJ"]

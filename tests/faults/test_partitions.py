@@ -1,4 +1,5 @@
-"""The network parted, both ways or one, and whole again: nothing blocks, nothing is lost for good, and it says so."""
+"""The network parted, in both directions or one, and whole again: nothing blocks, nothing is lost for good, and it says
+so."""
 
 from __future__ import annotations
 
@@ -151,15 +152,15 @@ def recoveries(both: dict[Role, Side], role: Role, partitions: list[Partition]) 
 
 def assert_outages(both: dict[Role, Side], role: Role, partitions: list[Partition], hiccups: int) -> None:
     """What a side reports of what it had to do without is what was done, and more only where the machine hiccuped."""
-    told_s = [
+    reported_s = [
         (heard["values"]["silence_s"], (partition.end_ms - partition.begin_ms) * 1e-3)
         for partition, _, heard in endings(both, role, partitions)
     ]
-    for silence_s, done_s in told_s:
+    for silence_s, done_s in reported_s:
         assert silence_s == pytest.approx(done_s, abs=TOLD_WITHIN_S)
     all_s = [notice["values"]["silence_s"] for notice in both[role].said("heard")]
     outages = both[role].summary[role]["outages"]
-    assert len(told_s) <= len(all_s) <= len(told_s) + hiccups
+    assert len(reported_s) <= len(all_s) <= len(reported_s) + hiccups
     assert outages["count"] == len(all_s)
     assert outages["total_s"] == pytest.approx(sum(all_s), abs=1e-6)
     assert outages["longest_s"] == pytest.approx(max(all_s, default=0.0), abs=1e-6)

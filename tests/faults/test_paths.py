@@ -21,7 +21,11 @@ FINE: dict[str, Any] = {
     ("transport", "cells", "named"),
     [
         ("udp", {}, []),
-        ("udp", {"lost": 32.9}, []),  # chance: 3 x 1.33 points, of 1920 messages each way and 2800 packets in 36 s
+        (
+            "udp",
+            {"lost": 32.9},
+            [],
+        ),  # chance: 3 x 1.33 points, of 1920 messages in each direction and 2800 packets in 36 s
         ("udp", {"lost": 33.1}, ["lost"]),
         ("udp", {"lost": 22.9}, ["lost"]),
         ("udp", {"round trip": 83.9}, []),

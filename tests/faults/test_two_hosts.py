@@ -66,7 +66,7 @@ def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
                     code, out, err = side.end()
                     assert code == 0, out + err
                     assert "paired with the" in out
-                    assert re.search(r"^passive: .*'s account as it told it$", out, re.MULTILINE), out
+                    assert re.search(r"^passive: .*'s account as it reported it$", out, re.MULTILINE), out
                     assert re.search(r"^largest force: [0-9.]+ N, ", out, re.MULTILINE), out
                     assert re.search(r"^path: .*lost up.*lost down$", out, re.MULTILINE), out
     except Unavailable as reason:

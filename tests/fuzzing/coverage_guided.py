@@ -36,8 +36,8 @@ def main(argv: list[str]) -> int:
         for index, start in enumerate(lives.starts(target)):
             (seeds / str(index)).write_bytes(start)
         found = [] if any(not word.startswith("-") for word in theirs) else [str(new)]
-        longest = 4200 if target == "decoder" else 2000
-        words = [f"-max_len={longest}", *theirs, *found, str(seeds)]
+        maximum = 4200 if target == "decoder" else 2000
+        words = [f"-max_len={maximum}", *theirs, *found, str(seeds)]
         atheris.Setup([sys.argv[0], *words], lives.one_frame if target == "decoder" else lives.one_life)
         atheris.Fuzz()
     return 0

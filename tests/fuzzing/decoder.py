@@ -232,10 +232,10 @@ def _scalar(value: object) -> bool:
     return value is None or isinstance(value, int) or _text(value)
 
 
-def _integer(value: object, least: int = 0, most: int = 2**64 - 1) -> bool:
+def _integer(value: object, minimum: int = 0, most: int = 2**64 - 1) -> bool:
     if value is True or value is False or not isinstance(value, int):
         return False
-    return least <= value <= most
+    return minimum <= value <= most
 
 
 def _text(value: object) -> bool:

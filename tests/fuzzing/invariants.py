@@ -172,7 +172,7 @@ class Watch:
             hold(dropped != counts, "signals", message, "after", self._signals, "dropped:", dropped)
             if counts:
                 self._signals = message.sequence
-        elif isinstance(message, Account):  # this side tells none, so none of its own can have been heard
+        elif isinstance(message, Account):  # this side reports none, so none of its own can have been heard
             counts = from_peer and message.addressee == self.own and message.number >= self._account
             counts = counts and message.heard == 0
             hold(dropped != counts, "account", message, "after", self._account, "dropped:", dropped)
@@ -267,10 +267,10 @@ class Audited:
     Stands in the modulator's place in a `SetPositionCoupling`.
     """
 
-    def __init__(self, modulator: Modulator, longest_step: float, ceiling: float) -> None:
+    def __init__(self, modulator: Modulator, max_step: float, ceiling: float) -> None:
         self.inner = modulator
         self.spring = modulator.spring
-        self.longest_step = longest_step
+        self.max_step = max_step
         self.ceiling = ceiling
         self.updates = 0
         self._stored = 0.0
@@ -345,7 +345,7 @@ class Audited:
         return given
 
     def give(self, dt: float, peer_level: float, keep: float) -> float:
-        """Only the fuller side gives, and what the spring's jumps and a held force need stays here."""
+        """Only the fuller side gives, and what the spring's jumps and a force under zero-order hold need stays here."""
         before, level = self.inner.energy, self.level
         given = self.inner.give(dt, peer_level, keep)
         hold(self.inner.energy == before - given, "given", given, "of", before, "left", self.inner.energy)
@@ -360,12 +360,12 @@ class Audited:
         """The step limit; where a measured, negative D leaves less than the spring holds, ybar must yield too."""
         yielding = 0.0
         if at_hand < before and before > 0.0:
-            s, least = self._length(before), self._length(max(0.0, at_hand))
-            yielding = math.dist(x, start) * (1.0 - least / s)
+            s, minimum = self._length(before), self._length(max(0.0, at_hand))
+            yielding = math.dist(x, start) * (1.0 - minimum / s)
         step = math.dist(start, ybar)
         rounding = ROUNDING * (math.hypot(*start) + math.hypot(*ybar) + math.hypot(*x)) + 1e-8 * yielding
-        limit = self.longest_step + yielding + rounding
-        hold(step <= limit, "step", step, "limit", self.longest_step, "yielding", yielding)
+        limit = self.max_step + yielding + rounding
+        hold(step <= limit, "step", step, "limit", self.max_step, "yielding", yielding)
 
     def _potential(self, x: Vector, ybar: Vector) -> float:
         e = [a - b for a, b in zip(x, ybar, strict=True)]

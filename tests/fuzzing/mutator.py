@@ -74,7 +74,7 @@ class Mutator:
         self.strangers = [rng.getrandbits(64) | 1 for _ in range(3)]
         self.hellos = 0
         """Number of the last hello of the side under attack."""
-        self.told = 0
+        self.reported = 0
         """Total of its last energy message [nJ]."""
         self._seeds = list(seeds)
         self._values = [value for value in map(_value, self._seeds) if isinstance(value, list) and value]
@@ -240,7 +240,7 @@ class Mutator:
         return [{**further, "level": level, **reach}]
 
     def _of_planes(self, planes: object) -> list[object]:
-        """The told planes' curvatures, their friction, or both."""
+        """The contact planes' curvatures, their friction, or both."""
         which = self.rng.random()
         curvatures = {"curvatures": self._curvatures(planes)} if which < 0.7 else {}
         return [curvatures | ({"friction": self._friction(planes)} if which > 0.4 else {})]
@@ -253,7 +253,7 @@ class Mutator:
         return friction if r() < 0.95 else self._odd()
 
     def _curvatures(self, planes: object) -> object:
-        """How the told planes' surfaces bend, mostly: across the normal's first two components."""
+        """How the contact planes' surfaces bend, mostly: across the normal's first two components."""
         r = self.rng.random
         bends: list[object] = []
         for plane in planes if isinstance(planes, list) else []:
@@ -300,11 +300,11 @@ class Mutator:
         else:
             self._total = 0 if self.rng.random() < 0.5 else self._total
         r = self.rng.random()
-        told = self.told
+        reported = self.reported
         if r < 0.85:
-            acked = int(self.rng.random() * (told + 1)) if r < 0.5 else told
+            acked = int(self.rng.random() * (reported + 1)) if r < 0.5 else reported
         else:
-            acked = self.rng.choice((0, told + 1, told + 10**6, 2**63 - 1, 2**53))
+            acked = self.rng.choice((0, reported + 1, reported + 10**6, 2**63 - 1, 2**53))
         return _packed(
             [2, ENERGY, self._who(), self._whom(), 0 if self.rng.random() < 0.05 else total, acked, *self._further()]
         )
@@ -374,7 +374,7 @@ class Mutator:
         self.strangers[int(self.rng.random() * 3)] = self.rng.getrandbits(64) | 1
         if self.rng.random() < 0.3:
             return _packed([self.rng.choice((2, 2, 1, 0, 9, -1)), REFUSE, self._who(), self._whom(), "no"])
-        return _packed([2, BYE, self._who(), self._whom(), self.rng.choice((0, self.told, 2**62)), "the end"])
+        return _packed([2, BYE, self._who(), self._whom(), self.rng.choice((0, self.reported, 2**62)), "the end"])
 
     def _version(self) -> bytes:
         """Another version's frame, in a stranger's name or the peer's; its elements may be anything."""

@@ -50,20 +50,20 @@ class Numbers:
     def _new(self, now_ns: int, number: int, stamp_ns: int) -> None:
         delay_ns = now_ns - stamp_ns
         self.doubtful = []
-        least_ns = min(least for _, least in self.windows)
+        min_ns = min(minimum for _, minimum in self.windows)
         self.proofs += 1
         if self.before is not None:
             if self.proofs == 20:
                 self.before = None
                 self._delays_anew(now_ns, delay_ns)
-        elif self.seen >= 32 and delay_ns < least_ns - 2 * (self.mean_ns - least_ns) - 60 * MS:
+        elif self.seen >= 32 and delay_ns < min_ns - 2 * (self.mean_ns - min_ns) - 60 * MS:
             self.before, self.proofs = self.newest, 0
         else:
             self.seen += 1
             self.mean_ns += (delay_ns - self.mean_ns) // min(self.seen, 64)
-            began_ns, least = self.windows[-1]
+            began_ns, minimum = self.windows[-1]
             if now_ns >= began_ns + 10_000 * MS:
                 self.windows = [self.windows[-1], (now_ns, delay_ns)]
             else:
-                self.windows[-1] = began_ns, min(least, delay_ns)
+                self.windows[-1] = began_ns, min(minimum, delay_ns)
         self.newest, self.stamp_ns, self.at_ns = number, stamp_ns, now_ns

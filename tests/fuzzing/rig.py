@@ -44,7 +44,7 @@ def drawn_setup(target: str, rng: random.Random, silence_after_s: float) -> Setu
     words = {f"device.{name}": value for name, value in device.items()}
     words |= {f"world.{name}": value for name, value in world.items()}
     words |= {
-        "feel": "paper", "scene": "box", "dof": dof,
+        "rendering": "paper", "scene": "box", "dof": dof,
         "operator": rng.choice(("rest", "sine")), "operator_hand.frequency_hz": 2.0,
         "wire.accept_stale": rng.random() < 0.3, "wire.admission_W": rng.choice((0.05, 5.0, 100.0)),
         "wire.admission_burst_J": rng.choice((1e-3, 0.5)),
@@ -87,7 +87,7 @@ class Plant:
         return self.endpoint.coupling
 
     @property
-    def longest_step(self) -> float:
+    def max_step(self) -> float:
         """How far the set-position may step [m]: its force may step by the limit along the stiffest axis."""
         section = self.setup.params.device if self.role == "device" else self.setup.params.world
         K = np.atleast_1d(np.asarray(section.stiffness, dtype=float))
@@ -121,7 +121,7 @@ class Plant:
     def _check(self) -> None:
         side, coupling = self.side, self.coupling
         if self._audited is None:
-            self._audited = Audited(coupling.modulator, self.longest_step, self._ceiling)
+            self._audited = Audited(coupling.modulator, self.max_step, self._ceiling)
             coupling.modulator = self._audited
         if isinstance(side, SampledDeviceSide):
             x = side.x
@@ -186,7 +186,7 @@ class Rig:
         self.talk()
 
     def talk(self) -> None:
-        """What is due to be said now, both ways, until both are silent."""
+        """What is due to be said now, in both directions, until both are silent."""
         now_ns = self.now_ns
         for _ in range(20):
             said = False

@@ -92,7 +92,7 @@ def _endpoint(target: str, rng: random.Random, count: int, progress: list[bytes]
             rig.honest_position()
             rig.honest.shuffle(rng.random() * 1e-5)
         mutator.peer = session.peer.incarnation if session.peer else rig.honest.identity.incarnation
-        mutator.told = watch._told_nJ
+        mutator.reported = watch._told_nJ
         frame = mutator.next()
         progress.append(frame)
         rig.attack(frame)
@@ -142,7 +142,7 @@ def _stream(target: str, rng: random.Random, count: int, progress: list[bytes]) 
             mutator.overhear(data)
             watch.receive(now_ns, data)
         mutator.peer = session.peer.incarnation if session.peer else honest.identity.incarnation
-        mutator.told = watch._told_nJ
+        mutator.reported = watch._told_nJ
         frame = mutator.next()
         progress.append(frame)
         taken += bool(watch.receive(now_ns, frame))

@@ -194,7 +194,7 @@ def test_an_update_that_makes_energy_is_noticed(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("target", ["device", "continuous", "world"])
 def test_a_set_position_that_leaps_is_noticed(monkeypatch: pytest.MonkeyPatch, target: str) -> None:
-    monkeypatch.setattr("hapnet.control.set_position_coupling.limit_step", lambda n, start, goal, longest: None)
+    monkeypatch.setattr("hapnet.control.set_position_coupling.limit_step", lambda n, start, goal, maximum: None)
     assert "step" in found(target)
 
 

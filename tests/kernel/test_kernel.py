@@ -80,7 +80,7 @@ OF_LAWS: dict[str, dict[str, Any]] = {
     },
     "lost, late and again": {"operator": "sine", **ROUGH},
     "with encoders and a limit": {"device.resolution_m": 5e-5, "record_hz": 130.0, "device.force_limit_N": 0.5},
-    "as first published": {"feel": "paper", "wave.recovery_s": 0.0, "tdpa.recovery_s": 0.0, **ROUGH},
+    "as first published": {"rendering": "paper", "wave.recovery_s": 0.0, "tdpa.recovery_s": 0.0, **ROUGH},
     "predicting": {"tdpa.predict": True, "wave.missing": "hold", "link.up": "wifi", "link.down": "wifi"},
     "another servo and three axes": {
         "device.servo_hz": 500.0, "scene": "box", "dof": 3, "operator": "sine", "link.down": "4g", "duration_s": 1.0,
@@ -132,7 +132,7 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
         "coupling": "zoh", "device.force_limit_N": 0.0, "device.stiffness": 1e5, "device.mass": 0.001,
         "device.own_damping": 0.0, "operator_hand.damping": 0.0, "operator_hand.mass": 0.0,
     }  # fmt: skip
-    params = SAMPLED.set({**changes, "feel": "paper"})
+    params = SAMPLED.set({**changes, "rendering": "paper"})
     simulation = Simulation(params, 1, kernel=True)
     simulation.run()
     assert simulation.not_compiled == "it leaves the range that messages can carry"
@@ -143,7 +143,7 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
     ("changes", "reason"),
     [
         ({"coupling": "tests.support.kernel_cases:MINE"}, "the coupling tests.support.kernel_cases:MINE"),
-        ({"coupling": "popc", "feel": "hapnet"}, "the stages before the coupling popc"),
+        ({"coupling": "popc", "rendering": "hapnet"}, "the stages before the coupling popc"),
         ({"scene": "moving"}, "the scene moving"),
         (
             {"scene": "box", "dof": 2, "world.stiffness": [[500.0, 100.0], [100.0, 400.0]]},
@@ -215,11 +215,11 @@ def test_the_compiler_tells_how_far_it_is() -> None:
     """Each function that it compiles, and the end; of what is compiled already it tells nothing."""
     shares: list[float] = []
     double: Any = numba.njit(lambda x: 2 * x)
-    with twins.telling(shares.append):
+    with twins.reporting(shares.append):
         assert double(3) == 6
     assert len(shares) == 2
     assert 0.0 < shares[0] < shares[1] == 1.0
-    with twins.telling(shares.append):
+    with twins.reporting(shares.append):
         assert double(4) == 8
     assert len(shares) == 2
 

@@ -24,7 +24,7 @@ from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage
 from hapnet.wire.messages import decode
 from hapnet.wire.stream import PositionStream
-from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, after, model, told
+from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, after, model, reported
 from tests.support.curved import error_N
 from tests.wire.test_messages import A, rejected
 
@@ -140,7 +140,7 @@ def test_the_proxy_rests_where_the_energy_is_least_among_balls(seed: int, count:
         balls.append((radius * np.array(way) / np.linalg.norm(way), radius))  # through the origin
     start = start - 0.02 * (count - 1) * np.array((0.0, 1.0, 0.0))
     planes = tuple(Plane.of_ball(start.tolist(), centre.tolist(), radius, K_WALL) for centre, radius in balls)
-    m.receive(told(planes, tuple(start.tolist())), 0.0, 0.0)
+    m.receive(reported(planes, tuple(start.tolist())), 0.0, 0.0)
     y = after(m, tuple(x.tolist()), 0.2)
 
     def energy(s: np.ndarray) -> float:
@@ -148,14 +148,14 @@ def test_the_proxy_rests_where_the_energy_is_least_among_balls(seed: int, count:
         springs = 0.5 * K_WORLD * float(np.sum((s - x) ** 2))
         return 1e3 * (springs + sum(0.5 * K_WALL * depth * depth for depth in depths))
 
-    least = minimize(energy, x, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000})
-    assert energy(np.array(y)) <= least.fun * (1.0 + 1e-5) + 1e-7  # some micrometres: two rounds a tick
+    minimum = minimize(energy, x, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000})
+    assert energy(np.array(y)) <= minimum.fun * (1.0 + 1e-5) + 1e-7  # some micrometres: two rounds a tick
 
 
 def test_a_moving_ball_goes_on_as_a_ball() -> None:
     m, x = model((0.0, 0.01)), (0.0, 0.01)
     ball = Plane.of_ball((-0.02, 0.0), (0.025, 0.0), 0.03, K_WALL, velocity_mps=0.02)
-    m.receive(told((ball,), (-0.02, 0.0)), 0.0, 0.05)
+    m.receive(reported((ball,), (-0.02, 0.0)), 0.0, 0.05)
     y = after(m, x, 0.1)
     centre = np.array((0.025 + 0.02 * 0.15, 0.0))
     away = np.array(x) - centre
@@ -172,7 +172,7 @@ def test_a_ball_that_the_proxy_slides_over_is_one_surface() -> None:
         x = (centre + (radius - deep) * out).tolist()
         force = K_WALL * (deep - error) * out
         ball = Plane.of_ball(x, centre.tolist(), radius, K_WALL)
-        m.receive(told((ball,), tuple(x), tuple(force.tolist())), 1.0 * k, 0.0)
+        m.receive(reported((ball,), tuple(x), tuple(force.tolist())), 1.0 * k, 0.0)
         after(m, (-0.03, 0.0), 0.3)
         if k:
             assert m.shift == pytest.approx(tuple((-error * out).tolist()), abs=5e-5)

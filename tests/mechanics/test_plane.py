@@ -16,12 +16,12 @@ FLOOR = Plane((0.0, 0.6, 0.8), 0.02, 300.0, 1.0, 0.1)
 
 
 def test_numbers_of_any_kind_are_sent() -> None:
-    told = checked([Plane(np.array(FLOOR.normal), np.float32(0.5), 300, 0)], 3)  # type: ignore[arg-type]  # a user's
-    assert told == (Plane((0.0, 0.6, 0.8), 0.5, 300.0, 0.0, 0.0),)
+    reported = checked([Plane(np.array(FLOOR.normal), np.float32(0.5), 300, 0)], 3)  # type: ignore[arg-type]  # a user's
+    assert reported == (Plane((0.0, 0.6, 0.8), 0.5, 300.0, 0.0, 0.0),)
     still = (0.0, 0.0, 0.0)
-    message = decode(PositionStream(1).proxy(3, still, 0, still, told))
+    message = decode(PositionStream(1).proxy(3, still, 0, still, reported))
     assert isinstance(message, Proxy)
-    assert message.planes == (told[0][:5],)
+    assert message.planes == (reported[0][:5],)
     assert message.more is None
 
 

@@ -17,7 +17,7 @@ from hapnet.params import RELAXED_HAND
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording
 from hapnet.study.impedance import HARMONICS, PERIOD_S, Transmission, curve, transmission, true_impedance
-from hapnet.study.z_width import ZWidth, greatest, z_width
+from hapnet.study.z_width import ZWidth, maximum, z_width
 from tests.support.paper import PAPER
 
 STEP_S = 0.002
@@ -185,16 +185,16 @@ def test_bisection_ends_where_the_cycles_begin() -> None:
         tried.append(stiffness)
         return stiffness <= 1234.0
 
-    low, high = greatest(free, 10.0, 1e5, 1.02)
+    low, high = maximum(free, 10.0, 1e5, 1.02)
     assert low is not None
     assert high is not None
     assert low <= 1234.0 < high <= 1.02 * low
     assert len(tried) == 2 + math.ceil(math.log2(math.log(1e4) / math.log(1.02)))
-    assert greatest(lambda k: True, 10.0, 1e5, 1.02) == ZWidth(1e5, None)
-    assert greatest(lambda k: False, 10.0, 1e5, 1.02) == ZWidth(None, 10.0)
+    assert maximum(lambda k: True, 10.0, 1e5, 1.02) == ZWidth(1e5, None)
+    assert maximum(lambda k: False, 10.0, 1e5, 1.02) == ZWidth(None, 10.0)
     for wrong in ((0.0, 1.0, 1.1), (2.0, 1.0, 1.1), (1.0, 2.0, 1.0)):
         with pytest.raises(InvalidParameter):
-            greatest(free, *wrong)
+            maximum(free, *wrong)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from hapnet.checks import Array
 from hapnet.commands.output import write_csv
 from hapnet.metrics import METRICS
 from hapnet.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
-from hapnet.metrics.force import residual_swing, rms_difference
+from hapnet.metrics.force import residual_oscillation, rms_difference
 from hapnet.metrics.motion import DRAG_MPS, free_windows
 from hapnet.metrics.obstacles import Obstacle, environment_force
 from hapnet.params import Params
@@ -250,20 +250,22 @@ def test_the_swing_after_the_hand_has_stopped() -> None:
     aim = np.where(T < 2.0, 0.01 * T, 0.02)[:, None]
     force = 1.7 + 0.5 * np.sin(2.0 * math.pi * 6.0 * T) + np.where(T < 3.0, 9.0 * np.sin(31.0 * T), 0.0)
     x = np.zeros((len(T), 1))
-    found = residual_swing(recorded(x, force[:, None], 1.0 / RATE_HZ, target=aim))
+    found = residual_oscillation(recorded(x, force[:, None], 1.0 / RATE_HZ, target=aim))
     assert found == pytest.approx(0.5 / math.sqrt(2.0), rel=0.01)
     both = np.column_stack([force, 0.5 * np.cos(2.0 * math.pi * 6.0 * T)])
     aims = np.column_stack([aim, aim])
-    assert residual_swing(recorded(np.zeros_like(both), both, 1.0 / RATE_HZ, target=aims)) == pytest.approx(0.5, 0.01)
+    assert residual_oscillation(recorded(np.zeros_like(both), both, 1.0 / RATE_HZ, target=aims)) == pytest.approx(
+        0.5, 0.01
+    )
 
 
 def test_no_swing_where_the_hand_never_holds_still() -> None:
     """Less than 3 s after the stop, a hand that creeps, and a hand that nobody knows."""
     x = np.zeros((len(T), 1))
     for aim in (np.where(T < 3.1, 0.01 * T, 0.031), 1e-5 * T):
-        assert residual_swing(recorded(x, x, 1.0 / RATE_HZ, target=aim[:, None])) is None
-    assert residual_swing(recorded(x, x, 1.0 / RATE_HZ)) is None
-    assert residual_swing(recorded(x, x, 1.0 / RATE_HZ, target=x)) == 0.0  # at rest from the start
+        assert residual_oscillation(recorded(x, x, 1.0 / RATE_HZ, target=aim[:, None])) is None
+    assert residual_oscillation(recorded(x, x, 1.0 / RATE_HZ)) is None
+    assert residual_oscillation(recorded(x, x, 1.0 / RATE_HZ, target=x)) == 0.0  # at rest from the start
 
 
 def test_of_several_stops_the_worst_counts() -> None:
@@ -271,7 +273,7 @@ def test_of_several_stops_the_worst_counts() -> None:
     force = np.where(T < 3.0, 0.1, 0.4) * np.sin(2.0 * math.pi * 5.0 * T)
     t = np.arange(0.0, 6.2, 1.0 / RATE_HZ)
     aim, force = (np.interp(t, T, values.ravel())[:, None] for values in (aim, force))
-    found = residual_swing(recorded(np.zeros((len(t), 1)), force, 1.0 / RATE_HZ, target=aim))
+    found = residual_oscillation(recorded(np.zeros((len(t), 1)), force, 1.0 / RATE_HZ, target=aim))
     assert found == pytest.approx(0.4 / math.sqrt(2.0), rel=0.03)
 
 
@@ -312,7 +314,7 @@ def test_a_nearly_ideal_coupling_is_nearly_the_true_environment() -> None:
 
     What drags is B of 0.1 Ns/m and K of 100 N/m times a lag of some 5 ms: about 0.04 N at 67 mm/s.
     """
-    found = case.measure(Params(feel="paper").set(SLOW), 1)
+    found = case.measure(Params(rendering="paper").set(SLOW), 1)
     drag_N, ratio, error, late = (
         found[name] for name in ("drag_N", "contact_to_drag", "true_force_error_percent", "first_contact_ms")
     )

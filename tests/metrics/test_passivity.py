@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.recording.samples import Columns, Recording
-from hapnet.summary.from_samples import least_total_margin, total_margin
+from hapnet.summary.from_samples import min_total_margin, total_margin
 
 
 def columns(*samples: tuple[float, float]) -> Columns:
@@ -32,18 +32,18 @@ def test_each_side_counts_with_its_last_sample_as_far_as_both_go() -> None:
 
 
 def test_the_least_is_not_the_sum_of_the_least() -> None:
-    assert least_total_margin(recording(DEVICE, WORLD)) == 1.0  # and -4 + -1 = -5
-    assert least_total_margin(recording(WORLD, DEVICE)) == 1.0
+    assert min_total_margin(recording(DEVICE, WORLD)) == 1.0  # and -4 + -1 = -5
+    assert min_total_margin(recording(WORLD, DEVICE)) == 1.0
 
 
 def test_what_comes_out_of_both_at_once_shows() -> None:
-    assert least_total_margin(recording(DEVICE, columns((0, 2), (1, 1), (5, 9)))) == -3.0
+    assert min_total_margin(recording(DEVICE, columns((0, 2), (1, 1), (5, 9)))) == -3.0
 
 
 def test_what_is_not_known_is_left_out() -> None:
     world = columns((0.5, 5), (1.0, np.nan), (1.5, 8), (3.5, 2))
-    assert least_total_margin(recording(DEVICE, world)) == 4.0
-    assert least_total_margin(recording(DEVICE, columns((0, np.nan), (4, np.nan)))) is None
+    assert min_total_margin(recording(DEVICE, world)) == 4.0
+    assert min_total_margin(recording(DEVICE, columns((0, np.nan), (4, np.nan)))) is None
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_what_is_not_known_is_left_out() -> None:
 )
 def test_none_without_both_at_one_time(alone: Recording) -> None:
     assert total_margin(alone) is None
-    assert least_total_margin(alone) is None
+    assert min_total_margin(alone) is None

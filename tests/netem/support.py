@@ -34,16 +34,16 @@ resends = st.one_of(
 
 
 @st.composite
-def slots(draw: st.DrawFn, longest_ns: st.SearchStrategy[int] = times) -> Slot:
-    first, second = draw(longest_ns), draw(longest_ns)
+def slots(draw: st.DrawFn, max_ns: st.SearchStrategy[int] = times) -> Slot:
+    first, second = draw(max_ns), draw(max_ns)
     distribution = draw(st.sampled_from(["", *DISTRIBUTIONS]))
     low, high = (first, second) if distribution else sorted((first, second))
     return Slot(low, high, distribution, draw(st.integers(0, 5)), draw(st.integers(0, 500)))
 
 
 @st.composite
-def profiles(draw: st.DrawFn, longest_ns: st.SearchStrategy[int] = times) -> LinkProfile:
-    delay, jitter = draw(longest_ns), draw(longest_ns)
+def profiles(draw: st.DrawFn, max_ns: st.SearchStrategy[int] = times) -> LinkProfile:
+    delay, jitter = draw(max_ns), draw(max_ns)
     cell = draw(st.sampled_from([0, 48]))
     return LinkProfile(
         delay_ns=delay,
@@ -61,23 +61,23 @@ def profiles(draw: st.DrawFn, longest_ns: st.SearchStrategy[int] = times) -> Lin
         overhead=draw(st.integers(-20, 60)),
         cell_size=cell,
         cell_overhead=draw(st.integers(-cell, 5)),
-        slot=draw(st.one_of(st.none(), slots(longest_ns))),
+        slot=draw(st.one_of(st.none(), slots(max_ns))),
         limit=draw(st.one_of(st.just(1000), st.integers(1, 20))),
         seed=draw(st.one_of(st.none(), st.integers(0, 2**64 - 1))),
     )
 
 
 @st.composite
-def traced_profiles(draw: st.DrawFn, longest_ns: st.SearchStrategy[int]) -> LinkProfile:
+def traced_profiles(draw: st.DrawFn, max_ns: st.SearchStrategy[int]) -> LinkProfile:
     """Profiles as above, also with traces, which no file holds."""
-    profile = draw(profiles(longest_ns))
+    profile = draw(profiles(max_ns))
     if draw(st.booleans()):
-        times = sorted(draw(st.lists(longest_ns, max_size=5)))
+        times = sorted(draw(st.lists(max_ns, max_size=5)))
         trace = CapacityTrace("memory", (*times, draw(st.integers(51 * 10**6, 80 * 10**6))))
         profile = profile.replace(trace=trace, rate_bit_s=0, overhead=0, cell_size=0, cell_overhead=0)
     if draw(st.booleans()):
-        times = sorted(draw(st.sets(longest_ns.filter(bool), max_size=4)))
-        steps = [(draw(longest_ns), draw(fractions)) for _ in range(len(times) + 1)]
+        times = sorted(draw(st.sets(max_ns.filter(bool), max_size=4)))
+        steps = [(draw(max_ns), draw(fractions)) for _ in range(len(times) + 1)]
         profile = profile.replace(csv=ConditionTrace("memory", (0, *times), *zip(*steps, strict=True)))
     return profile
 

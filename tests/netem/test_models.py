@@ -67,9 +67,9 @@ def test_tables_have_the_shape_of_iproute2s() -> None:
         "pareto": (-5461, 32767, 0.8197),
         "paretonormal": (-12305, 31789, 0.8339),
     }
-    for name, (least, most, deviation) in shapes.items():
+    for name, (lowest, most, deviation) in shapes.items():
         table = models.table(name)
-        assert (len(table), table[0], table[-1]) == (4096, least, most)
+        assert (len(table), table[0], table[-1]) == (4096, lowest, most)
         assert np.all(np.diff(table) >= 0)
         assert table.std() / 8192 == pytest.approx(deviation, abs=1e-4)
 
@@ -278,8 +278,8 @@ def test_gilbert_elliott_loss_is_the_kernels() -> None:
     rates = ours.reshape(-1, 2000).mean(axis=1)
     error = rates.std() * np.sqrt(2000 / len(kernel))
     assert kernel.mean() == pytest.approx(ours.mean(), abs=4 * error)
-    longest = 8
+    highest = 8
     counts = [
-        np.bincount(np.minimum(burst_lengths(lost), longest), minlength=longest + 1)[1:] for lost in (kernel, ours)
+        np.bincount(np.minimum(burst_lengths(lost), highest), minlength=highest + 1)[1:] for lost in (kernel, ours)
     ]
     assert stats.chi2_contingency(counts).pvalue > 1e-3

@@ -184,7 +184,7 @@ def test_the_kernel_counts_what_a_full_buffer_drops() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("irtt") is None, reason="irtt is not installed (Debian: apt-get install irtt)")
 def test_irtt_measures_what_was_asked_for(tmp_path: Path) -> None:
-    """Uniform jitter of 8 ms has a standard deviation of 8/sqrt(3) = 4.62 ms each way."""
+    """Uniform jitter of 8 ms has a standard deviation of 8/sqrt(3) = 4.62 ms in each direction."""
     with udp_socket() as one, udp_socket() as other:
         server_port, relay_port = one.getsockname()[1], other.getsockname()[1]
     words = ["--up", "delay 30ms 8ms loss 5%", "--down", "delay 20ms loss 2%"]

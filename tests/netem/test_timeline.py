@@ -21,9 +21,9 @@ actions = st.one_of(st.sampled_from(["down", "up"]), profiles(short_times))
 
 
 @st.composite
-def timelines(draw: st.DrawFn, longest_ns: int = units.MAX_TIME_NS) -> Timeline:
-    times = sorted(draw(st.lists(st.integers(0, longest_ns), min_size=1, max_size=6)))
-    repeat = draw(st.one_of(st.just(0), st.integers(max(times[-1], 1), longest_ns)))
+def timelines(draw: st.DrawFn, max_ns: int = units.MAX_TIME_NS) -> Timeline:
+    times = sorted(draw(st.lists(st.integers(0, max_ns), min_size=1, max_size=6)))
+    repeat = draw(st.one_of(st.just(0), st.integers(max(times[-1], 1), max_ns)))
     return Timeline(tuple(Entry(at, draw(actions)) for at in times), repeat)
 
 
@@ -181,11 +181,11 @@ def test_a_caller_who_is_late_is_told_the_last_whole_repetition(seen_ns: int, la
     player = TimelinePlayer(Link(LinkProfile()), timeline, 0)
     player.advance(seen_ns)
     now = late * 5 * MS + phase_ns
-    told = player.advance(now)
+    reported = player.advance(now)
     cycles = [[(c * 5 * MS + e.at_ns, e) for e in timeline.entries] for c in (late - 1, late)]
     expected = [change for cycle in cycles for change in cycle if change[0] <= now]
-    assert told[-len(expected) :] == expected
-    assert len(told) <= len(expected) + len(timeline.entries)
+    assert reported[-len(expected) :] == expected
+    assert len(reported) <= len(expected) + len(timeline.entries)
 
 
 @settings(max_examples=50, deadline=None)

@@ -106,9 +106,9 @@ def test_a_trace_starts_with_the_first_message_unless_told(tmp_path: Path) -> No
     link = link_over(tmp_path, "3\n", start_ns=None)
     link.send(100 * MS + 7, 0, 1500)
     assert link.next_due_ns == 103 * MS + 7
-    told = link_over(tmp_path, "3\n", start_ns=MS)
-    told.send(100 * MS, 0, 1500)
-    assert told.next_due_ns == 103 * MS
+    reported = link_over(tmp_path, "3\n", start_ns=MS)
+    reported.send(100 * MS, 0, 1500)
+    assert reported.next_due_ns == 103 * MS
 
 
 def test_a_trace_starts_with_a_change_that_comes_before_the_first_message(tmp_path: Path) -> None:
@@ -167,8 +167,8 @@ def test_a_saturated_lte_link_delivers_what_was_recorded(lte: CapacityTrace) -> 
 
 def test_an_lte_outage_holds_messages_until_it_ends(lte: CapacityTrace) -> None:
     times = np.array(lte.times_ns)
-    longest = int(np.argmax(np.diff(times)))
-    begin, end = int(times[longest]), int(times[longest + 1])
+    maximum = int(np.argmax(np.diff(times)))
+    begin, end = int(times[maximum]), int(times[maximum + 1])
     assert end - begin > 50 * MS
     link: Link[int] = Link(LinkProfile(trace=lte), start_ns=0)
     for number in range(10):

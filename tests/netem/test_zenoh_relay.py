@@ -115,7 +115,7 @@ async def test_a_sample_arrives_with_all_it_carries_and_does_not_come_back() -> 
             sender.session.delete("a/b")
             got = await receiver.hears()
             assert (str(got.key_expr), got.kind) == ("a/b", zenoh.SampleKind.DELETE)
-        # one each way crossed after everything else, so an echo would have come before it
+        # one in each direction crossed after everything else, so an echo would have come before it
         assert near.heard.empty()
         assert far.heard.empty()
         stats = relay.stats

@@ -1,4 +1,5 @@
-"""The simulated device: its energy account is exact, its dynamics are right, both ways of computing it agree."""
+"""The simulated device: its energy account is exact, its dynamics are right, in both directions of computing it
+agree."""
 
 from __future__ import annotations
 

@@ -23,9 +23,9 @@ HAND = led(Params()).operator_hand
 IMPEDANCE = Impedance(HAND.mass, HAND.damping, HAND.stiffness)
 
 
-def pressed_N(feel: str) -> float:
+def pressed_N(rendering: str) -> float:
     """The force when the hand aims at `GOAL_M`: the springs of hand, device, proxy and wall in series."""
-    K = 100.0 if feel == "paper" else 200.0
+    K = 100.0 if rendering == "paper" else 200.0
     series = K * K_WALL / (K_WALL + K_WORLD)  # what the handle feels per depth, at rest [N/m]
     return (GOAL_M - WALL_M) * HAND.stiffness * series / (HAND.stiffness + series)
 
@@ -71,11 +71,11 @@ def test_the_defaults_feel_right_at_once() -> None:
 @pytest.mark.parametrize("label", mostly_slow(CHOICES, 3))
 def test_another_pair_begins_where_the_handle_is_without_force(label: str) -> None:
     """With the handle in the wall: no force at first, steps within PSPM's limit, and the hand does not leave."""
-    coupling, feel = CHOICES[label]
-    pressed = pressed_N(feel or "hapnet")
+    coupling, rendering = CHOICES[label]
+    pressed = pressed_N(rendering or "hapnet")
     x = GOAL_M - pressed / HAND.stiffness
     hand = LiveHand((0.0,), IMPEDANCE)
-    begun = simulation(hand, 1.5, coupling=coupling, feel=feel or "hapnet")
+    begun = simulation(hand, 1.5, coupling=coupling, rendering=rendering or "hapnet")
     begun.device.place((x,))
     begun.world.place((x,))
     hand.lead((GOAL_M,))

@@ -59,15 +59,15 @@ def test_no_attacked_run_is_passive_and_with_a_secret_all_are_as_without_attack(
     early = 0
     for seed in seeds:
         rng = random.Random(seed)
-        of, told = params(rng), lie(rng)
+        of, reported = params(rng), lie(rng)
         honest = Attacked(of, seed, towards=towards, secrets=True)
         plain = honest.run().summary
-        attacked = Attacked(of, seed, told, foresight(honest), towards=towards)
+        attacked = Attacked(of, seed, reported, foresight(honest), towards=towards)
         verdict = attacked.run().summary["verdict"]
         if attacked.early_nJ > 0:  # else he told nothing that was not so
             early += 1
-            assert verdict["passive"] is not True, (seed, told, verdict)
-        guarded = Attacked(of, seed, told, foresight(honest), towards=towards, secrets=True)
+            assert verdict["passive"] is not True, (seed, reported, verdict)
+        guarded = Attacked(of, seed, reported, foresight(honest), towards=towards, secrets=True)
         kept = guarded.run().summary
         assert guarded.early_nJ == 0
         assert guarded.deceived.dropped["forged"] > 0

@@ -50,7 +50,7 @@ class Unrecorded(Simulation):
         return lambda sample: None
 
 
-def told(what: str, summary: Summary, memory: dict[str, list[int]]) -> None:
+def reported(what: str, summary: Summary, memory: dict[str, list[int]]) -> None:
     print(f"\n{what}: margin {summary['theorem']['margin_J']:.6f} J")
     for way in ("up", "down"):
         link = summary["links"][way]
@@ -72,7 +72,7 @@ def test_a_day_in_virtual_time() -> None:
         memory.append(resident_kB(os.getpid()))
     simulation._until(end_ns)
     summary = simulation.close(end_ns)
-    told("a day in virtual time", summary, {"the process": memory})
+    reported("a day in virtual time", summary, {"the process": memory})
     assert_exact(summary)
     assert memory[-1] - memory[0] < 2_000
 
@@ -96,7 +96,7 @@ def test_an_hour_in_real_time(link: str, tmp_path: Path) -> None:
         code, _, errors = program.end()
         assert code == 0, errors
     summary = read_json(tmp_path / "s.json")
-    told(f"an hour in real time over {link}", summary, memory)
+    reported(f"an hour in real time over {link}", summary, memory)
     print(f"  servo: {json.dumps({k: v for k, v in summary['device']['servo'].items() if 'histogram' not in k})}")
     assert_exact(summary)
     for values in memory.values():

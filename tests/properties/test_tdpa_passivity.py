@@ -16,7 +16,7 @@ from hapnet.couplings.tdpa_world import TdpaWorld
 from hapnet.params import Params
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.simulation.simulation import Result, Simulation
-from tests.support.tdpa_ends import OFF, TICK, Watched, account, device, simulated, told, world
+from tests.support.tdpa_ends import OFF, TICK, Watched, account, device, reported, simulated, world
 from tests.support.tdpa_ends import watched as watched
 
 # -- both ends -------------------------------------------------------------------------------------------------------
@@ -58,7 +58,7 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
         force = np.array(hand.force(TICK, tuple(x.tolist()), tuple(v.tolist()), tuple(held.tolist())))
         held = force * min(1.0, 1.0 / max(float(np.linalg.norm(force)), 1e-9))  # clipped to 1 N
         if k % 5 == 0 and rng.random() > loss:
-            up.append((k + int(delay * rng.uniform(0.5, 1.5)), told(hand, tuple(x.tolist()))))
+            up.append((k + int(delay * rng.uniform(0.5, 1.5)), reported(hand, tuple(x.tolist()))))
         if k == began + T:
             dt = T * TICK
             y = np.array(far.set_position)
@@ -71,7 +71,7 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
             energy -= float(f @ (np.array(far.set_position) - y))
             far.begin()
             if rng.random() > loss:
-                down.append((k + int(delay * rng.uniform(0.5, 1.5)), told(far)))
+                down.append((k + int(delay * rng.uniform(0.5, 1.5)), reported(far)))
             began, T = k, int(rng.integers(10, 50))
         if k % 1000 == 0 and rng.random() < 0.7:
             up.clear()

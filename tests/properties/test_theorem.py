@@ -45,13 +45,13 @@ def assert_credited_was_sent(here: Columns, there: Columns) -> None:
 
 def survey(cases: range, compared: range) -> tuple[int, int]:
     """Assert the theorem in `cases`; in `compared`, how many a plain coupling takes below (its halves, the bound)."""
-    least = [math.inf] * 4
+    floor = [math.inf] * 4
     shuffled = saturated = 0
     for case in cases:
         outcome = run_case(random_case(case), case)
         assert_passive(case, outcome)
         values = (outcome.device_slack, outcome.world_slack, outcome.margin, outcome.reservoir)
-        least = [min(a, b) for a, b in zip(least, values, strict=True)]
+        floor = [min(a, b) for a, b in zip(floor, values, strict=True)]
         summary = outcome.result.summary
         shuffled += min(summary["device"]["sent_nJ"], summary["world"]["sent_nJ"]) > 0
         spring, recording = outcome.result.device.coupling.spring, outcome.result.recording.device
@@ -63,8 +63,8 @@ def survey(cases: range, compared: range) -> tuple[int, int]:
         halves += min(outcome.device_slack, outcome.world_slack) < -TOLERANCE_J
         whole += outcome.margin < -TOLERANCE_J
     print(
-        f"\n{len(cases)} cases of 5 s: least slack {least[0]:.1e} J (device) {least[1]:.1e} J (world), "
-        f"margin {least[2]:.1e} J, reservoir {least[3]:.1e} J; {shuffled} shuffled both ways, {saturated} saturated"
+        f"\n{len(cases)} cases of 5 s: least slack {floor[0]:.1e} J (device) {floor[1]:.1e} J (world), "
+        f"margin {floor[2]:.1e} J, reservoir {floor[3]:.1e} J; {shuffled} shuffled both ways, {saturated} saturated"
     )
     print(f"PSPM off, {len(compared)} of them: {halves} below the theorem's half, {whole} below the bound")
     assert shuffled > len(cases) / 3

@@ -69,8 +69,8 @@ async def test_what_both_sides_tell_while_they_run_and_after(address: str) -> No
         seen = [await anext(of_device) for _ in range(3)]
         assert all(isinstance(each, DeviceSample) for each in seen)
         assert seen[0].time_ns < seen[1].time_ns < seen[2].time_ns
-        told = [await anext(places) for _ in range(3)]
-        assert told == [SetPosition(each.time_ns, each.target_m, each.set_position_m) for each in seen]
+        reported = [await anext(places) for _ in range(3)]
+        assert reported == [SetPosition(each.time_ns, each.target_m, each.set_position_m) for each in seen]
         assert isinstance(await anext(world.samples()), WorldSample)
         assert device.sample is not None
         assert device.sample.time_ns >= seen[2].time_ns
@@ -98,7 +98,7 @@ async def test_what_has_ended_cannot_be_changed(address: str) -> None:
         pass
     acts: list[Callable[[], None]] = [
         lambda: device.change_link("4g"),
-        lambda: device.tell("a", 1),
+        lambda: device.report("a", 1),
         lambda: device.pause(),
         lambda: device.stop_force("why"),
         lambda: device.record("x.mcap"),
@@ -341,5 +341,5 @@ def test_the_page_is_a_program_that_runs(capsys: pytest.CaptureFixture[str]) -> 
         "ended | after",
     ):
         assert words in said
-    told = " ".join(re.findall(r"^\| (`.*?) \|", section, re.MULTILINE))  # the table's first column
-    assert sorted(re.findall("`(.*?)`", told)) == sorted(get_args(EventKind))
+    reported = " ".join(re.findall(r"^\| (`.*?) \|", section, re.MULTILINE))  # the table's first column
+    assert sorted(re.findall("`(.*?)`", reported)) == sorted(get_args(EventKind))

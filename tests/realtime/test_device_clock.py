@@ -11,14 +11,14 @@ from tests.side.test_real_device import Arm, Rig
 class Timed(Arm):
     """It takes a reading each 2 ms of its own clock, whenever that comes."""
 
-    told_s = 0.002
+    reported_s = 0.002
 
     def interval(self) -> float:
-        return self.told_s
+        return self.reported_s
 
 
 class InMilliseconds(Timed):
-    told_s = 2.0
+    reported_s = 2.0
 
 
 @pytest.mark.parametrize(("device", "fastest"), [(Timed, 0.4), (Arm, 4.0)])
@@ -34,7 +34,7 @@ def test_readings_that_come_together_are_no_fast_motion_where_the_device_has_a_c
 
 
 class Slow(Timed):
-    told_s = 0.0014
+    reported_s = 0.0014
 
 
 def test_an_interval_in_another_unit_is_named_before_it_does_anything() -> None:

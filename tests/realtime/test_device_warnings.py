@@ -45,7 +45,7 @@ def test_what_the_first_tick_tells_may_come_before_the_servo_is_ready(monkeypatc
     assert theirs.offer("ready", None)
     try:
         assert servo.start() is None
-        assert servo.told() == ("buttons", (True,))
+        assert servo.reported() == ("buttons", (True,))
     finally:
         theirs.close()
         servo.stop()
@@ -54,10 +54,10 @@ def test_what_the_first_tick_tells_may_come_before_the_servo_is_ready(monkeypatc
 def test_in_a_process_of_its_own() -> None:
     """The warning came before the word that the servo runs, and was taken for an error."""
     setup = prepare(Params().set(LIGHT), "sampled")
-    told: list[Sample] = []
-    servo = ServoProcess(setup, device_session(setup, 7), ControlCallbacks(print, told.append, print, print))
+    reported: list[Sample] = []
+    servo = ServoProcess(setup, device_session(setup, 7), ControlCallbacks(print, reported.append, print, print))
     try:
         servo.start()
     finally:
         servo.stop()
-    assert [sample.kind for sample in told if isinstance(sample, Event)] == ["warning"]
+    assert [sample.kind for sample in reported if isinstance(sample, Event)] == ["warning"]

@@ -16,10 +16,10 @@ from hapnet.realtime.feed import Feed
 @given(most=st.integers(1, 5), batches=st.lists(st.integers(0, 12), max_size=8))
 def test_what_a_reader_gets_and_misses_is_all_there_was(most: int, batches: list[int]) -> None:
     """It gets the newest of each batch, at most `most`; the sum of both is what was given."""
-    told: list[int] = []
+    reported: list[int] = []
 
     async def main() -> None:
-        feed: Feed[int] = Feed(most, missed=told.append)
+        feed: Feed[int] = Feed(most, missed=reported.append)
         stream, given, got = feed.stream(lambda item: item), 0, list[int]()
         for count in batches:
             for _ in range(count):
@@ -28,7 +28,7 @@ def test_what_a_reader_gets_and_misses_is_all_there_was(most: int, batches: list
             fresh = [await anext(stream) for _ in range(min(count, most))]
             assert fresh == list(range(given - len(fresh), given))
             got += fresh
-        assert stream.missed == sum(told) == given - len(got)
+        assert stream.missed == sum(reported) == given - len(got)
         feed.end(None)
         assert [item async for item in stream] == []
 
@@ -65,8 +65,8 @@ class Meanwhile(Feed[int]):
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
-@pytest.mark.parametrize(("keep", "least"), [(0, []), (9, [0, 1, 2])])
-async def test_an_item_that_is_given_while_a_stream_begins_comes_once(when: str, keep: int, least: list[int]) -> None:
+@pytest.mark.parametrize(("keep", "minimum"), [(0, []), (9, [0, 1, 2])])
+async def test_an_item_that_is_given_while_a_stream_begins_comes_once(when: str, keep: int, minimum: list[int]) -> None:
     feed = Meanwhile(9, keep=keep)
     for item in range(3):
         feed.give(item)
@@ -75,7 +75,7 @@ async def test_an_item_that_is_given_while_a_stream_begins_comes_once(when: str,
     feed.give(4)
     feed.end(None)
     got = [item async for item in stream]
-    assert got in ([*least, 3, 4], [4] if not keep else [])
+    assert got in ([*minimum, 3, 4], [4] if not keep else [])
     assert stream.missed == 0
 
 

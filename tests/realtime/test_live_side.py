@@ -60,7 +60,7 @@ async def test_a_paused_pair_stands_still_and_goes_on() -> None:
             assert summary["ledger"]["slack_J"] >= -1e-12
             assert summary["ledger"]["margin_J"] > 0.0
             assert summary["outages"]["count"] == 0
-    assert device.told("pause") == ["paused", "goes on"]
+    assert device.reported("pause") == ["paused", "goes on"]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -94,7 +94,7 @@ async def test_the_link_is_changed_while_it_runs() -> None:
         up = (await device.end())["links"]["up"]
     assert up["profile"] == "delay 60ms"
     assert up["delay_p99_ms"] == pytest.approx(60.0, rel=0.012)  # a bin of the histogram is 1.1 % wide
-    assert "emulated link, delay 60ms" in device.told("netem")
+    assert "emulated link, delay 60ms" in device.reported("netem")
 
 
 def test_the_link_is_changed_before_it_runs() -> None:

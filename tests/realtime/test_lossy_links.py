@@ -29,7 +29,7 @@ AT_ONCE = 5
 
 
 class DeafForAWhile(UdpRelay):
-    """A relay that loses all that names a key, both ways, for a while from the first such datagram on.
+    """A relay that loses all that names a key, in both directions, for a while from the first such datagram on.
 
     That is the time in which both sides declare what they subscribe to. Greetings and keep-alives of the link pass.
     """
@@ -92,7 +92,7 @@ async def test_keys_whose_declarations_were_lost_are_heard_and_energy_arrives() 
 
 @pytest.mark.slow
 async def test_the_path_is_that_of_the_network_though_nothing_is_emulated() -> None:
-    """40 ms each way and 5 % lost, below Zenoh: of 250 messages, 12.5 with a standard deviation of 3.4."""
+    """40 ms in each direction and 5 % lost, below Zenoh: of 250 messages, 12.5 with a standard deviation of 3.4."""
     async with talking("udp", lossy_relay("delay 40ms loss 5%", 3)) as two:
         await two.until(lambda: all(side.session.path.figures().sent >= 250 for side in two.sides))
         for side in two.sides:
@@ -135,7 +135,7 @@ async def test_no_key_is_dead(protocol: str, count: int, certificates: Path) -> 
         else (own(certificates, "world", mutual=True), own(certificates, "alice"))
     )
     wrong: list[str] = []
-    told: list[str] = []
+    reported: list[str] = []
 
     async def one(seed: int) -> None:
         began = time.monotonic()
@@ -156,11 +156,11 @@ async def test_no_key_is_dead(protocol: str, count: int, certificates: Path) -> 
                     gap_s = max(gap_s, side.longest_gap_s(kind))
             again = [side.transport.declared_again for side in two.sides]
             line = f"seed {seed}: paired after {opened_s:.1f} s, all heard {heard_s:.2f} s, gap {gap_s:.2f} s, {again}"
-            told.append(line)
+            reported.append(line)
             if heard_s > HEARD_S or gap_s > MENDED_S or two.unsettled:
                 wrong.append(f"{line}, sent and credited differ: {two.unsettled}")
 
     for first in range(0, count, AT_ONCE):
         await asyncio.gather(*map(one, range(first, min(first + AT_ONCE, count))))
-    print("", *told, sep="\n")
+    print("", *reported, sep="\n")
     assert not wrong, "\n".join(wrong)

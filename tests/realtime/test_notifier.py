@@ -14,18 +14,18 @@ SECOND = 1_000_000_000
 
 
 def notifier_of(role: str = "device") -> tuple[Notifier, list[Notice]]:
-    told: list[Notice] = []
-    return Notifier(role, "hold", told.append), told
+    seen: list[Notice] = []
+    return Notifier(role, "hold", seen.append), seen
 
 
 def test_what_it_waits_for_is_told_when_it_changes() -> None:
-    side, told = notifier_of()
+    side, seen = notifier_of()
     for at in range(3):
         side.waiting(at, "dialling x", 0)
     side.waiting(3, "connected", 1)
     side.waiting(3 + PATIENCE_NS, "connected", 1)
     side.waiting(4 + PATIENCE_NS, "connected", 1)
-    first, *more = [notice.text for notice in told]
+    first, *more = [notice.text for notice in seen]
     assert first == "waiting for the world: dialling x"
     assert more == [
         "waiting for the world: connected",
@@ -35,49 +35,49 @@ def test_what_it_waits_for_is_told_when_it_changes() -> None:
 
 def test_who_waits_beside_one_that_was_refused_says_so() -> None:
     """In words that a stranger cannot vary: each of them would be told."""
-    side, told = notifier_of("world")
+    side, seen = notifier_of("world")
     for number, event in enumerate((Mismatch("another secret word"), PeerRefused("no", by_peer=True))):
         side.happened(event, number)
         side.waiting(number, "connected to the device", 1)
     side.waiting(2, "no peer yet", 0)
     side.waiting(3, "connected to the device", 1)
-    assert [notice.text.removeprefix("waiting for the device: ") for notice in told if notice.kind == "waiting"] == [
+    assert [notice.text.removeprefix("waiting for the device: ") for notice in seen if notice.kind == "waiting"] == [
         "the one that is connected was refused", "the one that is connected refuses this side",
         "no peer yet", "connected to the device",
     ]  # fmt: skip
 
 
 def test_keys_that_are_silent_are_told_at_a_bounded_rate() -> None:
-    side, told = notifier_of()
+    side, seen = notifier_of()
     for at in range(30):
         side.keys(at * SECOND, ["energy"] if at >= 5 else [])
-    assert [notice.at_ns for notice in told] == [at * SECOND for at in (5, 15, 25)]
-    assert told[0].text.startswith("no energy messages arrive from the world, although others do")
+    assert [notice.at_ns for notice in seen] == [at * SECOND for at in (5, 15, 25)]
+    assert seen[0].text.startswith("no energy messages arrive from the world, although others do")
 
 
 def test_refusals_are_told_at_a_bounded_rate() -> None:
-    side, told = notifier_of("world")
+    side, seen = notifier_of("world")
     for at in range(100):
         side.happened((Mismatch if at % 2 else PeerRefused)(f"reason {at}"), at * SECOND)
-    assert [notice.at_ns for notice in told] == list(range(0, 100 * SECOND, REPORT_EVERY_NS))
+    assert [notice.at_ns for notice in seen] == list(range(0, 100 * SECOND, REPORT_EVERY_NS))
 
 
 def test_whoever_comes_and_goes_does_not_fill_the_log() -> None:
     """Pairs and ends, a hundred times a second for a minute: 20 in 10 s, and how many were left out."""
-    told: list[Notice] = []
-    notifier = Notifier("world", "hold", told.append)
+    seen: list[Notice] = []
+    notifier = Notifier("world", "hold", seen.append)
     for k in range(6000):
         notifier.happened(PeerLeft("over") if k % 2 else PeerSilent(0), k * 10_000_000)
-    assert len(told) == 6 * MOST_REPORTED
-    left_out = [int(found[1]) for notice in told if (found := re.search(r"\((\d+) events", notice.text))]
+    assert len(seen) == 6 * MOST_REPORTED
+    left_out = [int(found[1]) for notice in seen if (found := re.search(r"\((\d+) events", notice.text))]
     assert left_out == [1000 - MOST_REPORTED] * 5
 
 
 def test_a_lost_connection_is_told_once_and_how_long_it_was_gone() -> None:
-    side, told = notifier_of()
+    side, seen = notifier_of()
     for at, up in enumerate((True, False, False, False, True, True)):
         side.link(at * SECOND, up=up)
-    assert [(notice.at_ns, notice.level, notice.text) for notice in told] == [
+    assert [(notice.at_ns, notice.level, notice.text) for notice in seen] == [
         (SECOND, "warning", "the connection to the world is lost"),
         (4 * SECOND, "info", "the connection is back after 3.00 s"),
     ]
@@ -122,7 +122,7 @@ def test_whatever_arrives_the_rate_is_bounded_and_nothing_is_counted_twice(
     arrivals: list[tuple[str, int, int]],
 ) -> None:
     """At most one notice per `REPORT_EVERY_NS`, and one for each kind's first; all counts add up."""
-    drops, dropped, told = Drops(), Counter[str](), Counter[str]()
+    drops, dropped, seen = Drops(), Counter[str](), Counter[str]()
     now = 0
     notices = []
     for kind, count, later_ns in arrivals:
@@ -131,14 +131,14 @@ def test_whatever_arrives_the_rate_is_bounded_and_nothing_is_counted_twice(
         notice = drops.look(now, dropped, {})
         if notice is not None:
             notices.append(notice)
-            told.update({name: int(value) for name, value in notice.values.items()})
+            seen.update({name: int(value) for name, value in notice.values.items()})
             said = re.match(r"dropped (\d+) message", notice.text)
             assert said is not None
             assert int(said[1]) == sum(int(value) for value in notice.values.values())
-        assert all(told[kind] for kind in dropped if kind not in ROUTINE)  # the first of a kind does not wait
+        assert all(seen[kind] for kind in dropped if kind not in ROUTINE)  # the first of a kind does not wait
     assert len(notices) <= now // REPORT_EVERY_NS + 1 + len(KINDS)
-    assert all(told[kind] <= dropped[kind] for kind in told)
+    assert all(seen[kind] <= dropped[kind] for kind in seen)
     last = drops.look(now + REPORT_EVERY_NS, dropped, {})
     if last is not None:
-        told.update({name: int(value) for name, value in last.values.items()})
-    assert told == {kind: count for kind, count in dropped.items() if kind not in ROUTINE}
+        seen.update({name: int(value) for name, value in last.values.items()})
+    assert seen == {kind: count for kind, count in dropped.items() if kind not in ROUTINE}

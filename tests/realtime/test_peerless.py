@@ -14,9 +14,9 @@ class Side:
     """A world, what it told and whether it was ended."""
 
     def __init__(self, *, once: bool) -> None:
-        self.told: list[Notice] = []
+        self.reported: list[Notice] = []
         self.ends = 0
-        self.alone = PeerAbsence("world", once, self.told.append, self._end)
+        self.alone = PeerAbsence("world", once, self.reported.append, self._end)
 
     def _end(self) -> None:
         self.ends += 1
@@ -33,7 +33,7 @@ class Side:
 def test_a_world_whose_device_has_left_says_how_long_it_waits(left_s: float | None, says: list[str]) -> None:
     side = Side(once=False)
     side.alone.happened(LEFT, 5, left_s)
-    assert [notice.text for notice in side.told] == says
+    assert [notice.text for notice in side.reported] == says
     side.alone.watch(5 + 10 * GONE_NS, 0)
     assert side.ends == 0
 
@@ -42,7 +42,7 @@ def test_once_ends_it_when_its_device_leaves() -> None:
     side = Side(once=True)
     side.alone.happened(LEFT, 5, 57.2)
     assert side.ends == 1
-    assert [notice.text for notice in side.told] == ["ends with its first device (--once)"]
+    assert [notice.text for notice in side.reported] == ["ends with its first device (--once)"]
 
 
 def test_once_ends_it_when_its_device_is_gone_without_a_word() -> None:
@@ -62,6 +62,6 @@ def test_once_ends_it_when_its_device_is_gone_without_a_word() -> None:
     side.alone.watch(gone, 0)
     side.alone.watch(gone + 1, 0)
     assert side.ends == 1
-    assert [notice.text for notice in side.told] == [
+    assert [notice.text for notice in side.reported] == [
         "ends: nothing from its device for 10 s, and nobody there (--once)"
     ]

@@ -52,11 +52,17 @@ def test_before_the_first_message_there_is_no_age(run: Recording) -> None:
     assert np.isnan(run.device["transit_s"][early]).all()
 
 
-@pytest.mark.parametrize("feel", ["hapnet", "paper"])
+@pytest.mark.parametrize("rendering", ["hapnet", "paper"])
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
-def test_the_velocity_is_the_paths(servo: str, feel: str) -> None:
+def test_the_velocity_is_the_paths(servo: str, rendering: str) -> None:
     """By the midpoint rule each substep moves the device by its mean velocity; over a tick that is a trapezium."""
-    changes = {"device.servo": servo, "feel": feel, "record_hz": 1000.0, "duration_s": 0.5, "operator": "sine"}
+    changes = {
+        "device.servo": servo,
+        "rendering": rendering,
+        "record_hz": 1000.0,
+        "duration_s": 0.5,
+        "operator": "sine",
+    }
     settings = {**changes, "operator_hand.start_periods": 0.0}
     recording = simulate(Params().set(settings), seed=1, kernel=False).recording
     assert recording.device is not None
@@ -66,10 +72,13 @@ def test_the_velocity_is_the_paths(servo: str, feel: str) -> None:
     assert np.abs(moved).max() > 5e-5
 
 
-@pytest.mark.parametrize("feel", ["hapnet", "paper"])
-def test_with_encoders_the_velocity_is_what_the_servo_reads(feel: str) -> None:
+@pytest.mark.parametrize("rendering", ["hapnet", "paper"])
+def test_with_encoders_the_velocity_is_what_the_servo_reads(rendering: str) -> None:
     """Whole counts a tick."""
-    count, changes = 1e-5, {"device.resolution_m": 1e-5, "device.servo": "sampled", "record_hz": 1000.0, "feel": feel}
+    count, changes = (
+        1e-5,
+        {"device.resolution_m": 1e-5, "device.servo": "sampled", "record_hz": 1000.0, "rendering": rendering},
+    )
     hand = {"operator": "sine", "operator_hand.start_periods": 0.0}
     recording = simulate(Params().set({**changes, **hand, "duration_s": 0.3}), 1, kernel=False).recording
     assert recording.device is not None

@@ -29,8 +29,8 @@ def sample(index: int) -> WorldSample:
 
 
 def test_samples_are_written_in_their_order_with_the_summary(tmp_path: Path) -> None:
-    told: list[str] = []
-    recorder = Recorder(tmp_path / "new" / "x.mcap", told.append)
+    reported: list[str] = []
+    recorder = Recorder(tmp_path / "new" / "x.mcap", reported.append)
     assert not (tmp_path / "new").exists()  # nothing before it is known what the recording is of
     for index in range(500):
         recorder.keep(sample(index))
@@ -45,7 +45,7 @@ def test_samples_are_written_in_their_order_with_the_summary(tmp_path: Path) -> 
     assert recording.world is not None
     assert recording.world["time_ns"].tolist() == [index * 10_000_000 for index in range(500)]
     assert [event.kind for event in recording.events] == ["paired"]
-    assert (told, recorder.missing, recorder.broken) == ([], None, False)
+    assert (reported, recorder.missing, recorder.broken) == ([], None, False)
 
 
 def test_of_thousands_of_samples_none_is_missing(tmp_path: Path) -> None:
@@ -93,8 +93,8 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path:
 
 
 def test_a_full_disk_ends_the_recording_and_is_told_once(tmp_path: Path) -> None:
-    told: list[str] = []
-    recorder = Recorder(tmp_path / "x.mcap", told.append)
+    reported: list[str] = []
+    recorder = Recorder(tmp_path / "x.mcap", reported.append)
     with no_room(8000):
         for index in range(5000):
             recorder.keep(sample(index))
@@ -102,8 +102,8 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(tmp_path: Path) -> None
         recorder.close({}, 0)
     assert recorder.broken
     path = tmp_path / "x.mcap"
-    assert told == [f"cannot write recording {path}: File too large; the run goes on without a recording"]
-    assert recorder.missing == told[0]
+    assert reported == [f"cannot write recording {path}: File too large; the run goes on without a recording"]
+    assert recorder.missing == reported[0]
     assert not recorder._samples  # it keeps nothing that it will never write
     assert path.stat().st_size == 8000
     torn = read_recording(path)
@@ -114,13 +114,13 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(tmp_path: Path) -> None
 
 
 def test_a_disk_that_is_full_only_at_the_end_is_told_too(tmp_path: Path) -> None:
-    told: list[str] = []
-    recorder = Recorder(tmp_path / "x.mcap", told.append)
+    reported: list[str] = []
+    recorder = Recorder(tmp_path / "x.mcap", reported.append)
     recorder.keep(sample(0))
     recorder.drain(0, meta)
     with no_room(os.stat(tmp_path / "x.mcap").st_size):
         recorder.close({"seed": 1}, 0)
-    assert told == [f"cannot write recording {tmp_path / 'x.mcap'}: File too large; its end is missing"]
+    assert reported == [f"cannot write recording {tmp_path / 'x.mcap'}: File too large; its end is missing"]
     torn = read_recording(tmp_path / "x.mcap")
     assert torn.torn
     assert torn.world is not None
@@ -128,29 +128,29 @@ def test_a_disk_that_is_full_only_at_the_end_is_told_too(tmp_path: Path) -> None
 
 
 def test_a_recording_that_is_removed_is_missed(tmp_path: Path) -> None:
-    told: list[str] = []
-    recorder = Recorder(tmp_path / "d" / "x.mcap", told.append)
+    reported: list[str] = []
+    recorder = Recorder(tmp_path / "d" / "x.mcap", reported.append)
     recorder.keep(sample(0))
     recorder.drain(0, meta)
     (tmp_path / "d").rename(tmp_path / "e")  # moved is not removed
     recorder.drain(FLUSH_NS, meta)
-    assert not told
+    assert not reported
     shutil.rmtree(tmp_path / "e")
     recorder.drain(2 * FLUSH_NS, meta)
-    assert told == [f"cannot write recording {tmp_path / 'd' / 'x.mcap'}: it was removed; "
+    assert reported == [f"cannot write recording {tmp_path / 'd' / 'x.mcap'}: it was removed; "
                     "the run goes on without a recording"]  # fmt: skip
 
 
 def test_samples_that_find_no_room_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_SAMPLES", 100)
-    told: list[str] = []
-    recorder = Recorder(tmp_path / "x.mcap", told.append)
+    reported: list[str] = []
+    recorder = Recorder(tmp_path / "x.mcap", reported.append)
     for index in range(130):
         recorder.keep(sample(index))
     recorder.drain(0, meta)
     recorder.close({}, 7)
-    assert told == ["37 samples are missing: they came faster than they could be written"]
-    assert recorder.missing == told[0]
+    assert reported == ["37 samples are missing: they came faster than they could be written"]
+    assert recorder.missing == reported[0]
     assert not recorder.broken
     recording = read_recording(tmp_path / "x.mcap")
     assert recording.world is not None

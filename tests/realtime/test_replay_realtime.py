@@ -54,8 +54,8 @@ async def test_a_session_whose_link_was_changed_by_hand_is_replayed(tmp_path: Pa
     assert 0.1 < up.at_ns / 1e9 < original.params.duration_s
     assert original.recording.device is not None
     recorded_s = float(np.ptp(original.recording.device["time_s"]))
-    told = [event.time_ns for event in read_recording(tmp_path / "device.mcap").events if event.kind == "pause"]
-    paused_s = (told[1] - told[0]) / 1e9
+    reported = [event.time_ns for event in read_recording(tmp_path / "device.mcap").events if event.kind == "pause"]
+    paused_s = (reported[1] - reported[0]) / 1e9
     assert paused_s > 0.3
     assert hand_times(original.recording)[-1] == pytest.approx(recorded_s - paused_s, abs=0.1)
     assert any("the replay leaves out pauses: 1" in note for note in original.notes)

@@ -23,7 +23,7 @@ from tests.support.processes import assert_accounts_agree, assert_passive, child
     "more", [(), pytest.param(("--realtime",), marks=pytest.mark.slow)], ids=["thread", "realtime"]
 )
 def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
-    """Both processes, the default link both ways: passive, accounts agree, everything written reads back."""
+    """Both processes, the default link in both directions: passive, accounts agree, everything written reads back."""
     out = tmp_path / "run"
     with started("run", "--duration", 3, "--seed", 1, "--json", "-", "--out", out, *more) as program:
         code, stdout, stderr = program.end()
@@ -103,8 +103,8 @@ def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp
             code, stdout, stderr = program.end()
         assert (code, stderr) == (0, "")
         assert stdout.startswith(line)
-        told = read_json(tmp_path / "r.json")["theorem"]["margin_J"]
-        assert told == (summary["theorem"]["margin_J"] if len(asked) == 2 else None)
+        reported = read_json(tmp_path / "r.json")["theorem"]["margin_J"]
+        assert reported == (summary["theorem"]["margin_J"] if len(asked) == 2 else None)
 
 
 @pytest.mark.slow

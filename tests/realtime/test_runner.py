@@ -70,8 +70,8 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
     address, params = free_address(), parameters(operator="sine")
     began_ns = time.time_ns()
     device = Running("device", address, params, record=tmp_path / "device.mcap")
-    await device.until(lambda: bool(device.told("waiting")))
-    assert f"dialling {address}" in device.told("waiting")[0]
+    await device.until(lambda: bool(device.reported("waiting")))
+    assert f"dialling {address}" in device.reported("waiting")[0]
     world = Running("world", address, params, record=tmp_path / "world.mcap")
     async with running(device, world):
         await device.until(
@@ -79,8 +79,8 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
         )
         await world.until(lambda: world.count >= 10)
         of_world, of_device = await asyncio.gather(world.end(), device.end())
-    assert device.told("paired") == ["paired with the world"]
-    assert world.told("paired") == ["paired with the device"]
+    assert device.reported("paired") == ["paired with the world"]
+    assert world.reported("paired") == ["paired with the device"]
     up, down = of_device["device"], of_world["world"]
     for summary in (up, down):
         assert summary["ledger"]["margin_J"] > 0.0
@@ -107,7 +107,7 @@ async def test_duration_counts_from_pairing() -> None:
     address, params = free_address(), parameters(duration_s=0.3)
     began = time.monotonic()
     device = Running("device", address, params)
-    await device.until(lambda: bool(device.told("waiting")) and time.monotonic() > began + 0.35)
+    await device.until(lambda: bool(device.reported("waiting")) and time.monotonic() > began + 0.35)
     waited = time.monotonic()
     world = Running("world", address, params)
     summaries = await asyncio.wait_for(asyncio.gather(device.task, world.task), WAIT_S)
@@ -184,11 +184,11 @@ async def test_of_sides_that_do_not_fit_the_device_ends_with_the_reason_and_the_
     async with running(world, device):
         with pytest.raises(HapnetError, match=r"(does not fit|refuses this side): .*degrees of freedom"):
             await asyncio.wait_for(asyncio.shield(device.task), WAIT_S)
-        await world.until(lambda: bool(world.told("refused")))
-        assert "degrees of freedom" in world.told("refused")[0]
+        await world.until(lambda: bool(world.reported("refused")))
+        assert "degrees of freedom" in world.reported("refused")[0]
         other = Running("device", address, parameters(scene="free", dof=2, operator="rest"))
         async with running(other):
-            await world.until(lambda: bool(world.told("paired")))
+            await world.until(lambda: bool(world.reported("paired")))
 
 
 async def test_a_world_that_restarts_is_paired_anew() -> None:
@@ -198,14 +198,14 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
     async with running(device, world):
         await device.until(lambda: device.side.control.origin_ns is not None)
         await world.end()
-        await device.until(lambda: bool(device.told("left")))
+        await device.until(lambda: bool(device.reported("left")))
         again = Running("world", address, params)
         async with running(again):
-            await device.until(lambda: len(device.told("paired")) == 2)
+            await device.until(lambda: len(device.reported("paired")) == 2)
             await again.until(lambda: again.count >= 3)
             later, summary = await asyncio.gather(again.end(), device.end())
-    assert set(device.told("left")) == {"the world left: the run is over"}  # perhaps the second one's too: both end
-    assert device.told("paired")[1] == "paired with the world (another process; pair 2)"
+    assert set(device.reported("left")) == {"the world left: the run is over"}  # perhaps the second one's too: both end
+    assert device.reported("paired")[1] == "paired with the world (another process; pair 2)"
     assert summary["device"]["incarnations"] == 2
     assert summary["device"]["ledger"]["slack_J"] >= -1e-9
     assert later["world"]["ledger"]["bound_J"] == 0.0  # a restarted side starts with an empty reservoir
@@ -223,10 +223,10 @@ async def test_a_world_whose_device_leaves_says_that_it_waits_or_ends_with_it(on
         await device.end()
         if once:
             await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
-            assert world.told("once") == ["ends with its first device (--once)"]
+            assert world.reported("once") == ["ends with its first device (--once)"]
         else:
             waits = "waits for another device until it is stopped (--once would end it now)"
-            await world.until(lambda: waits in world.told("waiting"))
+            await world.until(lambda: waits in world.reported("waiting"))
 
 
 async def test_a_device_whose_place_was_taken_while_it_was_cut_off_ends_with_the_reason() -> None:
@@ -235,19 +235,19 @@ async def test_a_device_whose_place_was_taken_while_it_was_cut_off_ends_with_the
     lines = {"link.up_timeline": "at 50ms: down; at 1s: up"}
     cut_off = Running("device", address, parameters(operator="sine", **lines))
     async with running(world, cut_off):
-        await world.until(lambda: bool(world.told("paired")))
+        await world.until(lambda: bool(world.reported("paired")))
         other = Running("device", address, parameters(operator="sine"))
         async with running(other):
-            await world.until(lambda: len(world.told("paired")) == 2)
+            await world.until(lambda: len(world.reported("paired")) == 2)
             with pytest.raises(HapnetError, match="the world refuses this side: replaced by device"):
                 await asyncio.wait_for(asyncio.shield(cut_off.task), WAIT_S)
             await other.until(lambda: other.count > 100)
-            assert world.told("heard")
+            assert world.reported("heard")
 
 
 async def test_a_stop_while_waiting_leaves_no_file(tmp_path: Path) -> None:
     side = Running("device", free_address(), parameters(), record=tmp_path / "x.mcap")
-    await side.until(lambda: bool(side.told("waiting")))
+    await side.until(lambda: bool(side.reported("waiting")))
     summary = await side.end()
     assert summary["duration_s"] is None
     assert summary["device"]["ledger"]["margin_J"] is None
@@ -295,7 +295,7 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
         threads.setdefault("logging", set()).add(threading.current_thread().name)
         handle(logger, record)
 
-    def tell(notice: Notice) -> None:
+    def report(notice: Notice) -> None:
         threads.setdefault(notice.kind, set()).add(threading.current_thread().name)
         notify(notice)
 
@@ -305,7 +305,7 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
         return tick(now_ns)
 
     monkeypatch.setattr(logging.Logger, "handle", handled)
-    monkeypatch.setattr(reporter, "_notify", tell)
+    monkeypatch.setattr(reporter, "_notify", report)
     monkeypatch.setattr(control.side, "tick", late)
     async with running(world, device):
         await device.until(lambda: (tmp_path / "d" / "x.mcap").exists())
@@ -340,8 +340,8 @@ async def test_a_side_that_fails_says_goodbye() -> None:
         device.side._fail(HapnetError("it broke"))
         with pytest.raises(HapnetError, match="it broke"):
             await asyncio.wait_for(asyncio.shield(device.task), WAIT_S)
-        await world.until(lambda: bool(world.told("left")))
-        assert world.told("left") == ["the device left: it failed"]
+        await world.until(lambda: bool(world.reported("left")))
+        assert world.reported("left") == ["the device left: it failed"]
 
 
 async def test_an_address_in_use_is_one_error() -> None:
@@ -390,6 +390,6 @@ def test_a_peer_of_another_version_is_one_line_and_exit_code_2(
     with OldPeer(address):
         assert cli.main(["device", "-e", address, "--record", str(record)]) == 2
     err = capsys.readouterr().err
-    told = f"peer speaks protocol {VERSION + 1}, this side speaks {VERSION}"
-    assert err == f"hapnet: a world does not fit: {told}\n"
+    reported = f"peer speaks protocol {VERSION + 1}, this side speaks {VERSION}"
+    assert err == f"hapnet: a world does not fit: {reported}\n"
     assert not record.exists()

@@ -183,7 +183,7 @@ def test_stop_before_start_ends_it_before_a_tick() -> None:
 
 def test_an_exception_in_tick_makes_safe_first_then_tells_the_owner() -> None:
     events: list[object] = []
-    told = threading.Event()
+    said = threading.Event()
     error = ZeroDivisionError("in tick")
 
     def tick(now_ns: int) -> None:
@@ -191,11 +191,11 @@ def test_an_exception_in_tick_makes_safe_first_then_tells_the_owner() -> None:
 
     def on_error(exc: BaseException) -> None:
         events.append(exc)
-        told.set()
+        said.set()
 
     servo = Servo(MS, tick, safe=lambda: events.append("safe"), on_error=on_error)
     servo.start()
-    assert told.wait(WAIT_S)
+    assert said.wait(WAIT_S)
     servo.stop()
     assert events == ["safe", error]
     assert servo.error is error

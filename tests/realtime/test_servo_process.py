@@ -23,7 +23,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import ControlCallbacks
-from hapnet.realtime.servo_pipe import LONGEST_FRAME, Pipe, PipeClosed, available, socket_pair
+from hapnet.realtime.servo_pipe import MAX_FRAME, Pipe, PipeClosed, available, socket_pair
 from hapnet.realtime.servo_process import ServoProcess
 from hapnet.recording.samples import DeviceSample, Event, Sample
 from hapnet.wire.messages import Position, decode
@@ -145,7 +145,7 @@ def test_a_full_pipe_refuses_and_does_not_wait(pipes: tuple[Pipe, Pipe]) -> None
     taken = 0
     while a.offer("credit", taken):
         taken += 1
-        assert taken < LONGEST_FRAME
+        assert taken < MAX_FRAME
     assert [b.look() for _ in range(taken)] == [("credit", k) for k in range(taken)]
     assert a.offer("credit", taken)
 
@@ -327,7 +327,7 @@ def test_what_fails_outside_is_told_and_ends_nothing_else(running: Running) -> N
 
 def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The parent stops reading for 500 ticks: positions are dropped and counted, energy is not."""
-    running, told = Running(f"{__name__}:Counting"), Path(f"{diary}.count")
+    running, reported = Running(f"{__name__}:Counting"), Path(f"{diary}.count")
     monkeypatch.setattr(servo_pipe, "_FROM_SERVO", 1 << 13)  # full after a few ticks
     resume = threading.Event()
     read = running.servo._pass_on
@@ -345,7 +345,7 @@ def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypa
 
     def ticks() -> int:
         servo.credit(1_000)
-        return int(told.read_text("ascii").partition(" ")[0] or 0) if told.exists() else 0
+        return int(reported.read_text("ascii").partition(" ")[0] or 0) if reported.exists() else 0
 
     try:
         before = ticks()

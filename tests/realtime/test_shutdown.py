@@ -65,7 +65,7 @@ def test_a_second_ctrl_c_does_not_wait_for_a_peer_that_is_gone() -> None:
         code, _, stderr = device.end()
         assert time.monotonic() - asked < LINGER_S
     assert code == 130
-    assert stderr.startswith("hapnet: the rest of the world's account is missing since it told it last")
+    assert stderr.startswith("hapnet: the rest of the world's account is missing since its last report")
     assert_no_force_last()
     assert not read_recording("device.mcap").torn
 

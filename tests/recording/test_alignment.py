@@ -41,7 +41,7 @@ def test_clocks_are_aligned_to_better_than_half_the_jitter(profile: str, seed: i
     found = clock_difference(seen.device, seen.world)
     assert np.abs(errors_s(found, seen, AHEAD)).max() < seen.delays_s.std() / 2.0
     assert found is not None
-    low = np.quantile(seen.delays_s, 0.1)  # of both ways together
+    low = np.quantile(seen.delays_s, 0.1)  # of in both directions together
     assert found.error_s == pytest.approx(low, rel=0.05)
 
 
@@ -146,9 +146,9 @@ def test_what_export_and_report_do_with_the_files_of_two_hosts(hosts: tuple[Path
     truth = np.array([AHEAD.device_ns(at) for at in recorded["time_ns"].tolist()])
     found = np.array([int(row["time_ns"]) for row in of_world])
     assert np.abs(found - truth).max() < 500_000
-    told = json.loads((tmp_path / "told.json").read_text())
-    assert told["aligned"] is True
-    assert told["clock_difference"]["difference_ns"][0] == pytest.approx(AHEAD(0), abs=500_000)
+    reported = json.loads((tmp_path / "told.json").read_text())
+    assert reported["aligned"] is True
+    assert reported["clock_difference"]["difference_ns"][0] == pytest.approx(AHEAD(0), abs=500_000)
     parts = [read_recording(file) for file in hosts]
     page = report.page(replace(join(*parts), summary=of_recordings(hosts, parts)), {}, [])  # as the command makes it
     assert "the world&#x27;s host&#x27;s clock is 123456.789" in page

@@ -73,9 +73,9 @@ def test_one_side_keeps_its_name_and_json_says_what_was_written(tmp_path: Path, 
     save(device, tmp_path / "device.mcap")
     assert cli.main(["export", str(tmp_path / "device.mcap"), "--format", "csv", "--json", "-"]) == 0
     out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert told["files"] == [str(tmp_path / "device.csv")]
-    assert told["samples"] == {"device": 5, "world": None}
+    reported = json.loads(out)
+    assert reported["files"] == [str(tmp_path / "device.csv")]
+    assert reported["samples"] == {"device": 5, "world": None}
     assert "files: device.csv" in err
     assert "utc_ns" not in rows(tmp_path / "device.csv")[0]  # an older recording does not say
 

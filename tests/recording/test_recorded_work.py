@@ -93,7 +93,7 @@ def test_the_hands_work_is_that_of_its_force_in_every_substep(operator: str, ser
 
 
 def test_what_is_stored_is_kinetic_energy_and_springs_and_the_rest_is_in_the_reservoir() -> None:
-    params = BASE.set({"device.servo": "continuous", "feel": "paper", "device.force_limit_N": 0.0})
+    params = BASE.set({"device.servo": "continuous", "rendering": "paper", "device.force_limit_N": 0.0})
     device, world = columns(params)
     for side, mass, stiffness in ((device, params.device.mass, 100.0), (world, 0.02, 500.0)):
         stored = kinetic(float(np.ravel(mass)[0]), side["velocity_mps"]) + spring(stiffness, side)

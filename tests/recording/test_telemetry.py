@@ -13,7 +13,7 @@ from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
-from hapnet.recording.telemetry import LONGEST, VERSION, KnownPlanes, Status, Telemetry, decode, encode
+from hapnet.recording.telemetry import MAX_LENGTH, VERSION, KnownPlanes, Status, Telemetry, decode, encode
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 LEVELS = st.sampled_from(("info", "warning", "error"))
@@ -139,11 +139,11 @@ def test_planes_are_published_when_they_change_and_with_each_status() -> None:
         known[0] = planes
         publisher.publish()
     assert put == [KnownPlanes(None), KnownPlanes((WALL,)), KnownPlanes(())]
-    publisher.tell_status()
+    publisher.report_status()
     publisher.publish()
     assert put[3:] == [STATUS, KnownPlanes(())]
 
 
 def test_what_is_too_long_is_not_looked_at() -> None:
     with pytest.raises(BadMessage, match="allowed: up to"):
-        decode(bytes(LONGEST + 1))
+        decode(bytes(MAX_LENGTH + 1))

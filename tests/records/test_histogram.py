@@ -24,17 +24,17 @@ def test_quantile_is_the_nearest_rank_to_one_part_in_32(values: list[int], q: fl
     assert histogram.total == len(values)
 
 
-@given(least=st.integers(0, 10**9), width=st.integers(0, 10**9), q=st.floats(0.0, 1.0))
-def test_interpolated_a_quantile_of_values_spread_evenly_is_theirs(least: int, width: int, q: float) -> None:
+@given(minimum=st.integers(0, 10**9), width=st.integers(0, 10**9), q=st.floats(0.0, 1.0))
+def test_interpolated_a_quantile_of_values_spread_evenly_is_theirs(minimum: int, width: int, q: float) -> None:
     """A hundredth of a bin at most is left, where a whole one is with the edges; a constant is exact."""
     histogram = Histogram()
     for k in range(1001):
-        histogram.add(least + width * k // 1000)
-    exact = least + width * q
-    found = histogram.interpolated(q, least)
+        histogram.add(minimum + width * k // 1000)
+    exact = minimum + width * q
+    found = histogram.interpolated(q, minimum)
     assert found is not None
     assert abs(found - exact) <= 2 + width / 500 + exact / 3200
-    assert Histogram().interpolated(q, least) is None
+    assert Histogram().interpolated(q, minimum) is None
 
 
 def test_bins_hold_every_value_no_lower_than_it_was_and_a_32nd_higher_at_most() -> None:

@@ -174,10 +174,10 @@ def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> Non
         "theorem": {"margin_J": -0.0125, "bound_J": 0.1, "energy_out_J": 0.1125, "margin_end_J": 0.3},
     }
     recording = run()
-    told = Recording(recording.meta, recording.device, recording.world, [], summary)
+    reported = Recording(recording.meta, recording.device, recording.world, [], summary)
     why = "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ"
-    assert title(figure(told)) == f"link: lan, coupling zoh, seed 8\nNOT passive: {why}"
-    assert "sum (112.5 mJ came out, 300 mJ at the end)" in lines(figure(told).axes[-1])
+    assert title(figure(reported)) == f"link: lan, coupling zoh, seed 8\nNOT passive: {why}"
+    assert "sum (112.5 mJ came out, 300 mJ at the end)" in lines(figure(reported).axes[-1])
 
 
 def test_a_set_position_is_called_modulated_only_where_it_is() -> None:
@@ -214,10 +214,10 @@ def test_a_long_title_is_not_broken_inside_a_setting() -> None:
     recording = run()
     link = "delay 500ms 100ms 25% distribution paretonormal loss gemodel 5% 15% 100% 0% rate 1mbit"
     meta = {**recording.meta, "links": {"up": link, "down": link}}
-    told = title(figure(Recording(meta, recording.device, recording.world, [], None)))
-    assert "coupling pspm" in told
-    assert "seed 3" in told
-    assert max(map(len, told.splitlines())) <= 100
+    reported = title(figure(Recording(meta, recording.device, recording.world, [], None)))
+    assert "coupling pspm" in reported
+    assert "seed 3" in reported
+    assert max(map(len, reported.splitlines())) <= 100
 
 
 @pytest.mark.parametrize(

@@ -122,10 +122,10 @@ def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -
     assert "Energy account" not in found.sections
     assert "passive at both ports for any constant delay" in found.sections[""]
     assert "wave variables; Niemeyer, Slotine 2004" in found.sections[""]
-    told = found.sections[""] + found.sections["What happened"] + found.sections["Summary"]
-    assert "Theorem" not in told
-    assert "eservoir" not in told + found.attributes("img")[0]["alt"]
-    assert "slack" not in told
+    reported = found.sections[""] + found.sections["What happened"] + found.sections["Summary"]
+    assert "Theorem" not in reported
+    assert "eservoir" not in reported + found.attributes("img")[0]["alt"]
+    assert "slack" not in reported
     alone = page_of(replace(recording, world=None, summary={**result.summary, "world": None, "theorem": {}}))
     assert "Passivity not known: of both ports together only" in alone.sections[""]
 
@@ -271,7 +271,12 @@ def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simu
     assert (given, default) == ("80.0", "0.0")
     assert meaning.startswith("K [N/m]: a number, one per axis, or a matrix; 0: by what the device renders")
     assert rows["device.damping"].default == ""
-    assert {row.name for row in rows.values() if row.default} == {"device.stiffness", "duration_s", "feel", "link.up"}
+    assert {row.name for row in rows.values() if row.default} == {
+        "device.stiffness",
+        "duration_s",
+        "rendering",
+        "link.up",
+    }
     found = page_of(simulated)
     assert f"4 of {len(Params().flat())} differ" in found.sections["Settings"]
     assert len(found.attributes("mark")) == 4
@@ -294,7 +299,7 @@ def test_settings_of_two_processes_and_of_another_version() -> None:
     del recording.meta["sides"]["device"]["params"]["later"]
     line = next(c.line for c in commands(recording, []) if "simulate" in c.line)
     assert shlex.split(line)[2:] == [
-        "--set", "feel=paper", "--set", "duration_s=3.457", "--set", "device.servo=sampled",
+        "--set", "rendering=paper", "--set", "duration_s=3.457", "--set", "device.servo=sampled",
         "--set", "operator_hand.start_periods=0.0", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
         "--set", "link.up=delay 1ms", "--set", "link.down=delay 2ms",
         "--set", "contact_model.remembers=false", "--set", "contact_model.stop_s=0.0",

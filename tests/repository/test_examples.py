@@ -142,7 +142,8 @@ def test_own_moving_world_over_zenoh(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_own_law_over_zenoh(tmp_path: Path) -> None:
-    """Two processes. 100 N/m, softened by 40 + 10 ms each way: 100/(1 + 0.1/0.1); a law of one's own claims nothing."""
+    """Two processes. 100 N/m, softened by 40 + 10 ms in each direction: 100/(1 + 0.1/0.1); a law of one's own claims
+    nothing."""
     link = ("--delay", "40ms", "--jitter", "10ms", "--duration", "3", "--seed", "1")
     argv = ["run", "--coupling", "examples.own_law:Mine", *link, "--json", "-", "--out", str(tmp_path / "run")]
     stdout = printed([sys.executable, "-m", "hapnet", *argv], tmp_path)

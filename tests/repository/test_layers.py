@@ -26,7 +26,7 @@ PURE_NETEM = {  # all that a link in virtual time consists of
     for name in ("draws", "effects", "expectation", "line", "link", "loss_chain", "models", "presets", "profile",
                  "resend", "slots", "stats", "timeline", "trace", "units")
 }  # fmt: skip
-LONGEST = 420
+MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
 
 BASE = {
@@ -221,7 +221,7 @@ def test_modules_stay_short() -> None:
     files = [path for folder in ("hapnet", "netem", "tests", "examples") for path in (ROOT / folder).rglob("*.py")]
     lengths = {str(path.relative_to(ROOT)): len(path.read_text("utf-8").splitlines()) for path in files}
     assert len(lengths) > 400
-    assert not {name: length for name, length in lengths.items() if length > LONGEST}
+    assert not {name: length for name, length in lengths.items() if length > MAX_LENGTH}
 
 
 def test_nobody_asks_for_a_coupling_by_its_name() -> None:

@@ -30,10 +30,10 @@ def test_a_block_runs(block: Block, certificates: Path, directory: Path) -> None
     port = free_address().rpartition(":")[2]
     here = {"192.168.0.2": "127.0.0.1", "0.0.0.0": "127.0.0.1", "17447": port, "/tmp/axis": str(directory / "axis")}
     if block.language == "python":
-        (directory / "page.py").write_text(told(shorter(block.text), here), "utf-8")
+        (directory / "page.py").write_text(reported(shorter(block.text), here), "utf-8")
         ends_well(started("page.py", command=(sys.executable,)))
         return
-    lines = [quick(argv_of(told(line, here))) for line in block.commands if " -m pip " not in line]
+    lines = [quick(argv_of(reported(line, here))) for line in block.commands if " -m pip " not in line]
     with contextlib.ExitStack() as running:
         while "in two terminals" in block.words and len(lines) > 1:
             program = running.enter_context(started(*lines.pop(0)[1:]))
@@ -42,7 +42,7 @@ def test_a_block_runs(block: Block, certificates: Path, directory: Path) -> None
             ends_well(started(*argv[1:], command=HAPNET))
 
 
-def told(text: str, here: dict[str, str]) -> str:
+def reported(text: str, here: dict[str, str]) -> str:
     """The same with this machine's addresses and files."""
     for there, instead in here.items():
         text = text.replace(there, instead)

@@ -20,7 +20,7 @@ from hapnet.wire.stream import PositionStream
 MS = 1_000_000
 
 
-class Told:
+class Reported:
     """A law that says what it is told to say, and keeps what it hears."""
 
     set_position = (0.0,)
@@ -50,7 +50,7 @@ class Side:
     def __init__(self, expects: type[Stream] = messages.Position) -> None:
         settings = SessionSettings(expects=expects)
         self.endpoint = DeviceEndpoint(Session(role="device", dof=1, name="pen", incarnation=7, settings=settings))
-        self.law = Told()
+        self.law = Reported()
         self.now_ns = 0
 
     def meet(self, incarnation: int) -> Session:

@@ -30,7 +30,7 @@ class Arm:
         self.x = 0.0
         self.silent = self.deaf = self.closed = False
         self.pressed = True
-        self.told: list[Vector] = []
+        self.reported: list[Vector] = []
 
     def read(self) -> tuple[Vector, Vector]:
         if self.silent:
@@ -40,7 +40,7 @@ class Arm:
     def apply(self, force: Vector) -> Vector:
         if self.deaf:
             raise DeviceSilent("the cable is out")
-        self.told.append(force)
+        self.reported.append(force)
         return force
 
     def buttons(self) -> tuple[bool, ...]:
@@ -106,7 +106,7 @@ def test_before_pairing_the_device_hears_zero_forces() -> None:
     assert isinstance(side, RealDeviceSide)
     for _ in range(3):
         side.tick(0)
-    assert side.device.device.told == [(0.0,)] * 3  # type: ignore[attr-defined]
+    assert side.device.device.reported == [(0.0,)] * 3  # type: ignore[attr-defined]
     assert side.origin_ns is None
 
 
@@ -114,12 +114,12 @@ def test_a_silent_device_gets_no_force_and_one_line_each_way() -> None:
     rig = Rig()
     for k in range(5):
         rig.tick(1e-4 * k)
-    assert rig.arm.told[-1][0] > 1.0
+    assert rig.arm.reported[-1][0] > 1.0
     rig.arm.silent = True
     for _ in range(100):
         rig.tick(0.0)
-    assert rig.arm.told[-98:] == [(0.0,)] * 98  # after the 5 ms of its watchdog
-    assert rig.arm.told[-99][0] > 1.0
+    assert rig.arm.reported[-98:] == [(0.0,)] * 98  # after the 5 ms of its watchdog
+    assert rig.arm.reported[-99][0] > 1.0
     rig.arm.silent = False
     for _ in range(3):
         rig.tick(5e-4)
@@ -146,7 +146,7 @@ def test_what_a_silence_hid_never_counts_as_energy_taken_in(to: float) -> None:
     rig = Rig()
     for _ in range(3):
         rig.tick(0.0)
-    held, before = rig.arm.told[-1][0], rig.work
+    held, before = rig.arm.reported[-1][0], rig.work
     assert held == pytest.approx(2.0)
     rig.arm.silent = True
     rig.tick(0.0, ms=10)
@@ -162,11 +162,11 @@ def test_only_a_device_without_a_watchdog_of_its_own_is_held_less_after_an_overr
         rig = Rig(device)
         rig.tick(0.0)
         rig.tick(0.0, ms=202)
-        assert rig.arm.told[-1] == (0.0,)
+        assert rig.arm.reported[-1] == (0.0,)
         rig.side.coupling.receive((0.02,), 0.0, 0.0)
         for _ in range(5):
             rig.tick(0.0)
-        forces.append(rig.arm.told[-1][0])
+        forces.append(rig.arm.reported[-1][0])
     assert forces == pytest.approx([2.0, 0.1 / 0.101], rel=0.02)
 
 
@@ -174,7 +174,7 @@ def test_without_a_watchdog_of_its_own_the_whole_way_counts() -> None:
     rig = Rig(Unguarded)
     for _ in range(3):
         rig.tick(0.0)
-    held, before = rig.arm.told[-1][0], rig.work
+    held, before = rig.arm.reported[-1][0], rig.work
     rig.arm.silent = True
     rig.tick(0.0)
     rig.arm.silent = False
@@ -191,7 +191,7 @@ def test_a_command_that_did_not_go_out_leaves_the_older_force_in_doubt(way: int)
     rig = Rig()
     for _ in range(3):
         rig.tick(0.0)
-    older = rig.arm.told[-1][0]
+    older = rig.arm.reported[-1][0]
     assert older == pytest.approx(2.0)
     rig.arm.deaf = True
     rig.tick(0.001)
@@ -205,15 +205,15 @@ def test_the_dead_man_switch_takes_the_force_away_at_once() -> None:
     rig = Rig(Switched, device__force_ramp_s=0.02)
     for _ in range(20):
         rig.tick(0.0)
-    full = rig.arm.told[-1][0]
+    full = rig.arm.reported[-1][0]
     assert full == pytest.approx(2.0)
     rig.arm.pressed = False
     rig.tick(0.0)
-    assert rig.arm.told[-1] == (0.0,)
+    assert rig.arm.reported[-1] == (0.0,)
     rig.arm.pressed = True
     for _ in range(5):
         rig.tick(0.0)
-    assert 0.0 < rig.arm.told[-1][0] < full
+    assert 0.0 < rig.arm.reported[-1][0] < full
     assert rig.events == [
         "dead-man: the dead-man switch is not held: no force",
         "dead-man: the dead-man switch is held: the force grows",
@@ -243,16 +243,16 @@ def test_a_brake_takes_the_force_away_at_once_and_then_it_grows() -> None:
     assert isinstance(rig.arm, Braking)
     for _ in range(20):
         rig.tick(0.0)
-    full = rig.arm.told[-1][0]
+    full = rig.arm.reported[-1][0]
     assert full == pytest.approx(2.0)
     rig.arm.why = "its brake is on"
     rig.tick(0.0)
     rig.tick(0.0)
-    assert rig.arm.told[-2:] == [(0.0,)] * 2
+    assert rig.arm.reported[-2:] == [(0.0,)] * 2
     rig.arm.why = ""
     for _ in range(5):
         rig.tick(0.0)
-    assert 0.0 < rig.arm.told[-1][0] < full
+    assert 0.0 < rig.arm.reported[-1][0] < full
     assert rig.events == [
         "device: the device tests.side.test_real_device:Braking renders no force: its brake is on",
         "device: the device tests.side.test_real_device:Braking renders force again: it grows",
@@ -278,7 +278,7 @@ def test_energy_is_counted_from_the_force_that_the_limiter_let_through() -> None
     rig.tick(0.0)
     for k in range(1, 50):
         rig.tick(1e-4 * k)
-    forces = [force[0] for force in rig.arm.told]
+    forces = [force[0] for force in rig.arm.reported]
     assert max(forces) < 0.25  # a tenth of the ramp at 2 N
     assert rig.work == pytest.approx(-sum(f * 1e-4 for f in forces[-50:-1]), rel=1e-6)
 
@@ -296,7 +296,7 @@ def test_at_the_end_it_is_closed_once_and_after_its_last_force() -> None:
         rig.tick(0.0)
     rig.side.stop()
     rig.side.stop()
-    assert rig.arm.told[-1] == (0.0,)
+    assert rig.arm.reported[-1] == (0.0,)
     assert rig.arm.closed
 
 
@@ -321,7 +321,7 @@ def test_a_switch_that_nobody_holds_is_told_at_the_start() -> None:
     for _ in range(3):
         rig.tick(0.0)
     assert rig.events == ["dead-man: the dead-man switch is not held: no force"]
-    assert rig.arm.told[-1] == (0.0,)
+    assert rig.arm.reported[-1] == (0.0,)
 
 
 class Numbered(Arm):

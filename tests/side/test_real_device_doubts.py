@@ -26,7 +26,7 @@ def test_a_short_silence_leaves_the_force_before_it_in_doubt() -> None:
     rig = Rig()
     for _ in range(3):
         rig.tick(0.0)
-    assert rig.arm.told[-1][0] == pytest.approx(2.0)
+    assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     before = rig.work
     silent_for_10_ms(rig)
     rig.tick(-0.001)
@@ -38,17 +38,17 @@ def test_after_a_short_silence_the_force_grows_from_zero() -> None:
     rig = Rig(device__force_ramp_s=0.02)
     for _ in range(20):
         rig.tick(0.0)
-    assert rig.arm.told[-1][0] == pytest.approx(2.0)
+    assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     silent_for_10_ms(rig)
     rig.tick(0.0)
-    assert 0.0 < rig.arm.told[-1][0] <= 2.0 * 12.0 / 20.0
-    grown: list[Vector] = list(rig.arm.told)
+    assert 0.0 < rig.arm.reported[-1][0] <= 2.0 * 12.0 / 20.0
+    grown: list[Vector] = list(rig.arm.reported)
     rig.tick(0.0)
-    assert rig.arm.told[-1][0] > grown[-1][0]
+    assert rig.arm.reported[-1][0] > grown[-1][0]
 
 
 def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
-    """2 N are held when a command is lost; then the device tells what acted, and is told 0.1 N. When it does not tell
+    """2 N are held when a command is lost; then the device reports what acted, and is told 0.1 N. When it does not tell
     any more, those 0.1 N are what may have acted."""
     rig = Rig(Braking)
     assert isinstance(rig.arm, Braking)
@@ -61,7 +61,7 @@ def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
     rig.arm.told_force = (0.5,)
     rig.side.coupling.receive((0.001,), 0.0, 0.0)
     rig.tick(0.0)
-    small = rig.arm.told[-1][0]
+    small = rig.arm.reported[-1][0]
     assert small == pytest.approx(0.1)
     before = rig.work
     rig.arm.told_force = None

@@ -78,13 +78,13 @@ def test_runs_that_end_before_the_handshake_are_right_too() -> None:
 @pytest.mark.slow
 def test_processes_share_the_work() -> None:
     params = PAPER.set({"duration_s": 0.3})
-    told: list[float] = []
-    alone = simulate_batch(params, range(20), progress=told.append)
+    reported: list[float] = []
+    alone = simulate_batch(params, range(20), progress=reported.append)
     shared = simulate_batch(params, range(20), workers=2)
     # another test may have compiled the kernel meanwhile: the runs are the same to the bit, whoever made them
     assert [run._replace(not_compiled=None) for run in shared] == [run._replace(not_compiled=None) for run in alone]
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    assert reported == sorted(reported)
+    assert reported[-1] == 1.0
 
 
 def test_nothing_is_refused_in_silence() -> None:
@@ -99,7 +99,9 @@ def test_nothing_is_refused_in_silence() -> None:
 
 def test_the_command_prints_one_table_and_one_object_a_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "batch.json"
-    assert cli.main(["simulate", "--feel", "paper", "--seeds", "3:13", "--duration", "0.3", "--json", str(file)]) == 0
+    assert (
+        cli.main(["simulate", "--rendering", "paper", "--seeds", "3:13", "--duration", "0.3", "--json", str(file)]) == 0
+    )
     out = capsys.readouterr().out
     assert "came out of both ports, most" in out
     assert "credited down [mJ]" in out

@@ -20,16 +20,18 @@ def device(**changes: object) -> Columns:
 
 
 @pytest.mark.parametrize("changes", [
-    {}, {"feel": "paper"}, {"feel": "paper", "device.servo": "sampled"}, {"coupling": "zoh", "scene": "box"},
+    {}, {"rendering": "paper"}, {"rendering": "paper", "device.servo": "sampled"}, {"coupling": "zoh", "scene": "box"},
 ])  # fmt: skip
 def test_spring_and_damper_are_the_force_and_the_model_a_part_of_the_spring(changes: dict[str, object]) -> None:
     columns = device(**changes)
     spring, damper, model, added = (columns[name] for name in PARTS)
     away = np.abs(spring + damper - columns["force_N"]).max(axis=1)
     assert np.median(away) < 1e-12  # where no limit acts
-    stretched = (100.0 if changes.get("feel") == "paper" else K) * (columns["set_position_m"] - columns["position_m"])
+    stretched = (100.0 if changes.get("rendering") == "paper" else K) * (
+        columns["set_position_m"] - columns["position_m"]
+    )
     np.testing.assert_allclose(spring, stretched, atol=1e-9)
-    if changes.get("feel") == "paper":
+    if changes.get("rendering") == "paper":
         assert not model.any()
         assert not added.any()
     else:
@@ -57,7 +59,7 @@ def test_a_law_that_does_not_tell_leaves_them_unknown() -> None:
     assert all(np.isnan(columns[name]).all() for name in PARTS)
 
 
-@pytest.mark.parametrize(("changes", "planes"), [({}, 1), ({"scene": "free"}, 0), ({"feel": "paper"}, None)])
+@pytest.mark.parametrize(("changes", "planes"), [({}, 1), ({"scene": "free"}, 0), ({"rendering": "paper"}, None)])
 def test_the_wire_half_keeps_the_planes_that_the_device_knows(changes: dict[str, object], planes: int | None) -> None:
     run = Simulation(Params().set({"duration_s": 0.5, **changes}), 1, kernel=False)  # it hands over at each message
     run.run()

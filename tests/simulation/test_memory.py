@@ -25,7 +25,8 @@ LOOKS = 8
     [pytest.param(3, 20.0, marks=pytest.mark.slow), pytest.param(10, 60.0, marks=pytest.mark.soak)],
 )
 def test_memory_is_flat(spans: int, span_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both sides, both links, energy both ways and a recording on disk: after the first span nothing is added."""
+    """Both sides, both links, energy in both directions and a recording on disk: after the first span nothing is
+    added."""
 
     class OnDisk:
         """In place of the recorder in memory."""

@@ -29,13 +29,13 @@ def test_a_law_at_the_device_predicts_over_short_delays_only(coupling: str) -> N
     assert tuned(coupling, "delay 8ms") is False
     assert tuned(coupling, "delay 8ms", **{f"{coupling}__predict_s": 0.1}) is True
     assert tuned(coupling, "delay 1ms", **{f"{coupling}__predict_s": 0.0}) is False
-    assert tuned(coupling, "delay 1ms", feel="paper") is False
+    assert tuned(coupling, "delay 1ms", rendering="paper") is False
 
 
 def test_tdpa_predicts_if_asked_and_not_with_the_papers_feel() -> None:
     assert tuned("tdpa", "lan") is False
     assert tuned("tdpa", "lan", tdpa__predict=True) is True
-    assert tuned("tdpa", "lan", tdpa__predict=True, feel="paper") is False
+    assert tuned("tdpa", "lan", tdpa__predict=True, rendering="paper") is False
 
 
 @pytest.mark.parametrize(("coupling", "left_J"), [("popc", 2e-3), ("eba", 1e-9)])
@@ -45,9 +45,9 @@ def test_free_motion_is_freer_and_the_hands_port_stays_passive(coupling: str, le
     popc leaves what its limits do not let it damp: a tick of the force, at most 3.3 N at 0.5 m/s.
     """
     error = {}
-    for name, feel in (("without", "paper"), ("with", "auto")):
+    for name, rendering in (("without", "paper"), ("with", "auto")):
         params = Params().set(
-            {"coupling": coupling, "feel": feel, "scene": "free", "operator": "sine", "duration_s": 5.0,
+            {"coupling": coupling, "rendering": rendering, "scene": "free", "operator": "sine", "duration_s": 5.0,
              "device.servo": "sampled", "link.up": "lan", "link.down": "lan"}
         )  # fmt: skip
         error[name] = Simulation(params, 1).run().summary["motion"]["free_rms_m"]
@@ -73,12 +73,12 @@ def test_tdpas_world_is_where_the_device_is_at_a_steps_end(age: float) -> None:
 
     law = world((x(0.0),), speed_limit_m_s=10.0, predictor=MotionPredictor())
     state = LawState(law, 0.05, law.stamped)
-    now = told = 0.0
+    now = reported = 0.0
     for step in range(60):
         dt = 0.01 + 0.02 * (step % 2)
-        while told <= now - age:
-            state.receive(Port((x(told),), 1.0), 100.0 + told, now - told)
-            told += 0.005
+        while reported <= now - age:
+            state.receive(Port((x(reported),), 1.0), 100.0 + reported, now - reported)
+            reported += 0.005
         law.begin()
         law.impedance(dt)
         now += dt

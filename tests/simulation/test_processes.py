@@ -25,7 +25,7 @@ from tests.conftest import ENVIRONMENT
 from tests.study.sweeps import TOUCHY, journal_of, known
 from tests.support.processes import until
 
-Told = Callable[[float], None]
+Reported = Callable[[float], None]
 
 AXES = """
 [[vary]]
@@ -87,10 +87,10 @@ def test_workers_never_hear_ctrl_c() -> None:
         "while not all(worker.ready for worker in pool._workers): pool.wait(0.1)\n"
         "show(); pool.close()"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=ENVIRONMENT)
-    assert (told.returncode, told.stderr) == (0, "")
+    reported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=ENVIRONMENT)
+    assert (reported.returncode, reported.stderr) == (0, "")
     blocked, ignored = (
-        [int(word, 16) >> (signal.SIGINT - 1) & 1 for word in re.findall(rf"{name}:\s*(\w+)", told.stdout)]
+        [int(word, 16) >> (signal.SIGINT - 1) & 1 for word in re.findall(rf"{name}:\s*(\w+)", reported.stdout)]
         for name in ("SigBlk", "SigIgn")
     )
     assert blocked == [1, 1, 1, 1]
@@ -134,7 +134,7 @@ def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest
     workers.close()
 
 
-def at_work(cases: Sequence[str], progress: Told) -> list[str]:
+def at_work(cases: Sequence[str], progress: Reported) -> list[str]:
     """What some words make of a share of work."""
     if "die" in cases:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -146,10 +146,10 @@ def at_work(cases: Sequence[str], progress: Told) -> list[str]:
 
 
 def test_shares_come_back_in_their_order_and_progress_ends_at_one() -> None:
-    told: list[float] = []
-    assert in_processes(at_work, [["a", "b", "c"], ["d"]], told.append) == [["a!", "b!", "c!"], ["d!"]]
-    assert told[-1] == 1.0
-    assert all(0.0 <= share <= 1.0 for share in told)
+    reported: list[float] = []
+    assert in_processes(at_work, [["a", "b", "c"], ["d"]], reported.append) == [["a!", "b!", "c!"], ["d!"]]
+    assert reported[-1] == 1.0
+    assert all(0.0 <= share <= 1.0 for share in reported)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_an_error_that_cannot_leave_its_process_leaves_its_words() -> None:
     class Local(Exception):
         """Of a function: another process cannot import it."""
 
-    told = pool._picklable(Local("of two\nlines"))
-    assert (type(told), str(told)) == (HapnetError, "Local: of two lines")
+    reported = pool._picklable(Local("of two\nlines"))
+    assert (type(reported), str(reported)) == (HapnetError, "Local: of two lines")
     refused = InvalidParameter("word", 1, "another")
     assert pool._picklable(refused) is refused

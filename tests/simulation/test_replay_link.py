@@ -136,8 +136,8 @@ def test_samples_that_are_missing_are_no_pause(tmp_path: Path) -> None:
     def lossy(whole: Recording) -> Recording:
         assert whole.device is not None
         kept = (whole.device["time_s"] < 1.0) | (whole.device["time_s"] > 2.0)
-        told = [Event(7_500_000_000, "pause", "paused"), Event(7_500_100_000, "pause", "goes on")]
-        return dataclasses.replace(whole, device={k: v[kept] for k, v in whole.device.items()}, events=told)
+        reported = [Event(7_500_000_000, "pause", "paused"), Event(7_500_100_000, "pause", "goes on")]
+        return dataclasses.replace(whole, device={k: v[kept] for k, v in whole.device.items()}, events=reported)
 
     original = read_original([rewritten(path, lossy, "lossy.mcap")])
     assert original.params.duration_s == pytest.approx(3.0, abs=1e-9)

@@ -47,7 +47,7 @@ def test_ticks_made_together_are_the_same_ticks(
     """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
     params = PAPER.set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%", **changes})
     together = simulate(params, seed=3, kernel=False)
-    monkeypatch.setattr(side, "resting", DeviceSide.resting)
+    monkeypatch.setattr(side, "skippable_ticks", DeviceSide.skippable_ticks)
     monkeypatch.setattr(side, "rest", DeviceSide.rest)  # none is left for it
     singly = simulate(params, seed=3, kernel=False)
     assert together.device.ticks == singly.device.ticks > 2900

@@ -34,7 +34,7 @@ def params(link: str, **changes: object) -> Params:
 def test_a_press_over_an_ideal_link_feels_the_springs_in_series(device: float, world: float) -> None:
     """At rest: K (x - y) felt, K' (x - y) and K_w y on the proxy, so K K_w / (K' + K_w) of the device's depth x."""
     found = measure(
-        params("", device__stiffness=device, world__stiffness=world, device__step_limit_N=0.0, feel="paper"), 1
+        params("", device__stiffness=device, world__stiffness=world, device__step_limit_N=0.0, rendering="paper"), 1
     )
     assert found["stiffness_percent"] == pytest.approx(100.0, abs=1.5)
     assert found["force_error_N"] == found["force_error_percent"] == 0.0
@@ -132,8 +132,9 @@ def test_free_space_has_no_contact() -> None:
 
 
 def test_what_is_not_passive_is_seen_and_what_is_passive_too() -> None:
-    """A light hand over 35 ms each way: held set-positions give it joules (Colgate and Schenkel), PSPM none."""
-    held, passive = (measure(params("4g", coupling=name, feel="paper", **LIGHT), 0) for name in ("zoh", "pspm"))
+    """A light hand over 35 ms in each direction: held set-positions give it joules (Colgate and Schenkel), PSPM
+    none."""
+    held, passive = (measure(params("4g", coupling=name, rendering="paper", **LIGHT), 0) for name in ("zoh", "pspm"))
     for name in ("margin_J", "hand_margin_J", "actuator_margin_J"):
         below, above = held[name], passive[name]
         assert below is not None
@@ -259,7 +260,7 @@ def test_position_couplings_render_the_series_stiffness_and_do_not_drift_over_an
 ) -> None:
     """By their law, at rest, whatever the delay: the bias of the estimators over 10 s is below these figures."""
     for seed in range(2):
-        found = measure(params(link, duration_s=10.0, coupling=coupling, operator=operator, feel="paper"), seed)
+        found = measure(params(link, duration_s=10.0, coupling=coupling, operator=operator, rendering="paper"), seed)
         stiffness, drift = found["stiffness_percent"], found["drift_mm_per_min"]
         assert stiffness is None or stiffness == pytest.approx(100.0, abs=2.5)
         assert drift == pytest.approx(0.0, abs=2.5)

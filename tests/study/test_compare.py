@@ -81,16 +81,16 @@ def test_an_operator_may_have_parameters_of_its_own() -> None:
 
 def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
     """What one column sets, the others have as it is for all; and the journal finds each case again."""
-    names = ("pspm", "pspm:feel=paper", "zoh", "wave:wave.impedance=2:wave.recovery_s=0")
+    names = ("pspm", "pspm:rendering=paper", "zoh", "wave:wave.impedance=2:wave.recovery_s=0")
     params = QUICK_PARAMS.set({"wave.recovery_s": 0.3, "duration_s": 0.5})
     asked = Plan(params, names, {"near": ("lan", "lan")}, ("press",), (0,))
     found = {
-        str(one.variant): (one.params.coupling, one.params.feel, one.params.wave.impedance, one.params.wave.recovery_s)
+        str(one.variant): tuple(map(one.params.get, ("coupling", "rendering", "wave.impedance", "wave.recovery_s")))
         for one in asked.cases()
     }
     assert found == {
         "pspm": ("pspm", "auto", 0.0, 0.3),
-        "pspm:feel=paper": ("pspm", "paper", 0.0, 0.3),
+        "pspm:rendering=paper": ("pspm", "paper", 0.0, 0.3),
         "zoh": ("zoh", "auto", 0.0, 0.3),
         "wave:wave.impedance=2:wave.recovery_s=0": ("wave", "auto", 2.0, 0.0),
     }
@@ -105,7 +105,7 @@ def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
 def test_what_a_coupling_is_called() -> None:
     assert parted("pspm") == ("pspm", {})
     assert parted("mine.py:LAW:device.damping=2") == ("mine.py:LAW", {"device.damping": "2"})
-    for words in ("pspm:feel=paper:feel=hapnet", "pspm:feel=paper:wave"):
+    for words in ("pspm:rendering=paper:rendering=hapnet", "pspm:rendering=paper:wave"):
         with pytest.raises(InvalidParameter, match="PARAMETER=VALUE after each further colon"):
             parted(words)
 
@@ -289,8 +289,8 @@ def test_the_same_command_goes_on_and_another_is_refused(
         str(out),
     )
     assert cli.main([*asked]) == 130
-    told = without_progress(capsys.readouterr().err)
-    assert told == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command goes on\n"
+    reported = without_progress(capsys.readouterr().err)
+    assert reported == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command goes on\n"
     assert cli.main([*asked]) == 0
     assert "4 cases, 2 of them before, in " in capsys.readouterr().out
     assert len(ran) == 6
@@ -333,7 +333,7 @@ def test_a_recorded_link_is_one_more() -> None:
         (("--operator", "nobody"), "nobody"),
         (("--operator", "press@heavy"), "press@heavy"),
         (("--coupling", "glue"), "glue"),
-        (("--coupling", "pspm:feel=nice"), "nice"),
+        (("--coupling", "pspm:rendering=nice"), "nice"),
         (("--coupling", "pspm:fell=paper"), "fell"),
         (("--coupling", "pspm:link.up=lan"), "--link"),
         (("--operator", "press:link.up=lan"), "--link"),

@@ -112,8 +112,8 @@ def test_a_dry_run_says_what_would_run_and_how_long_and_writes_nothing(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(studies, "mean_seconds", lambda run, parts: (1.5, len(parts)))
     assert cli.main([*argv, "--dry-run", "--workers", "1"]) == 0
-    *told, estimated = capsys.readouterr().out.splitlines()
-    assert told[: len(said)] == said
+    *reported, estimated = capsys.readouterr().out.splitlines()
+    assert reported[: len(said)] == said
     assert re.fullmatch(
         r"a (case takes 3|run takes 1.5) s \(mean of \d\); .*all of them, with 1 worker: about \d+ s", estimated
     )

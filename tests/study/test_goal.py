@@ -42,8 +42,13 @@ def test_a_miss_is_the_worst_value() -> None:
     felt: Measures = {"first_contact_ms": 20.0, "first_contact_missed": 0.0}
     missed: Measures = {"first_contact_ms": None, "first_contact_missed": 1.0}
     assert goal.judge([felt, felt, felt, felt, missed], ()).objective == -20.0
-    told = goal.judge([felt, felt, missed, missed], ())
-    assert (told.objective, told.held[0].kept, told.held[0].cases, told.allowed) == (math.inf, 2, 4, False)
+    reported = goal.judge([felt, felt, missed, missed], ())
+    assert (reported.objective, reported.held[0].kept, reported.held[0].cases, reported.allowed) == (
+        math.inf,
+        2,
+        4,
+        False,
+    )
 
 
 def test_a_share_is_of_the_cases_that_are_about_the_metric() -> None:
@@ -89,8 +94,8 @@ def test_passive_means_margin_and_claim(measures: Measures) -> None:
 
 
 def test_a_failed_case_is_never_allowed() -> None:
-    told = goal_of("free_rms_mm", []).judge([{"free_rms_mm": 1.0}, {}], (), failed=1)
-    assert (told.objective, told.allowed) == (math.inf, False)
+    reported = goal_of("free_rms_mm", []).judge([{"free_rms_mm": 1.0}, {}], (), failed=1)
+    assert (reported.objective, reported.allowed) == (math.inf, False)
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def test_of_a_margin_the_least_is_drawn_unless_another_is_asked_for(tmp_path: Pa
     journal.close()
 
 
-def told(tmp_path: Path, text: str = MAP) -> Journal:
+def reported(tmp_path: Path, text: str = MAP) -> Journal:
     """All well within d^2, but for lan at 200 N/m and seed 1, a little beyond: it is the worst of 36 runs by 0.4 %."""
     journal = journal_of(tmp_path, text)
     results = []
@@ -160,7 +160,7 @@ def told(tmp_path: Path, text: str = MAP) -> Journal:
 @pytest.mark.parametrize("metric", [None, "margin_J", "peak_force_N"])
 def test_a_cell_that_was_not_passive_jumps_to_the_eye(metric: str | None, tmp_path: Path) -> None:
     """Framed and hatched in black on any colour and in print, whatever is drawn; red where its colour says nothing."""
-    journal = told(tmp_path)
+    journal = reported(tmp_path)
     figure = draw(grid(journal, "device.stiffness", "link", metric, {}, {}))
     journal.close()
     panel = figure.axes[0]
@@ -186,7 +186,7 @@ def test_a_cell_that_was_not_passive_jumps_to_the_eye(metric: str | None, tmp_pa
 
 
 def test_along_a_line_it_has_a_cross(tmp_path: Path) -> None:
-    journal = told(tmp_path)
+    journal = reported(tmp_path)
     figure = draw(grid(journal, "device.stiffness", None, None, {"link": "lan"}, {}))
     journal.close()
     (point,) = (line for line in figure.axes[0].lines if line.get_marker() == "X")

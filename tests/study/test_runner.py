@@ -186,8 +186,8 @@ def test_a_task_gives_every_case_a_result(tmp_path: Path) -> None:
 def test_measures_are_plain_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import numpy as np
 
-    told = {"a": np.float64(2.5), "b": float("nan"), "c": None, "d": 3, "e": np.int64(4)}
-    monkeypatch.setattr(task_module, "measure", lambda params, seed: told)
+    reported = {"a": np.float64(2.5), "b": float("nan"), "c": None, "d": 3, "e": np.int64(4)}
+    monkeypatch.setattr(task_module, "measure", lambda params, seed: reported)
     journal = journal_of(tmp_path, SHORT)
     (result, *_) = run(Task(journal.fixed, tuple(journal.pending()[:1])))
     assert result.measures == {"a": 2.5, "b": None, "c": None, "d": 3, "e": 4.0}

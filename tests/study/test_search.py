@@ -113,9 +113,9 @@ def test_what_breaks_a_constraint_is_never_chosen(
     search = searched(directory, spec, rough)
     allowed = {}
     for i, trial in enumerate(search.trials):
-        told = [{name: value or 0.0 for name, value in row.measures.items()} for row in trial.rows]
-        if all(one["margin_J"] > 0.0 and one["buzz_N2"] <= 0.0 for one in told):
-            allowed[i] = sum(one["free_rms_mm"] for one in told) / 2  # the median of two
+        reported = [{name: value or 0.0 for name, value in row.measures.items()} for row in trial.rows]
+        if all(one["margin_J"] > 0.0 and one["buzz_N2"] <= 0.0 for one in reported):
+            allowed[i] = sum(one["free_rms_mm"] for one in reported) / 2  # the median of two
     assert search.best == (min(allowed, key=lambda i: (allowed[i], i)) if allowed else None)
     scores = search.scores
     assert scores is not None

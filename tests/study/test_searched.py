@@ -61,9 +61,9 @@ def test_the_page_lists_what_is_searched() -> None:
         .partition("| coupling | searched |")[2]
         .partition("\n\n")[0]
     )
-    told = {
+    reported = {
         name: re.findall(r"`([^`]+)`", names)
         for laws, names in re.findall(r"^\| (`.*`) \| (`.*`) \|$", text, re.MULTILINE)
         for name in re.findall(r"`([^`]+)`", laws)
     }
-    assert told == {name: list(spec.searched) for name, spec in COUPLINGS.items()}
+    assert reported == {name: list(spec.searched) for name, spec in COUPLINGS.items()}

@@ -32,7 +32,7 @@ def spec(tmp_path: Path, text: str, **assigned: str) -> Spec:
     return Spec.read(file, {name.replace("__", "."): value for name, value in assigned.items()})
 
 
-def told(case: Case) -> tuple[Any, ...]:
+def reported(case: Case) -> tuple[Any, ...]:
     return (*case.values.values(), case.seed)
 
 
@@ -153,12 +153,12 @@ def test_several_products_are_run_once_where_they_meet(tmp_path: Path) -> None:
     assert Params().coupling == "pspm"
     cases = found.cases()
     assert found.count == 4
-    assert [told(case)[0:3:2] for case in cases] == [(50.0, "pspm"), (0.0, "pspm"), (0.0, "zoh")]
+    assert [reported(case)[0:3:2] for case in cases] == [(50.0, "pspm"), (0.0, "pspm"), (0.0, "zoh")]
     assert found.varied == ["device.stiffness", "link", "coupling"]
 
 
 def test_a_repeated_value_is_one_case(tmp_path: Path) -> None:
-    assert [told(case) for case in spec(tmp_path, "[vary]\ndevice.stiffness = [100, 100.0, 50]").cases()] == [
+    assert [reported(case) for case in spec(tmp_path, "[vary]\ndevice.stiffness = [100, 100.0, 50]").cases()] == [
         (100.0, 0),
         (50.0, 0),
     ]

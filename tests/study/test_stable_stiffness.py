@@ -123,10 +123,10 @@ def test_the_command_shows_them_beside_the_bound_in_table_figure_and_json(
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in capsys.readouterr().out.splitlines()]
     assert ["1000", "0.3", "400", "750", "above 600", "-"] in rows
     assert ["500", "0.05", "none", "-", "-", "below 10"] in rows
-    told = json.loads((tmp_path / "transparency.json").read_text("utf-8"))["stable_stiffness"]
-    assert told["searches"][0] == {
+    reported = json.loads((tmp_path / "transparency.json").read_text("utf-8"))["stable_stiffness"]
+    assert reported["searches"][0] == {
         "coupling": "pspm", "servo_hz": 1000.0, "own_damping": 0.3, "resolution_m": 0.0,
         "bound_N_per_m": pytest.approx(400.0), "stable_N_per_m": 750.0, "unstable_N_per_m": 770.0,
     }  # fmt: skip
-    assert "swings" in told["judged"]
+    assert "swings" in reported["judged"]
     assert (tmp_path / "stable-stiffness.png").stat().st_size > 10_000

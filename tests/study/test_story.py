@@ -14,32 +14,32 @@ from hapnet.study.figures import story, tradeoff
 PLAN = Plan(Params(), ("pspm", "zoh", "pd"), {"lan": ("", ""), "4g": ("", "")}, ("press",), (0, 1))
 
 
-def outcomes(told: dict[tuple[str, str], tuple[float, float]]) -> list[Outcome]:
+def outcomes(reported: dict[tuple[str, str], tuple[float, float]]) -> list[Outcome]:
     """For each coupling over each link: the force error [%] and the margin [J], the same with both seeds."""
     return [
         Outcome(
             Case(Variant(coupling), link, "press", seed, Params()),
             {"true_force_error_percent": error, "margin_J": margin_J},
         )
-        for (coupling, link), (error, margin_J) in told.items()
+        for (coupling, link), (error, margin_J) in reported.items()
         for seed in (0, 1)
     ]
 
 
 def test_the_best_of_those_that_were_passive_is_named_and_those_that_were_not() -> None:
-    told = {
+    reported = {
         ("pspm", "lan"): (0.5, 0.1), ("pspm", "4g"): (0.7, 0.1), ("pd", "lan"): (9.0, 0.1), ("pd", "4g"): (30.0, 0.1),
         ("zoh", "lan"): (0.4, 0.1), ("zoh", "4g"): (0.4, -0.1),
     }  # fmt: skip
-    assert story(PLAN, outcomes(told)).splitlines() == [
+    assert story(PLAN, outcomes(reported)).splitlines() == [
         "not passive in all cases: zoh (4g)",
         "of the others pspm has the least force error: 0.5 to 0.7 % (a link's median)",
     ]
 
 
 def test_where_all_were_passive_it_says_so() -> None:
-    told = {("pspm", "lan"): (0.5, 0.1), ("pspm", "4g"): (0.5, 0.1)}
-    assert story(PLAN, outcomes(told)).splitlines() == [
+    reported = {("pspm", "lan"): (0.5, 0.1), ("pspm", "4g"): (0.5, 0.1)}
+    assert story(PLAN, outcomes(reported)).splitlines() == [
         "every coupling was passive in all cases",
         "pspm has the least force error: 0.5 % (a link's median)",
     ]
@@ -53,7 +53,7 @@ LONG = tuple(f"pspm:device.stiffness={stiffness}" for stiffness in (100, 200, 30
 def test_words_names_and_panels_lie_beside_one_another(couplings: tuple[str, ...], margin_J: float) -> None:
     """Also where the story is long: none of the couplings was passive, on any of three links."""
     plan = replace(PLAN, couplings=couplings, links=dict.fromkeys(("lan", "4g", "intercontinental"), ("", "")))
-    told = [
+    reported = [
         Outcome(
             case,
             {
@@ -65,7 +65,7 @@ def test_words_names_and_panels_lie_beside_one_another(couplings: tuple[str, ...
         )
         for case in plan.cases()
     ]
-    made = tradeoff(plan, told)
+    made = tradeoff(plan, reported)
     made.draw_without_rendering()
     (legend,) = made.legends
     above = legend.get_window_extent()

@@ -46,14 +46,14 @@ def rows(directory: Path) -> list[dict[str, str]]:
 
 def summary(*argv: object, code: int = 0) -> dict[str, Any]:
     assert cli.main(["sweep", *map(str, argv), "--json", "summary.json"]) == code
-    told: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
-    return told
+    reported: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
+    return reported
 
 
 def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -> None:
     spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.stiffness = [1000, 13, 3000]\nseed = '0:3'")
-    told = summary("study.toml", "--workers", 1, code=3)
-    assert {name: told[name] for name in ("cases", "done", "failed", "run")} == {
+    reported = summary("study.toml", "--workers", 1, code=3)
+    assert {name: reported[name] for name in ("cases", "done", "failed", "run")} == {
         "cases": 9,
         "done": 9,
         "failed": 3,
@@ -67,7 +67,7 @@ def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -
     assert [int(row["case"]) for row in found] == list(range(9))
     assert [row["world.wall.stiffness"] for row in found] == ["1000.0"] * 3 + ["13.0"] * 3 + ["3000.0"] * 3
     assert [bool(row["error"]) for row in found] == [False] * 3 + [True] * 3 + [False] * 3
-    assert told["files"] == ["runs/sweep-study/results.csv", "runs/sweep-study/results.parquet"]
+    assert reported["files"] == ["runs/sweep-study/results.csv", "runs/sweep-study/results.parquet"]
 
     again = summary("study.toml", "--format", "csv", code=3)  # nothing is left to run
     assert (again["run"], again["done"], again["files"]) == (0, 9, ["runs/sweep-study/results.csv"])
@@ -132,11 +132,11 @@ def test_combinations_that_cannot_run_are_rows_that_say_why(directory: Path, cap
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
     line = f"6 of 24 cases cannot run; the first: {NOT_WAVE}"
     assert capsys.readouterr().out.splitlines()[0] == line
-    told = summary("study.toml", "--workers", 1, code=3)
+    reported = summary("study.toml", "--workers", 1, code=3)
     out = capsys.readouterr().out.splitlines()
     assert out[0] == line
     assert f"  6 x {NOT_WAVE}" in out
-    assert (told["done"], told["failed"], told["errors"]) == (24, 6, {NOT_WAVE: 6})
+    assert (reported["done"], reported["failed"], reported["errors"]) == (24, 6, {NOT_WAVE: 6})
     found = rows(Path("runs/sweep-study"))
     assert [row["error"] for row in found] == [""] * 6 + [NOT_WAVE] * 6 + [""] * 12
     assert all(bool(row["margin_J"]) != bool(row["error"]) for row in found)

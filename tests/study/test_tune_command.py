@@ -72,8 +72,8 @@ def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def tuned(*argv: object, code: int = 0) -> dict[str, Any]:
     assert cli.main(["tune", "study.toml", *map(str, argv), "--json", "told.json"]) == code
-    told: dict[str, Any] = json.loads(Path("told.json").read_text("utf-8"))
-    return told
+    reported: dict[str, Any] = json.loads(Path("told.json").read_text("utf-8"))
+    return reported
 
 
 def trials(directory: Path) -> list[dict[str, str]]:
@@ -83,26 +83,26 @@ def trials(directory: Path) -> list[dict[str, str]]:
 
 def test_a_tuning_from_spec_to_figure(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune_figure, "draw", draw)
-    told = tuned()
+    reported = tuned()
     runs = directory / "runs" / "tune-study"
-    lead = told["parameters"]["contact_model.lead"]
+    lead = reported["parameters"]["contact_model.lead"]
     assert (lead["default"], lead["range"]) == (LEAD, {"from": 0.0, "to": 1.0, "log": False})
     assert 0.4 <= lead["found"] < 0.5
-    assert told["parameters"]["device.on_silence"]["found"] == "release"
-    assert told["objective"] == ["1 x median of free_rms_mm", "0.5 x median of buzz_N2"]
-    scoring = told["scoring"]
+    assert reported["parameters"]["device.on_silence"]["found"] == "release"
+    assert reported["objective"] == ["1 x median of free_rms_mm", "0.5 x median of buzz_N2"]
+    scoring = reported["scoring"]
     assert scoring["found"]["objective"] == pytest.approx(lead["found"] - 0.3 + 0.5 * 0.06)
     assert scoring["default"]["objective"] == pytest.approx(1.0 + LEAD - 0.3 + 0.5 * 0.06)
     assert scoring["found"]["metrics"]["buzz_N2"]["median"] == 0.06
     assert scoring["found"]["constraints"][1] == {"constraint": "stiffness_percent >= 90", "kept": 3, "met": True}
-    assert told["files"] == [f"runs/tune-study/{name}" for name in FILES]
+    assert reported["files"] == [f"runs/tune-study/{name}" for name in FILES]
     assert Params().load(runs / "found.toml").contact_model.lead == lead["found"]
     assert (runs / "tune.png").read_bytes().startswith(b"\x89PNG")
     rows = trials(runs)
     assert [int(row["trial"]) for row in rows] == list(range(16))
     assert [row["generation"] for row in rows[3:5]] == ["0", "1"]
     (chosen,) = [row for row in rows if row["chosen"] == "true"]
-    assert (int(chosen["trial"]), chosen["stiffness_percent >= 90"]) == (told["best_trial"], "2/2")
+    assert (int(chosen["trial"]), chosen["stiffness_percent >= 90"]) == (reported["best_trial"], "2/2")
     low = [row for row in rows if float(row["contact_model.lead"]) < 0.4]
     assert low
     assert {row["allowed"] for row in low} == {"false"}
@@ -111,9 +111,9 @@ def test_a_tuning_from_spec_to_figure(directory: Path, capsys: Capture, monkeypa
     assert not err
 
     again = tuned("--workers", 2)
-    assert (again.pop("run"), told.pop("run")) == (0, told["done"])
-    again.pop("wall_s"), told.pop("wall_s")
-    assert again == told
+    assert (again.pop("run"), reported.pop("run")) == (0, reported["done"])
+    again.pop("wall_s"), reported.pop("wall_s")
+    assert again == reported
 
 
 def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,11 +163,11 @@ def test_a_metric_that_is_missed_throughout_is_infinite(
     missed: Measures = {"first_contact_ms": None, "first_contact_missed": 1.0}
     monkeypatch.setattr("hapnet.study.task.measure", lambda params, seed: formula(params, seed) | missed)
     spec_file(directory, SPEC.replace("buzz_N2", "first_contact_ms"))
-    told = tuned(code=3)
+    reported = tuned(code=3)
     out, err = capsys.readouterr()
     assert "inf..inf" in out
     assert err.startswith("hapnet: no trial of 16 keeps all constraints and has a finite objective")
-    assert told["tuning"]["default"]["objective"] is None
+    assert reported["tuning"]["default"]["objective"] is None
 
 
 def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Capture) -> None:
@@ -175,15 +175,15 @@ def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Ca
     assert (directory / "runs/tune-study/found.toml").exists()
     capsys.readouterr()
     spec_file(directory, SPEC.replace(">= 90", ">= 151"))
-    told = tuned(code=3)
+    reported = tuned(code=3)
     err = capsys.readouterr().err
     assert err.startswith("hapnet: no trial of 16 keeps all constraints and has a finite objective; the nearest, ")
     assert err.endswith(", breaks: stiffness_percent >= 151\n")
     assert err.count("\n") == 1
-    assert told["best_trial"] is None
-    assert told["parameters"]["contact_model.lead"]["found"] is None
-    assert told["scoring"]["found"] is None
-    assert told["scoring"]["default"]["cases"] == 3
+    assert reported["best_trial"] is None
+    assert reported["parameters"]["contact_model.lead"]["found"] is None
+    assert reported["scoring"]["found"] is None
+    assert reported["scoring"]["default"]["cases"] == 3
     assert not (directory / "runs/tune-study/found.toml").exists()
 
 
@@ -204,11 +204,11 @@ def test_values_whose_cases_fail_are_not_chosen(
         return formula(params, seed)
 
     monkeypatch.setattr("hapnet.study.task.measure", failing)
-    told = tuned(code=code)
+    reported = tuned(code=code)
     assert without_progress(capsys.readouterr().err) == said
-    found = told["parameters"]["contact_model.lead"]["found"]
+    found = reported["parameters"]["contact_model.lead"]["found"]
     assert found >= 0.5 if code == 0 else found < 0.5
-    assert told["failed"] > 0
+    assert reported["failed"] > 0
 
 
 def test_a_claim_that_was_not_kept_ends_with_4(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:

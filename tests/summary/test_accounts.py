@@ -1,4 +1,4 @@
-"""Accounts: what each side tells of its half comes over any link, and makes the same summary there as here."""
+"""Accounts: what each side reports of its half comes over any link, and makes the same summary there as here."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.from_samples import LiveFigures, motion
+from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import combine, merge
 from hapnet.summary.structure import SIDES, Summary
-from hapnet.summary.told import Claim, joined, values_of
 from hapnet.summary.verdict import judge
 from hapnet.wire.fields import Signal
 from hapnet.wire.messages import MAX_FRAME_BYTES, Account, Role, decode, encode
@@ -27,9 +27,9 @@ from tests.support.sessions import MS, Network, paired
 def talk(network: Network, seconds: float, values: Mapping[Session, tuple[dict[str, Signal], bool]]) -> None:
     """Run the network; each side answers when it is asked, within 50 ms, and tells its values once a second."""
     for round_ in range(round(seconds * 20)):
-        for one, (told, final) in values.items():
+        for one, (reported, final) in values.items():
             if one.accounts.owes or round_ % (1000 if final else 20) == 0:
-                one.accounts.tell(told, final=final)
+                one.accounts.report(reported, final=final)
         network.run(50 * MS)
 
 
@@ -55,9 +55,9 @@ def test_over_a_lossy_link_both_have_the_last_account_of_the_other(seed: int) ->
 
 def test_an_answer_from_before_the_end_does_not_cover_it() -> None:
     network, device, world = paired()
-    world.accounts.tell({"n": 2}, final=False)
+    world.accounts.report({"n": 2}, final=False)
     network.run(50 * MS)
-    device.accounts.tell({"n": 1}, final=True)
+    device.accounts.report({"n": 1}, final=True)
     network.run(1000 * MS)
     assert world.accounts.owes
     assert not device.accounts.whole
@@ -88,7 +88,7 @@ def test_what_the_last_peer_told_stays_when_it_leaves_and_a_new_one_has_told_not
 
 def test_bad_accounts_are_counted_and_dropped() -> None:
     network, device, world = paired()
-    world.accounts.tell({"n": 2}, final=False)
+    world.accounts.report({"n": 2}, final=False)
     network.run(50 * MS)
     good = Account(2, 1, 7, 0, False, False, {"n": 7})
     kinds = {
@@ -156,7 +156,7 @@ def test_the_joint_summary_is_that_of_both_halves(role: Role, result: Result) ->
     for key in ("theorem", "energy", "hand", "environment"):
         assert there[key] == merged[key]  # type: ignore[literal-required]
     assert there["verdict"]["passive"] is True
-    assert there["verdict"]["reason"] == f"{merged['verdict']['reason']}; the {other}'s account as it told it"
+    assert there["verdict"]["reason"] == f"{merged['verdict']['reason']}; the {other}'s account as it reported it"
     expected = motion(result.recording)
     for name in ("peak_force_N", "peak_penetration_m", "contacts"):
         assert there["motion"][name] == pytest.approx(expected[name], rel=1e-12)  # type: ignore[literal-required]
@@ -166,7 +166,7 @@ def test_the_joint_summary_is_that_of_both_halves(role: Role, result: Result) ->
 def test_a_peer_that_vanished_leaves_the_verdict_open_and_is_not_accused(result: Result) -> None:
     open_ = joined(own(result, "device"), "device", claimed(result, "world", final=False, whole=False))
     assert open_["verdict"]["passive"] is None
-    words = "the rest of the world's account is missing since it told it last, 2.5 s after pairing"
+    words = "the rest of the world's account is missing since its last report, 2.5 s after pairing"
     assert open_["verdict"]["reason"].startswith(words)
     credited = result.summary["world"]["credited_nJ"]
     assert credited
@@ -182,7 +182,7 @@ def test_a_half_that_its_side_says_was_not_kept_counts(result: Result) -> None:
     bad = joined(own(result, "device"), "device", claimed(result, "world", ledger__slack_J=-0.004))
     assert bad["verdict"]["passive"] is False
     assert "the world's half of the theorem fails by 4 mJ" in bad["verdict"]["reason"]
-    assert "as it told it" in bad["verdict"]["reason"]
+    assert "as it reported it" in bad["verdict"]["reason"]
 
 
 NAMES = st.sampled_from([

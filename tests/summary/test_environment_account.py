@@ -40,11 +40,11 @@ def stored(recording: Recording) -> np.ndarray[Any, np.dtype[np.float64]]:
 def test_a_wall_that_rests_dissipates_what_its_damper_takes() -> None:
     result = simulate(Params().set({"scene": "wall", "duration_s": 6.0, "link.up": "wifi", "link.down": "4g"}), seed=4)
     slack = put_in(result.recording) - stored(result.recording)
-    told = result.summary["environment"]
-    assert told["env_slack_J"] == pytest.approx(slack.min(), abs=1e-12)
-    assert told["env_slack_J"] >= -1e-14
-    assert told["env_stored_J"] == pytest.approx(stored(result.recording)[-1], abs=1e-12)
-    assert told["env_supplied_J"] == 0.0
+    reported = result.summary["environment"]
+    assert reported["env_slack_J"] == pytest.approx(slack.min(), abs=1e-12)
+    assert reported["env_slack_J"] >= -1e-14
+    assert reported["env_stored_J"] == pytest.approx(stored(result.recording)[-1], abs=1e-12)
+    assert reported["env_supplied_J"] == 0.0
     assert slack[-1] > 1e-5  # a damper was at work: the account is not idle
     assert stored(result.recording).max() > 1e-3
     hand = result.summary["hand"]["work_J"]
@@ -67,15 +67,15 @@ def test_what_moves_a_wall_is_counted_and_told() -> None:
     result = simulate(Params().set(changes), seed=3)
     world = result.recording.world
     assert world is not None
-    told = result.summary["environment"]
+    reported = result.summary["environment"]
     x, t = world["position_m"][:, 0], np.cumsum(world["step_s"])
     supplied = 0.0
     for at_s, before, after in ((2.0, AT, AT - 0.005), (3.0, AT - 0.005, AT)):
         there = x[np.searchsorted(t, at_s)]
         supplied += 0.5 * STIFFNESS * (max(there - after, 0.0) ** 2 - max(there - before, 0.0) ** 2)
-    assert told["env_supplied_J"] == pytest.approx(supplied, abs=1e-12)
+    assert reported["env_supplied_J"] == pytest.approx(supplied, abs=1e-12)
     assert abs(supplied) > 1e-4
-    assert told["env_slack_J"] == pytest.approx(0.0, abs=1e-12)  # springs only: all that was put in is there
+    assert reported["env_slack_J"] == pytest.approx(0.0, abs=1e-12)  # springs only: all that was put in is there
 
 
 def test_in_a_batch_each_seed_has_a_world_of_its_own() -> None:
@@ -105,9 +105,9 @@ def pump(*, dof: int = 1) -> Scene:
 
 def test_a_world_that_gives_energy_is_told_from_the_coupling_which_stays_passive() -> None:
     result = simulate(Params().set({"scene": f"{__name__}:pump", "duration_s": 4.0}), seed=1)
-    told = result.summary["environment"]
+    reported = result.summary["environment"]
     slack = put_in(result.recording) - stored(result.recording)
-    assert told["env_slack_J"] == pytest.approx(slack.min(), abs=1e-12)
+    assert reported["env_slack_J"] == pytest.approx(slack.min(), abs=1e-12)
     assert slack.min() < -1e-3
     verdict = result.summary["verdict"]
     assert verdict["passive"] is True

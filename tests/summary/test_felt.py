@@ -65,7 +65,7 @@ def test_no_wall_is_felt_stiffer_than_the_devices_spring(K: float, K_world: floa
         ({"scene": "box", "world.wall.stiffness": 50.0}, 50.0, [200.0, 500.0]),
         ({"scene": "moving"}, 3000.0, [200.0, 500.0]),
         ({"scene": "sphere"}, 3000.0, [200.0, 500.0]),
-        ({"scene": "sphere", "feel": "paper"}, 3000.0, [100.0, 500.0]),
+        ({"scene": "sphere", "rendering": "paper"}, 3000.0, [100.0, 500.0]),
         ({"coupling": "pd"}, 3000.0, [100.0]),
         ({"scene": "free"}, None, None),
         ({"scene": "examples.planet:planet"}, None, None),
@@ -76,9 +76,9 @@ def test_no_wall_is_felt_stiffer_than_the_devices_spring(K: float, K_world: floa
 def test_of_what_is_felt_of_which_scene(
     changes: dict[str, object], wall: float | None, springs: list[float] | None
 ) -> None:
-    told = prepare(Params().set(changes)).felt
-    assert (told["stiffness_N_m"], told["springs_N_m"]) == (wall, springs)
-    assert (told["felt_stiffness_N_m"] is None) == (springs is None)
+    reported = prepare(Params().set(changes)).felt
+    assert (reported["stiffness_N_m"], reported["springs_N_m"]) == (wall, springs)
+    assert (reported["felt_stiffness_N_m"] is None) == (springs is None)
 
 
 def one_side(role: str, felt: Any) -> Any:
@@ -108,17 +108,17 @@ def test_of_a_file_that_says_anything_nothing_is_believed(felt: Any) -> None:
 def test_a_torn_recording_still_says_it(tmp_path: Any) -> None:
     recording = simulate(Params().set({"duration_s": 0.3}), 1).recording
     save(recording, tmp_path / "run.mcap")
-    told = from_recording(read_recording(tmp_path / "run.mcap"))["environment"]
-    assert told["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
+    reported = from_recording(read_recording(tmp_path / "run.mcap"))["environment"]
+    assert reported["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
 
 
 def test_in_words() -> None:
-    told = {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": 85.7142, "springs_N_m": [100.0, 500.0]}
-    assert felt(told) == "3000 N/m, felt as 85.71 N/m through springs of 100 and 500 N/m"
-    assert felt(told, springs=False) == "3000 N/m, felt as 85.71 N/m"
-    assert felt(told | {"springs_N_m": [100.0]}) == "3000 N/m, felt as 85.71 N/m through a spring of 100 N/m"
-    assert felt(told | {"springs_N_m": None}) == "3000 N/m, felt as 85.71 N/m"
-    for nothing in (None, 3, {}, told | {"felt_stiffness_N_m": None}, told | {"stiffness_N_m": "hard"}):
+    reported = {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": 85.7142, "springs_N_m": [100.0, 500.0]}
+    assert felt(reported) == "3000 N/m, felt as 85.71 N/m through springs of 100 and 500 N/m"
+    assert felt(reported, springs=False) == "3000 N/m, felt as 85.71 N/m"
+    assert felt(reported | {"springs_N_m": [100.0]}) == "3000 N/m, felt as 85.71 N/m through a spring of 100 N/m"
+    assert felt(reported | {"springs_N_m": None}) == "3000 N/m, felt as 85.71 N/m"
+    for nothing in (None, 3, {}, reported | {"felt_stiffness_N_m": None}, reported | {"stiffness_N_m": "hard"}):
         assert felt(nothing) is None
 
 

@@ -113,7 +113,7 @@ def test_a_sender_that_pauses_is_no_stall_and_a_network_that_does_is() -> None:
     device, world = figures(run("delay 5ms", "delay 5ms slot 400ms 400ms", 3.0))  # what comes, comes in one go
     assert world.stalls == 0
     assert 5 <= device.stalls <= 7
-    assert device.longest_stall_ns == pytest.approx(370 * MS, abs=30 * MS)
+    assert device.max_stall_ns == pytest.approx(370 * MS, abs=30 * MS)
 
 
 def test_what_an_echo_says_wrongly_is_not_believed() -> None:

@@ -141,21 +141,21 @@ def parts_of(whole: Recording, summary: Summary | None) -> list[Recording]:
 @pytest.mark.parametrize("torn", [False, True])
 def test_two_recordings_tell_of_both_ports_what_one_clock_saw(soft: Any, torn: bool) -> None:
     """The simulation's margin, at every tick, is the reference: never above, and within 1 mJ."""
-    exact, least = soft.summary["theorem"]["margin_J"], soft.summary["world"]["ledger"]["margin_J"]
+    exact, minimum = soft.summary["theorem"]["margin_J"], soft.summary["world"]["ledger"]["margin_J"]
     assert exact >= 0.0
-    assert soft.summary["device"]["ledger"]["margin_J"] + least < -0.02  # what their sum would say
+    assert soft.summary["device"]["ledger"]["margin_J"] + minimum < -0.02  # what their sum would say
     parts = parts_of(soft.recording, None if torn else soft.summary)
-    told = of_recordings([Path("device.mcap"), Path("world.mcap")], parts)
-    assert exact - 1e-12 <= told["theorem"]["margin_J"] <= exact + 1e-3
-    assert told["tuning"] == soft.summary["tuning"] != {}
+    reported = of_recordings([Path("device.mcap"), Path("world.mcap")], parts)
+    assert exact - 1e-12 <= reported["theorem"]["margin_J"] <= exact + 1e-3
+    assert reported["tuning"] == soft.summary["tuning"] != {}
     apart = [replace(part, meta={**part.meta, "clock": name}) for part, name in zip(parts, "ab", strict=True)]
     assert of_recordings([Path("device.mcap"), Path("world.mcap")], apart)["theorem"]["margin_J"] is None
 
 
 def test_one_torn_recording_of_both_sides_tells_of_both_ports(soft: Any) -> None:
-    told = from_recording(soft.recording)
-    assert told["theorem"]["margin_J"] == pytest.approx(soft.summary["theorem"]["margin_J"], abs=1e-3)
-    assert told["tuning"] == soft.summary["tuning"]
+    reported = from_recording(soft.recording)
+    assert reported["theorem"]["margin_J"] == pytest.approx(soft.summary["theorem"]["margin_J"], abs=1e-3)
+    assert reported["tuning"] == soft.summary["tuning"]
     assert from_recording(parts_of(soft.recording, None)[0])["theorem"]["margin_J"] is None
 
 
@@ -221,16 +221,16 @@ def test_merge_takes_from_each_process_its_own() -> None:
 
 def test_a_recording_tells_what_its_samples_tell(simulated: Any) -> None:
     recording: Recording = simulated.recording
-    told = from_recording(recording)
+    reported = from_recording(recording)
     summary = simulated.summary
     assert recording.device is not None
     for name, columns in (("device", recording.device), ("world", recording.world)):
         assert columns is not None
-        assert told[name]["ledger"]["margin_J"] == columns["margin_J"].min() >= summary[name]["ledger"]["margin_J"]
-        assert told[name]["sent_nJ"] <= summary[name]["sent_nJ"] + 1  # the ledger counts what makes no whole nJ yet
-    assert told["duration_s"] == pytest.approx(summary["duration_s"], abs=0.06)
-    assert told["device"]["abandoned_nJ"] is None
-    assert told["theorem"]["bound_J"] is None
+        assert reported[name]["ledger"]["margin_J"] == columns["margin_J"].min() >= summary[name]["ledger"]["margin_J"]
+        assert reported[name]["sent_nJ"] <= summary[name]["sent_nJ"] + 1  # the ledger counts what makes no whole nJ yet
+    assert reported["duration_s"] == pytest.approx(summary["duration_s"], abs=0.06)
+    assert reported["device"]["abandoned_nJ"] is None
+    assert reported["theorem"]["bound_J"] is None
 
 
 def keys(value: Any) -> Any:
@@ -241,13 +241,13 @@ def test_a_recordings_summary_has_the_keys_of_a_live_one(simulated: Any) -> None
     """`dropped`, `path` and `profile` apart, whose keys and value only the live one knows."""
     live = dict(simulated.summary, motion=None, path=None)
     live["device"], live["world"] = (dict(live[side], dropped=None) for side in ("device", "world"))
-    told = from_recording(simulated.recording)
-    assert keys(dict(told, motion=None, path=None)) == keys(live)
-    assert told["world"]["dropped"] is None
-    assert set(told["device"]["servo"].values()) == {None}
-    assert told["links"]["up"]["profile"] == live["links"]["up"]["profile"]
-    assert told["links"]["up"]["offered"] is None
-    json.dumps(told, allow_nan=False)
+    reported = from_recording(simulated.recording)
+    assert keys(dict(reported, motion=None, path=None)) == keys(live)
+    assert reported["world"]["dropped"] is None
+    assert set(reported["device"]["servo"].values()) == {None}
+    assert reported["links"]["up"]["profile"] == live["links"]["up"]["profile"]
+    assert reported["links"]["up"]["offered"] is None
+    json.dumps(reported, allow_nan=False)
 
 
 def test_a_recording_counts_every_step_of_the_world(simulated: Any) -> None:
@@ -258,9 +258,9 @@ def test_a_recording_counts_every_step_of_the_world(simulated: Any) -> None:
 
 
 def test_a_recording_without_pspm_has_no_reservoir(simulated: Any) -> None:
-    told = from_recording(simulated.recording)
+    reported = from_recording(simulated.recording)
     for side in ("device", "world"):
-        assert (told[side]["reservoir_min_J"] is not None) == (simulated.summary["coupling"] == "pspm")
+        assert (reported[side]["reservoir_min_J"] is not None) == (simulated.summary["coupling"] == "pspm")
 
 
 def test_a_side_that_ends_before_its_first_tick_knows_no_slack() -> None:

@@ -50,12 +50,12 @@ def test_anything_becomes_a_summary_that_can_be_judged_and_shown(tree: Any) -> N
 def test_what_a_run_says_is_kept() -> None:
     """All that a run's summary has and that has a type is in what is read of it, from JSON too."""
     summary = simulate(Params().set({"duration_s": 0.2}), 1).summary
-    told = json.loads(json.dumps(summary))
-    again = read(told)
+    reported = json.loads(json.dumps(summary))
+    again = read(reported)
     for name in set(get_type_hints(Summary)) - {"device", "world", "links", "replay", "reconstructed"}:
-        assert again[name] == told[name], name
+        assert again[name] == reported[name], name
     for side in ("device", "world"):
-        assert {name: again[side][name] for name in told[side]} == told[side]
+        assert {name: again[side][name] for name in reported[side]} == reported[side]
 
 
 def test_what_is_no_such_value_is_unknown() -> None:

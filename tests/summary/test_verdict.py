@@ -308,7 +308,8 @@ def test_the_device_alone_cannot_know_of_a_forged_frame() -> None:
 
 
 def test_a_stream_of_energy_that_is_dead_is_seen_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing on the device's energy key arrives: positions do, both ways, and the run goes on as if all were well."""
+    """Nothing on the device's energy key arrives: positions do, in both directions, and the run goes on as if all were
+    well."""
     params = Params().set({"operator": "sine", "duration_s": 9.0, "link.up": "", "link.down": ""})
     simulation = Simulation(params, 1, kernel=False)
     receive = simulation.world_endpoint.receive

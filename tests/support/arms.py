@@ -71,11 +71,13 @@ def pressing() -> bool:
 
 def assert_no_force_last() -> int:
     """The arm pushed, and the last that it was told was not to; when, on the monotonic clock [ns]."""
-    told = forces()
-    assert max(force for _, _, force in told) > 0.3
-    assert told[-1][2] == 0.0
-    assert any(force > 0.0 for _, _, force in told[-50:-1])  # it pushed to the end, but for ticks that came too late
-    return told[-1][0]
+    reported = forces()
+    assert max(force for _, _, force in reported) > 0.3
+    assert reported[-1][2] == 0.0
+    assert any(
+        force > 0.0 for _, _, force in reported[-50:-1]
+    )  # it pushed to the end, but for ticks that came too late
+    return reported[-1][0]
 
 
 def notices(log: Path, kind: str) -> list[dict[str, Any]]:

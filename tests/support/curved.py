@@ -22,7 +22,7 @@ DEEP_M, SWING_RAD = 0.01, 0.6
 LINK = "delay 40ms"
 
 
-def own_ball(*, dof: int = 3, tells: bool = True) -> ForceWorld:
+def own_ball(*, dof: int = 3, reports: bool = True) -> ForceWorld:
     """The ball as a force law of one's own, without damping."""
     centre = tuple(CENTRE[:dof].tolist())
 
@@ -34,11 +34,11 @@ def own_ball(*, dof: int = 3, tells: bool = True) -> ForceWorld:
     def planes(position: Vector, time: float) -> list[Plane]:
         return [Plane.of_ball(position, centre, RADIUS, K_WALL)]
 
-    return ForceWorld([Obstacle(push, planes=planes if tells else None)], dof=dof, name="ball")
+    return ForceWorld([Obstacle(push, planes=planes if reports else None)], dof=dof, name="ball")
 
 
 def untold(*, dof: int = 3) -> ForceWorld:
-    return own_ball(dof=dof, tells=False)
+    return own_ball(dof=dof, reports=False)
 
 
 class Slide:
@@ -74,8 +74,8 @@ def error_N(
     run = Simulation(params, 1)
     if flat:
         contacts: Any = run.world.scene.contacts
-        tell = contacts.planes
-        contacts.planes = lambda x, reach: tuple(plane._replace(curvatures=()) for plane in tell(x, reach))
+        report = contacts.planes
+        contacts.planes = lambda x, reach: tuple(plane._replace(curvatures=()) for plane in report(x, reach))
     if watch is not None:
         watch(run)
     result = run.run()

@@ -83,12 +83,12 @@ def extreme_case(seed: int) -> Params:
     duration_s = rng.uniform(0.6, 1.2)
     servo = str(rng.choice(["continuous", "sampled"]))
     servo_hz = spread(rng, 100.0, 5000.0)
-    shortest, longest = sorted(spread(rng, 2e-4, 0.2) for _ in range(2))
+    shortest, maximum = sorted(spread(rng, 2e-4, 0.2) for _ in range(2))
     resolution = sometimes(rng, 0.2, spread(rng, 1e-7, 1e-3)) if servo == "sampled" else 0.0
     own_damping = sometimes(rng, 0.7, spread(rng, 1e-4, 10.0))
     stiffness = full(rng, n, 0.1, 1e4)
     changes: dict[str, Any] = {
-        "feel": ("paper", "hapnet")[seed % 2],
+        "rendering": ("paper", "hapnet")[seed % 2],
         "duration_s": duration_s,
         "record_hz": servo_hz,
         "scene": scene,
@@ -111,7 +111,7 @@ def extreme_case(seed: int) -> Params:
         "world.stiffness": full(rng, n, 1.0, 1e5, general=separate),
         "world.step_limit_N": sometimes(rng, 0.7, spread(rng, 1e-2, 1e3)),
         "world.step_min_s": shortest,
-        "world.step_max_s": longest,
+        "world.step_max_s": maximum,
         "world.wall.stiffness": spread(rng, 10.0, 1e6),
         "world.wall.damping": sometimes(rng, 0.7, spread(rng, 1e-3, 1e3)),
         "world.wall.position_m": spread(rng, 1e-4, 0.03),
@@ -120,7 +120,7 @@ def extreme_case(seed: int) -> Params:
         "wire.admission_W": spread(rng, 1e-3, 1e3),
         "wire.admission_burst_J": spread(rng, 1e-4, 10.0),
         "wire.energy_spacing_s": spread(rng, 1e-3, 0.1),
-        "wire.hello_period_s": 0.003,  # nine of ten lost each way: a hundred greetings for one answer
+        "wire.hello_period_s": 0.003,  # nine of ten lost in each direction: a hundred greetings for one answer
         "wire.deadband": sometimes(rng, 0.3, rng.uniform(0.01, 1.0)),
     }
     if scene != "paper":
@@ -249,7 +249,7 @@ def _not_finite(result: Result) -> Iterator[str]:
 def _energy(summary: dict[str, Any]) -> Iterator[str]:
     """Slack and margins, each side's and both ports'. No leak is allowed for, however small the ceiling."""
     device = summary["device"]
-    for name, value, least in (
+    for name, value, minimum in (
         ("device slack", device["ledger"]["slack_J"], -TOLERANCE_J),
         ("device margin", device["ledger"]["margin_J"], -TOLERANCE_J),
         ("world slack", summary["world"]["ledger"]["slack_J"], -TOLERANCE_J),
@@ -258,7 +258,7 @@ def _energy(summary: dict[str, Any]) -> Iterator[str]:
         ("device reservoir", device["reservoir_min_J"], 0.0),
         ("world reservoir", summary["world"]["reservoir_min_J"], 0.0),
     ):
-        if value is None or not value >= least:
+        if value is None or not value >= minimum:
             yield f"{name}: {value} J"
 
 
@@ -275,32 +275,32 @@ def _disagreement(witness: Witness, counted: Account, result: Result) -> Iterato
     """Where summary and recording are not what the independent account says, at the end, over time or at the least."""
     summary, recording = result.summary, result.recording
     bound = summary["theorem"]["bound_J"]
-    for name, own, told in (
-        ("device", counted.device_least, summary["device"]["ledger"]["margin_J"]),
+    for name, own, reported in (
+        ("device", counted.device_min, summary["device"]["ledger"]["margin_J"]),
         ("world", counted.world_least, summary["world"]["ledger"]["margin_J"]),
         ("two ports", counted.both_least, summary["theorem"]["margin_J"]),
         ("hand and world", counted.hand_and_world_least, bound + result.hand.lowest),
     ):
-        if own is not None and not abs(own - told) <= AGREEMENT_J + 1e-12 * abs(own):
-            yield f"account of the {name}: {own:.9g} J, the summary says {told:.9g} J"
+        if own is not None and not abs(own - reported) <= AGREEMENT_J + 1e-12 * abs(own):
+            yield f"account of the {name}: {own:.9g} J, the summary says {reported:.9g} J"
     for name, series, columns in (
         ("device", counted.device, recording.device),
         ("world", counted.world, recording.world),
     ):
         assert columns is not None
-        told = columns["margin_J"]
-        if series is not None and len(series) != len(told):
-            yield f"samples of the {name}: {len(told)} of {len(series)}"
+        reported = columns["margin_J"]
+        if series is not None and len(series) != len(reported):
+            yield f"samples of the {name}: {len(reported)} of {len(series)}"
         elif series is not None and len(series):
-            off, largest = float(np.max(np.abs(series - told))), float(np.max(np.abs(series)))
+            off, largest = float(np.max(np.abs(series - reported))), float(np.max(np.abs(series)))
             if not off <= AGREEMENT_J + 1e-12 * largest:
                 yield f"account of the {name} over time: off by {off:.3g} J"
     if not counted.unseen <= (summary["device"]["quantisation_J"] or 0.0) + TOLERANCE_J:
         yield f"quantisation: {counted.unseen:.3g} J, the summary says {summary['device']['quantisation_J']} J"
     for name, value in motion(witness).items():
-        told = summary["motion"][name]
-        if value is not None and (told is None or not abs(value - told) <= 1e-9 + 1e-9 * abs(value)):
-            yield f"motion {name}: {value}, the summary says {told}"
+        reported = summary["motion"][name]
+        if value is not None and (reported is None or not abs(value - reported) <= 1e-9 + 1e-9 * abs(value)):
+            yield f"motion {name}: {value}, the summary says {reported}"
 
 
 def _shuffled(witness: Witness, summary: dict[str, Any]) -> Iterator[str]:
@@ -330,8 +330,8 @@ def _too_much(witness: Witness, counted: Account, result: Result) -> Iterator[st
         yield from _above("force asked for", np.array(witness.commanded), limit)
         stopped = {event.time_ns for event in result.recording.events}  # a stop that is told may drop the force
         period_ns = round(1e9 / device.servo_hz)
-        told = np.array([witness.origin_ns + k * period_ns in stopped for k in range(1, len(forces))], dtype=bool)
-        yield from _above("step", np.diff(forces, axis=0)[~told], step)
+        reported = np.array([witness.origin_ns + k * period_ns in stopped for k in range(1, len(forces))], dtype=bool)
+        yield from _above("step", np.diff(forces, axis=0)[~reported], step)
     else:
         if counted.coupling_force is not None:
             forces = counted.coupling_force
@@ -347,9 +347,9 @@ def _too_much(witness: Witness, counted: Account, result: Result) -> Iterator[st
 def _above(name: str, vectors: np.ndarray[Any, Any], limit: float, tolerance: float = 0.0) -> Iterator[str]:
     if not len(vectors) or limit == math.inf:
         return
-    longest = float(np.max(np.linalg.norm(vectors, axis=1)))
-    if not longest <= limit * (1.0 + 1e-9) + ROUNDING_N + tolerance:
-        yield f"{name}: {longest:.6g} N, allowed {limit:.6g} N"
+    maximum = float(np.max(np.linalg.norm(vectors, axis=1)))
+    if not maximum <= limit * (1.0 + 1e-9) + ROUNDING_N + tolerance:
+        yield f"{name}: {maximum:.6g} N, allowed {limit:.6g} N"
 
 
 def _spring(params: Params, e: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

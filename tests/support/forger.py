@@ -131,5 +131,5 @@ class Attacked(Simulation):
 
 def _session(make: Callable[..., Session], setup: Setup, incarnation: int, *, secrets: bool, private: bytes) -> Session:
     session = make(setup, incarnation, secret=Secret(private) if secrets else None)
-    session.settings = replace(session.settings, tells_sums=True)
+    session.settings = replace(session.settings, sends_sums=True)
     return session

@@ -40,8 +40,8 @@ class Handle:
         self._at_ns = Handle.now_ns
         self.lowest, self.highest = min(self.lowest, self.x), max(self.highest, self.x)
         read = 0.0 if self.dead else self.unit * 1e-5 * round(self.x / 1e-5)
-        told = 0.0 if self.dead else self.unit * self.velocity * self.v
-        return (read, *(0.0,) * (self.dof - 1)), (told, *(0.0,) * (self.dof - 1))
+        reported = 0.0 if self.dead else self.unit * self.velocity * self.v
+        return (read, *(0.0,) * (self.dof - 1)), (reported, *(0.0,) * (self.dof - 1))
 
     def apply(self, force: Vector) -> None:
         self.pushed.append(force)

@@ -211,7 +211,7 @@ class Account:
     """Margin at the device's port after each of its ticks: the actuator's of a sampled servo, else the hand's."""
     world: Array
     """Margin at the world's port after each of its steps."""
-    device_least: float | None
+    device_min: float | None
     """Least over time, the start included, and before and after what crossed the wire at a tick counts."""
     world_least: float
     both_least: float | None
@@ -235,14 +235,14 @@ def account(witness: Witness) -> Account:
     if sampled:
         work = _actuator(witness, witness.readings, params.device.resolution_m)
         unseen = float(np.max(work - _actuator(witness, witness.positions, 0.0)))
-    device = device_least = None
+    device = device_min = None
     if work is not None:
-        device, device_least = _margin(work, params.device.ceiling_J, witness.device)
+        device, device_min = _margin(work, params.device.ceiling_J, witness.device)
     environment = _environment(witness)
     world, world_least = _margin(environment, params.world.ceiling_J, witness.world)
     bound = params.device.ceiling_J + params.world.ceiling_J
     both, whole = (None if port is None else bound + _both(witness, port, environment) for port in (work, hand))
-    return Account(device, world, device_least, world_least, both, whole, unseen, None if sampled else tau)
+    return Account(device, world, device_min, world_least, both, whole, unseen, None if sampled else tau)
 
 
 def _margin(work: Array, reservoir: float, crossing: Crossing) -> tuple[Array, float]:
@@ -323,10 +323,10 @@ def _both(witness: Witness, device: Array, world: Array) -> float:
     ends = np.array([step.ended_ns for step in witness.steps])
     ended = np.searchsorted(ends, ticks, side="right")
     begun = np.minimum(ended + 1, len(world) - 1)
-    least = min(0.0, float(np.min(device + np.minimum(world[ended], world[begun]))))
+    lowest = min(0.0, float(np.min(device + np.minimum(world[ended], world[begun]))))
     last = np.maximum(np.searchsorted(ticks, ends, side="left") - 1, 0)  # the device's last tick as a step ends
     following = np.minimum(np.arange(1, len(ends) + 1) + 1, len(world) - 1)
-    return min(least, float(np.min(device[last] + np.minimum(world[1:], world[following]), initial=0.0)))
+    return min(lowest, float(np.min(device[last] + np.minimum(world[1:], world[following]), initial=0.0)))
 
 
 def motion(witness: Witness) -> dict[str, float | int | None]:

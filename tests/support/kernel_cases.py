@@ -34,7 +34,7 @@ def kernel_case(seed: int, dof: int, servo: str = "sampled", duration_s: float =
     changes: dict[str, Any] = {
         "device.servo": servo,
         "coupling": "zoh" if rng.random() < 0.3 else "pspm",
-        "feel": str(rng.choice(["paper", "hapnet"])),
+        "rendering": str(rng.choice(["paper", "hapnet"])),
         "record_hz": float(rng.choice([1000.0, 130.0])),
         "device.watchdog_s": float(rng.choice([0.0, 0.02])),
     }
@@ -83,7 +83,7 @@ def _end(result: Result) -> dict[str, Any]:
     """The state of both sides at the end."""
     device, world = result.device, result.world
     return {
-        "ticks": device.ticks, "longest_ns": device.longest_ns, "read": device.device.read(), "hand": device.hand_work,
+        "ticks": device.ticks, "max_ns": device.max_ns, "read": device.device.read(), "hand": device.hand_work,
         "sampled": device.held_forces(), "quantisation": device.quantisation, "true_slack": device.true_slack,
         "world": world.state(), "mass": (world.mass.position, world.mass.velocity), "next_step": world.next_step_ns(),
         **{

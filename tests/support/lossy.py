@@ -1,6 +1,6 @@
 """Both sides of the protocol over Zenoh, with a lossy network of datagrams below it; without servo and world.
 
-They pair, shuffle energy both ways, and settle. So many of them fit into one process that they can be counted.
+They pair, shuffle energy in both directions, and settle. So many of them fit into one process that they can be counted.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class Running:
         side = control.side
         return side.ticks if isinstance(side, DeviceSide) else side.steps
 
-    def told(self, kind: str) -> list[str]:
+    def reported(self, kind: str) -> list[str]:
         return [notice.text for notice in self.notices if notice.kind == kind]
 
 

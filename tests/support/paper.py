@@ -4,4 +4,4 @@ from __future__ import annotations
 
 from hapnet.params import Params
 
-PAPER = Params(feel="paper")
+PAPER = Params(rendering="paper")

@@ -143,7 +143,7 @@ def read_json(file: Path) -> dict[str, Any]:
 
 
 def assert_accounts_agree(summary: dict[str, Any]) -> None:
-    """To the nanojoule, both ways, from the two processes' own counts."""
+    """To the nanojoule, in both directions, from the two processes' own counts."""
     for way, sender, receiver in (("up", "device", "world"), ("down", "world", "device")):
         flow = summary["energy"][way]
         assert flow["sent_nJ"] == summary[sender]["sent_nJ"]

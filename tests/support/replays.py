@@ -106,10 +106,10 @@ def session(
     }
     path = tmp_path / f"{side}.mcap"
     writer = RecordingWriter(path, meta)
-    told = list(events)
+    reported = list(events)
     for stop_s, go_s in pauses:
-        told += [(stop_s, "pause", "paused"), (go_s, "pause", "goes on")]
-    for at_s, kind, text in sorted(told):
+        reported += [(stop_s, "pause", "paused"), (go_s, "pause", "goes on")]
+    for at_s, kind, text in sorted(reported):
         writer.write(Event(origin_ns + round(at_s * 1e9), kind, text))
     step_ms = 5 if side == "device" else 20
     for at_ms in range(step_ms, round(ends_s * 1e3) + 1, step_ms):

@@ -98,8 +98,8 @@ def run(
 def smooth(simulation: Simulation) -> None:
     """Tell planes as they were told before: without friction."""
     contacts: Any = simulation.world.scene.contacts
-    tell = contacts.planes
-    contacts.planes = lambda x, reach: tuple(plane._replace(friction=0.0) for plane in tell(x, reach))
+    report = contacts.planes
+    contacts.planes = lambda x, reach: tuple(plane._replace(friction=0.0) for plane in report(x, reach))
 
 
 def rubbed(felt: Felt, mu: float) -> tuple[float, float, float]:
@@ -116,12 +116,12 @@ def main() -> None:
         for link in LINKS:
             for steps in ((0.001, 0.001), (0.01, 0.05)):
                 before, felt = (run(f"plane?friction={mu}", link, steps_s=steps, watch=w) for w in (smooth, None))
-                (without, *_), (mean, least, most) = (rubbed(one, mu) for one in (before, felt))
+                (without, *_), (mean, minimum, most) = (rubbed(one, mu) for one in (before, felt))
                 p95 = np.percentile(felt.steps(), 95)
                 slack = min(felt.summary[side]["ledger"]["slack_J"] for side in ("device", "world"))
                 print(
                     f"| {mu} | {link} | {1e3 * steps[0]:.0f} to {1e3 * steps[1]:.0f} | {without:.3f} | {mean:.3f} "
-                    f"({least:.3f} to {most:.3f}) | {1e3 * p95:.1f} mN | {slack:.0e} J |"
+                    f"({minimum:.3f} to {most:.3f}) | {1e3 * p95:.1f} mN | {slack:.0e} J |"
                 )
 
 

@@ -106,12 +106,12 @@ def run(
     assert isinstance(mass, PassiveIntegrator)
     M, B, K = (scale * np.eye(3) for scale in (0.02, 14.0, 500.0))
     account = Account(contacts, M, B, K)
-    worst, least = 0.0, 1.0
+    worst, minimum = 0.0, 1.0
     step = mass.step
 
     def witness(dt: float, ybar: Vector, surroundings: Surroundings) -> Step:
         """(13), from the state before and after."""
-        nonlocal worst, least
+        nonlocal worst, minimum
         x0, v0 = np.array(mass.position), np.array(mass.velocity)
         done = step(dt, ybar, surroundings)
         x1, v1, y = np.array(mass.position), np.array(mass.velocity), np.array(ybar)
@@ -119,7 +119,7 @@ def run(
         gained = 0.5 * (v1 @ M @ v1 - v0 @ M @ v0 + (x1 - y) @ K @ (x1 - y) - (x0 - y) @ K @ (x0 - y))
         worst = max(worst, abs(dt * float(np.dot(done.force, vhat)) - float(gained + dt * vhat @ B @ vhat)))
         if isinstance(contacts, RigidContacts):
-            least = min(least, contacts.scale)
+            minimum = min(minimum, contacts.scale)
         return done
 
     mass.step = witness  # type: ignore[method-assign]
@@ -133,5 +133,5 @@ def run(
     return Outcome(
         max(worst, account.worst_J), min(account.least_slack_J, result.summary["environment"]["env_slack_J"]),
         float(np.linalg.norm(world["contact_force_N"][-1])), float(world["penetration_m"].max()),
-        float(np.percentile(jumps, 95)) if len(jumps) else 0.0, least, slack, int(np.any(force != 0.0, axis=1).sum()),
+        float(np.percentile(jumps, 95)) if len(jumps) else 0.0, minimum, slack, int(np.any(force != 0.0, axis=1).sum()),
     )  # fmt: skip

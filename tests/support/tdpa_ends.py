@@ -47,7 +47,7 @@ def world(x: Vector = (0.0,), **changes: Any) -> TdpaWorld:
     return TdpaWorld(tuning(**changes), x, predictor)
 
 
-def told(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:
+def reported(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:
     sample = law.next_sample(x, x) if isinstance(law, TdpaDevice) else law.next_sample()
     assert isinstance(sample, Port)
     return sample

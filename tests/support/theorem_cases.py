@@ -58,9 +58,9 @@ def random_case(seed: int, duration_s: float = 5.0) -> Params:
     n = 3 if scene == "paper" else int(rng.integers(1, 4))
     operators = ["rest", "sine", "press"] + ([str(HANDWRITING)] if HANDWRITING.exists() else [])
     separate = scene != "box"  # a box's walls do not act on each other through M, B' and K'
-    shortest, longest = sorted(np.exp(rng.uniform(np.log(1e-3), np.log(0.1), size=2)).tolist())
+    shortest, maximum = sorted(np.exp(rng.uniform(np.log(1e-3), np.log(0.1), size=2)).tolist())
     changes: dict[str, object] = {
-        "feel": "hapnet" if seed % 4 == 3 else "paper",
+        "rendering": "hapnet" if seed % 4 == 3 else "paper",
         "duration_s": duration_s,
         "record_hz": 250.0,
         "scene": scene,
@@ -80,7 +80,7 @@ def random_case(seed: int, duration_s: float = 5.0) -> Params:
         "world.damping": matrix(rng, n, 1.0, 30.0, general=separate),
         "world.stiffness": matrix(rng, n, 50.0, 3000.0, general=separate),
         "world.step_min_s": shortest,
-        "world.step_max_s": longest,
+        "world.step_max_s": maximum,
         "world.wall.stiffness": rng.uniform(300.0, 30000.0),
         "world.wall.damping": rng.choice([0.0, rng.uniform(0.1, 50.0)]),
         "wire.accept_stale": bool(rng.random() < 0.5),

@@ -35,7 +35,7 @@ def wander(rng: np.random.Generator, ticks: int, time: float, speed: float = 0.1
     return velocities
 
 
-def told(waves: list[Wave]) -> list[Wave]:
+def reported(waves: list[Wave]) -> list[Wave]:
     """These waves with their integrals, as their receiver gets them."""
     total = total_s = 0.0
     found = []

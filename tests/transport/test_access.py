@@ -45,7 +45,8 @@ async def opened_together(*sides: Side) -> AsyncIterator[None]:
 
 
 async def assert_only(right: Side, strangers: dict[str, Side], world: Side) -> None:
-    """The right one gets in and is heard, both ways; who came before it, with the same names, is not, nor hears."""
+    """The right one gets in and is heard, in both directions; who came before it, with the same names, is not, nor
+    hears."""
     async with opened(world), opened_together(*strangers.values()), opened(right):
         await paired(world, right)
         await never(lambda: any(side.transport.peers or side.transport.partners for side in strangers.values()))
@@ -157,7 +158,7 @@ async def until_each_came_often(*expected: tuple[Got, tuple[str, str]], put: Cal
 
 @pytest.mark.parametrize("by", ["certificate", "password"])
 async def test_a_device_writes_its_own_up_keys_only(by: str, certificates: Path, users: Path, tmp_path: Path) -> None:
-    """Even if it sends what nobody told it to: here the world tells every device that it wants everything."""
+    """Even if it sends what nobody told it to: here the world sends every device that it wants everything."""
     text = Path(ACCESS).read_text("utf-8")
     told_all = tmp_path / "told_all.json5"
     loosened, rules = re.subn(r'(flows: \["egress"\], key_exprs: )\[[^]]*\]', r'\1["**"]', text)

@@ -58,8 +58,8 @@ def test_each_is_told_once_in_a_while_and_not_too_many() -> None:
     assert len(refusals.take(AGAIN_NS)) == 1
     for number in range(3 * MOST_REPORTED):
         refusals.read(ACCESS + f"Using cached result: {number} is unauthorized to Put (ingress) on a/b/c")
-    told = refusals.take(AGAIN_NS + 1)
-    assert 0 < len(told) < MOST_REPORTED
+    reported = refusals.take(AGAIN_NS + 1)
+    assert 0 < len(reported) < MOST_REPORTED
     assert not refusals.read("what the program itself prints\n")
 
 

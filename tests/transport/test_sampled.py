@@ -60,10 +60,10 @@ class Dropping:
         return out
 
 
-def talk(words: str, seconds: int, *, told: bool) -> tuple[list[Session], list[Dropping]]:
+def talk(words: str, seconds: int, *, reported: bool) -> tuple[list[Session], list[Dropping]]:
     """Both sides over such links, each with its own clock; `told`: their greetings say which messages are sampled."""
     sides = [Session(role=role, dof=1, name=role, incarnation=k) for k, role in enumerate(("device", "world"), 1)]
-    for side in sides if told else ():
+    for side in sides if reported else ():
         side.sample(EVERY)
     ahead, links = (5_000_000_000, 987_654_321_000_000), [Dropping(words, 1), Dropping(words, 2)]
     for now_ns in range(0, 20 * MS, MS):
@@ -94,7 +94,7 @@ def late(known: PathFigures) -> int:
 @pytest.mark.parametrize("words", ["delay 100ms 30ms distribution normal loss 5%", "delay 40ms 10ms loss 15%"])
 def test_loss_and_round_trip_are_the_networks_though_most_is_dropped(words: str) -> None:
     """24,000 messages, 6,000 in the sample: the loss has a standard error of 0.3 and 0.5 points."""
-    sides, links = talk(words, 120, told=True)
+    sides, links = talk(words, 120, reported=True)
     trip_ns = sum(median(link.delays_ns) for link in links)
     for side, link in zip(sides, reversed(links), strict=True):
         known = side.path.figures()
@@ -105,7 +105,7 @@ def test_loss_and_round_trip_are_the_networks_though_most_is_dropped(words: str)
 
 
 def test_without_a_word_from_the_sender_what_is_dropped_counts_as_lost() -> None:
-    sides, links = talk("delay 40ms 10ms loss 5%", 20, told=False)
+    sides, links = talk("delay 40ms 10ms loss 5%", 20, reported=False)
     for side, link in zip(sides, reversed(links), strict=True):
         known = side.path.figures()
         assert known.lost == known.sent - known.arrived > link.dropped

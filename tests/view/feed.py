@@ -12,7 +12,7 @@ from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status
 from hapnet.simulation.simulation import Simulation
-from hapnet.view.controls import Way
+from hapnet.view.controls import Direction
 from hapnet.view.history import History
 from hapnet.wire.messages import Role
 from netem import NetemError
@@ -37,7 +37,7 @@ class Feed:
         self.links = {"device": str(recording.meta["params"]["link"]["up"]), "world": ""}
         self.links["world"] = str(recording.meta["params"]["link"]["down"])
         self.incarnation, self.paused, self.recording, self.paired = 1, False, "", True
-        self.coupling, self.feel = params.coupling, "hapnet" if params.feel == "auto" else params.feel
+        self.coupling, self.rendering = params.coupling, "hapnet" if params.rendering == "auto" else params.rendering
         self.smoothing = params.device.smoothing_s
         self._samples = [s for s in recording.samples() if not isinstance(s, Event)]
         self._last = {type(s): s for s in self._samples}
@@ -48,7 +48,7 @@ class Feed:
     def status(self, role: Role, now_ns: int) -> Status:
         params = {
             **self.meta["params"],
-            "feel": self.feel,
+            "rendering": self.rendering,
             "device": {**self.meta["params"]["device"], "smoothing_s": self.smoothing},
         }
         about = {**self.meta, "params": params, "role": role, "clock": "one", "name": "left", "session": "default"}
@@ -77,7 +77,7 @@ class Feed:
                 status_due += NANO // 2
                 for role in ROLES:
                     self._history.take(self.status(role, now))
-                self._history.take(KnownPlanes(self.planes if self.feel == "hapnet" else None))
+                self._history.take(KnownPlanes(self.planes if self.rendering == "hapnet" else None))
             if self.paused:
                 began += 10_000_000
             else:
@@ -110,18 +110,18 @@ class FakeControls:
     def lead(self, position: Vector) -> None:
         self._called("lead", position)
 
-    def link(self, way: Way, words: str) -> None:
+    def link(self, way: Direction, words: str) -> None:
         if "loss" in words and "66%" in words:
             raise NetemError("loss: 66% is more than this link is made for")
         if self._feed is not None:
             self._feed.links["device" if way == "up" else "world"] = words
         self._called("link", way, words)
 
-    def coupling(self, name: str, feel: str) -> None:
+    def coupling(self, name: str, rendering: str) -> None:
         if self._feed is not None:
             self._feed.coupling = name
-            self._feed.feel = feel
-        self._begin_anew("coupling", name, feel)
+            self._feed.rendering = rendering
+        self._begin_anew("coupling", name, rendering)
 
     def smoothing(self, seconds: float) -> None:
         if self._feed is not None:

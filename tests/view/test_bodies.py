@@ -28,7 +28,7 @@ PARTS = (
 )
 
 
-def told(poses: list[list[float]], soft: object = ()) -> SceneSample:
+def reported(poses: list[list[float]], soft: object = ()) -> SceneSample:
     return SceneSample(1, np.array(poses, "<f4").tobytes(), b"", np.array(soft, "<f4").tobytes())
 
 
@@ -40,19 +40,19 @@ def test_a_surface_is_sent_once_and_its_body_only_where_it_has_moved(monkeypatch
     monkeypatch.setattr(interface, "queue_message", sent.append)
     pose = [0.01, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     soft = np.concatenate([CORNERS, 3.0 * CORNERS])
-    bodies.update(told([pose], soft))
+    bodies.update(reported([pose], soft))
     assert {type(message).__name__ for message in sent} >= {"SetPositionMessage"}
     assert bodies._frames[0].position == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
     assert [handle.vertices.max() for handle, _ in bodies._soft] == [100.0, 300.0]
     sent.clear()
     pose[0] += 1e-8  # as of what lies still in a simulation
-    bodies.update(told([pose]))
+    bodies.update(reported([pose]))
     assert sent == []
     pose[3:] = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-    bodies.update(told([pose]))
+    bodies.update(reported([pose]))
     assert 0 < len(sent) <= 2
     assert not any("Mesh" in type(message).__name__ for message in sent)
-    bodies.update(told([]))  # fewer than there are
+    bodies.update(reported([]))  # fewer than there are
     server.stop()
 
 
@@ -87,7 +87,7 @@ def test_the_same_drawing_is_unpacked_once_and_another_scene_forgets_it() -> Non
     history = History()
     history.take(status(1, "sphere"))
     history.take(Drawing(1, pack(PARTS)))
-    history.take(told([]))
+    history.take(reported([]))
     parts = history.snapshot().parts
     assert parts is not None
     assert len(parts) == 4

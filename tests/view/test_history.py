@@ -36,7 +36,7 @@ def status(role: Role, incarnation: int = 1, **about: Any) -> Status:
 
 def test_nothing_is_known_at_first() -> None:
     snapshot = History().snapshot()
-    assert (snapshot.device, snapshot.world, snapshot.margin_J, snapshot.least_margin_J) == (None, None, None, None)
+    assert (snapshot.device, snapshot.world, snapshot.margin_J, snapshot.min_margin_J) == (None, None, None, None)
     assert snapshot.taken == 0
 
 
@@ -76,14 +76,14 @@ def test_a_pair_that_has_ended_is_kept_once_with_its_coupling_and_account() -> N
 
     def begin(incarnation: int, coupling: str, margin: float, at_ns: int) -> None:
         for role in ("device", "world"):
-            history.take(status(role, incarnation, coupling=coupling, params={"feel": "paper", "device": {}}))
+            history.take(status(role, incarnation, coupling=coupling, params={"rendering": "paper", "device": {}}))
             history.take(device(at_ns, margin) if role == "device" else world(at_ns, margin))
 
     begin(1, "zoh", -0.2, 0)
     begin(2, "pspm", 0.1, MS)
     begin(3, "wave", 0.1, 2 * MS)
     past = history.snapshot().past
-    assert [(episode.coupling, episode.feel) for episode in past] == [("zoh", "paper"), ("pspm", "paper")]
+    assert [(episode.coupling, episode.rendering) for episode in past] == [("zoh", "paper"), ("pspm", "paper")]
     assert [judge(episode.account)["passive"] for episode in past] == [False, True]
     for number in range(4, 20):
         begin(number, "pspm", 0.1, number * MS)
@@ -141,7 +141,7 @@ def test_the_least_margin_is_that_of_the_sum_with_each_side_held() -> None:
         now[role] = margin
         sums.append(now["device"] + now["world"])
     snapshot = history.snapshot()
-    assert snapshot.least_margin_J == np.nanmin(sums)
+    assert snapshot.min_margin_J == np.nanmin(sums)
     assert snapshot.margin_J == sums[-1]
 
 
@@ -150,15 +150,15 @@ def test_a_new_incarnation_begins_anew() -> None:
     history.take(status("device", 1))
     history.take(device(5_000, margin=-7.0, x=1.0))
     history.take(world(5_000, margin=1.0))
-    assert history.snapshot().least_margin_J == -6.0
+    assert history.snapshot().min_margin_J == -6.0
     history.take(status("device", 1))
-    assert history.snapshot().least_margin_J == -6.0
+    assert history.snapshot().min_margin_J == -6.0
     history.take(status("device", 2))
     snapshot = history.snapshot()
-    assert (snapshot.device, snapshot.margin_J, snapshot.least_margin_J) == (None, None, None)
+    assert (snapshot.device, snapshot.margin_J, snapshot.min_margin_J) == (None, None, None)
     assert snapshot.world is not None
     history.take(device(10, margin=2.0, dof=1))  # on a clock that began anew, too
-    assert history.snapshot().least_margin_J == 3.0
+    assert history.snapshot().min_margin_J == 3.0
 
 
 def test_what_is_old_or_does_not_fit_is_dropped() -> None:
@@ -175,11 +175,11 @@ def test_what_is_old_or_does_not_fit_is_dropped() -> None:
 def test_any_thread_may_tell_it_and_what_is_copied_is_consistent() -> None:
     history = History()
 
-    def tell(role: Role) -> None:
+    def report(role: Role) -> None:
         for tick in range(1, 3000):
             history.take(device(tick, margin=tick) if role == "device" else world(tick, margin=tick, x=float(tick)))
 
-    threads = [threading.Thread(target=tell, args=(role,)) for role in ("device", "world")]
+    threads = [threading.Thread(target=report, args=(role,)) for role in ("device", "world")]
     for thread in threads:
         thread.start()
     while any(thread.is_alive() for thread in threads):
@@ -195,10 +195,10 @@ def test_any_thread_may_tell_it_and_what_is_copied_is_consistent() -> None:
 
 def test_a_status_is_kept_as_it_is() -> None:
     history = History()
-    told = status("world", clock="c")
-    history.take(told)
-    assert history.snapshot().world_status == told
-    newer = dataclasses.replace(told, paused=True)
+    reported = status("world", clock="c")
+    history.take(reported)
+    assert history.snapshot().world_status == reported
+    newer = dataclasses.replace(reported, paused=True)
     history.take(newer)
     assert history.snapshot().world_status == newer
     assert history.snapshot().device_status is None
@@ -237,7 +237,7 @@ def test_what_a_live_pair_is_judged_by() -> None:
 
 def test_the_least_margin_after_the_start() -> None:
     history = pair_of(0.5)
-    assert (history.snapshot().least_margin_J, history.snapshot().later_margin_J) == (0.2, None)
+    assert (history.snapshot().min_margin_J, history.snapshot().later_margin_J) == (0.2, None)
     for tick, margin in ((8, 0.3), (10, 0.5), (11, 0.4), (12, 0.6)):
         history.take(device(tick * SEC // 10, margin=margin))
     assert history.snapshot().later_margin_J == pytest.approx(0.5)  # 0.4 and the world's 0.1

@@ -118,7 +118,7 @@ def test_the_mouse_feels_the_wall(playing: Playing, tmp_path: Path) -> None:
     assert now.device is not None
     assert now.device.force_N[-1, 0] < -0.3  # pushed back
     keep(page, tmp_path, "play-in-the-wall")
-    page.get_by_role("slider").first.press("End")  # of the delay, both ways
+    page.get_by_role("slider").first.press("End")  # of the delay, in both directions
 
     def slow(now: Snapshot) -> bool:
         sides = (now.device_status, now.world_status)
@@ -144,13 +144,13 @@ def test_without_pspm_the_margin_falls_below_zero(playing: Playing, tmp_path: Pa
 
     begun = time.monotonic()
     shake("8 s with PSPM", lambda now: time.monotonic() > begun + 8.0)
-    least = playing.history.snapshot().least_margin_J
-    assert least is not None
-    assert least >= 0.0
+    minimum = playing.history.snapshot().min_margin_J
+    assert minimum is not None
+    assert minimum >= 0.0
     expect(page.locator(".hapnet-passive")).to_have_text("passive")
     playing.choose("zoh")
     playing.coupled("zoh")
-    shake("a margin below zero", lambda now: (now.least_margin_J or 0.0) < -0.05)
+    shake("a margin below zero", lambda now: (now.min_margin_J or 0.0) < -0.05)
     expect(page.locator(".hapnet-passive")).to_have_text("NOT passive")
     keep(page, tmp_path, "play-without-pspm")
     expect(page.locator(".hapnet-past")).to_contain_text("hapnet passive")

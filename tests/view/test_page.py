@@ -130,7 +130,7 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_a_run_that_is_not_passive_says_so(browser: Browser, tmp_path: Path) -> None:
-    light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0, "feel": "paper"}
+    light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0, "rendering": "paper"}
     with opened(browser, (1280, 720), scene="free", operator="sine", coupling="zoh", watching=True, **light) as shown:
         expect(shown.page.locator(".hapnet-passive")).to_have_text("NOT passive")
         keep(shown.page, tmp_path, "not-passive")
@@ -236,9 +236,9 @@ def test_buttons_and_switches_call_theirs(playing: Open) -> None:
     assert controls.wait(lambda: ("reset",) in controls.calls)
     playing.switch("smoothing filter").click()
     assert controls.wait(lambda: ("smoothing", 0.02) in controls.calls)
-    for label, coupling, feel in (("zoh", "zoh", "paper"), ("hapnet", "pspm", "hapnet")):
+    for label, coupling, rendering in (("zoh", "zoh", "paper"), ("hapnet", "pspm", "hapnet")):
         playing.switch("coupling").click()
         page.get_by_role("option", name=label, exact=True).click()
-        assert controls.wait(partial(operator.contains, controls.calls, ("coupling", coupling, feel)))
+        assert controls.wait(partial(operator.contains, controls.calls, ("coupling", coupling, rendering)))
         expect(page.locator(".hapnet-coupling")).to_contain_text(f"{label}: ")
     expect(page.locator(".hapnet-past")).to_contain_text("hapnet passive")

@@ -28,27 +28,27 @@ def server() -> Iterator[viser.ViserServer]:
     server.stop()
 
 
-def snapshot(coupling: str, feel: str, past: tuple[Episode, ...] = ()) -> Snapshot:
-    about = {"coupling": coupling, "params": Params().set({"feel": feel}).as_dict()}
+def snapshot(coupling: str, rendering: str, past: tuple[Episode, ...] = ()) -> Snapshot:
+    about = {"coupling": coupling, "params": Params().set({"rendering": rendering}).as_dict()}
     status = Status("device", 0, 1, True, False, "", about, {"profile": ""}, {})
     return Snapshot(None, None, status, None, False, None, None, (), 0, past=past)
 
 
-@pytest.mark.parametrize(("coupling", "feel", "label", "asked"), [
+@pytest.mark.parametrize(("coupling", "rendering", "label", "asked"), [
     ("pspm", "hapnet", "hapnet", ("pspm", "hapnet")),
     ("pspm", "paper", "paper", ("pspm", "paper")),
     ("zoh", "paper", "zoh", ("zoh", "paper")),
-    ("zoh", "hapnet", "zoh, hapnet's feel", ("zoh", "hapnet")),
+    ("zoh", "hapnet", "zoh, hapnet's rendering", ("zoh", "hapnet")),
     *((name, "paper", name, (name, "auto")) for name in COUPLING_NAMES[2:]),
     ("examples.own_law:Mine", "hapnet", "examples.own_law:Mine", ("examples.own_law:Mine", "auto")),
 ])  # fmt: skip
 def test_the_switch_shows_what_runs_and_asks_for_what_is_chosen(
-    coupling: str, feel: str, label: str, asked: tuple[str, str], server: viser.ViserServer
+    coupling: str, rendering: str, label: str, asked: tuple[str, str], server: viser.ViserServer
 ) -> None:
     controls = FakeControls()
     panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)
     panel.update(snapshot("wave", "hapnet"))
-    panel.update(snapshot(coupling, feel))
+    panel.update(snapshot(coupling, rendering))
     assert panel._choice.value == label
     assert label in panel._choice.options
     panel._couple(label)

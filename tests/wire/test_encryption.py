@@ -117,8 +117,8 @@ def test_if_either_side_encrypts_both_do_and_nothing_can_be_read(of_device: bool
     assert network.happened(device, Paired) == [Paired(world.identity, 1, encrypts=True)]
     network.sent.clear()
     device.shuffle(2e-3)
-    world.tell("stop", "now")
-    device.accounts.tell({"ledger.margin_J": 0.125}, final=False)
+    world.report("stop", "now")
+    device.accounts.report({"ledger.margin_J": 0.125}, final=False)
     frame = sent(device, network.now, (0.0123, -0.5))
     (event,) = [e for e in world.receive(network.now + MS, frame) if isinstance(e, PositionReceived)]
     assert event.position == (0.0123, -0.5)
@@ -234,9 +234,9 @@ def test_telemetry_is_for_those_who_know_the_word(word: str, reads: bool, tmp_pa
     cipher = Secret(b"s" * 32, WORD).for_watchers(5)
     assert cipher is not None
     from hapnet.recording.telemetry import KnownPlanes
-    from hapnet.recording.telemetry import encode as told
+    from hapnet.recording.telemetry import encode as reported
 
-    watcher._receive("hapnet/one/pen/up/telemetry", cipher.encrypt(told(KnownPlanes(()))))
+    watcher._receive("hapnet/one/pen/up/telemetry", cipher.encrypt(reported(KnownPlanes(()))))
     assert heard == ([KnownPlanes(())] if reads else [])
     assert (watcher.unreadable, watcher.undecrypted) == ((0, 0) if reads else (1, 1))
     assert Secret(b"s" * 32).for_watchers(5) is None

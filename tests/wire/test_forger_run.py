@@ -125,8 +125,8 @@ def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path:
                 codes = [side.end()[0] for side in (device, world)]
             finally:
                 forger.close()
-        told = summaries(tmp_path)
-        hears, names = told[towards][towards], told[sender][sender]
+        reported = summaries(tmp_path)
+        hears, names = reported[towards][towards], reported[sender][sender]
         assert forger.said > 50
         if keys:
             assert hears["dropped"]["forged"] > 20
@@ -135,7 +135,7 @@ def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path:
             assert not any(names["contradictions"].values())
         else:
             assert hears["credited_nJ"] > names["sent_nJ"]
-            assert all(found["verdict"]["passive"] is not True for found in told.values())
+            assert all(found["verdict"]["passive"] is not True for found in reported.values())
             assert names["contradictions"]["acknowledged"] > 0
             assert any(hears["contradictions"].values())
             assert set(codes) <= {4, 5}
@@ -160,16 +160,16 @@ def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], keys:
             ends = [side.end() for side in (device, world)]
         finally:
             forger.close()
-    told = summaries(tmp_path)
-    verdicts = [told[role]["verdict"] for role in ("device", "world")]
+    reported = summaries(tmp_path)
+    verdicts = [reported[role]["verdict"] for role in ("device", "world")]
     assert {code for code, _, _ in ends} <= ({0} if keys else codes)
     if keys:
         receiver = "world" if says is bye else "device"
-        assert told[receiver][receiver]["dropped"]["forged"] > 50
+        assert reported[receiver][receiver]["dropped"]["forged"] > 50
         assert all(verdict["passive"] is True for verdict in verdicts)
-        assert all(end["duration_s"] > seconds for end in told.values())
-        assert told["device"]["device"]["stopped"] is None
-        assert told["device"]["motion"]["peak_force_N"] > 1.0  # the hand is at the wall by then
+        assert all(end["duration_s"] > seconds for end in reported.values())
+        assert reported["device"]["device"]["stopped"] is None
+        assert reported["device"]["motion"]["peak_force_N"] > 1.0  # the hand is at the wall by then
     elif says is bye:
         assert [verdict["passive"] for verdict in verdicts] == [None, None]
         for verdict, other in zip(verdicts, ("world", "device"), strict=True):
@@ -180,4 +180,4 @@ def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], keys:
     else:
         assert all("the device's force was stopped after" in err and "he said so" in err for _, _, err in ends)
         assert all(verdict["passive"] is True for verdict in verdicts)  # without force
-        assert told["device"]["device"]["stopped"]["why"] == "he said so"
+        assert reported["device"]["device"]["stopped"]["why"] == "he said so"

@@ -40,7 +40,7 @@ class Attacked(NamedTuple):
     rig: Rig
     lowest: float
     """Least W + V(0) + E(0) of its port [J]: below zero, it gave out what it never had."""
-    longest_step: float
+    max_step: float
     """Of the spring's force in an update, as the set-position's step makes it [N]."""
 
 
@@ -94,17 +94,17 @@ def attack(side: str, style: Style, words: dict[str, object], *, rising: bool = 
     rig.overheard = listen
     coupling = rig.plant.coupling
     stiffest = coupling.spring.ellipsoid.largest
-    lowest, longest, ybar = math.inf, 0.0, coupling.set_position
+    lowest, maximum, ybar = math.inf, 0.0, coupling.set_position
     for n in range(DURATION_NS // EVERY_NS):
         rig.attack(rig.honest.position(rig.now_ns, style(rng, n, seen)))
         rig.attack(encode(Energy(peer, own, 10**9 * (n + 1) if rising else LEVEL_NJ, 0)))
         rig.run(EVERY_NS)
         ledger = coupling.ledger
         lowest = min(lowest, ledger.work + ledger.bound)
-        longest = max(longest, stiffest * math.dist(ybar, coupling.set_position))
+        maximum = max(maximum, stiffest * math.dist(ybar, coupling.set_position))
         ybar = coupling.set_position
     assert rig.plant.updates > 50
-    return Attacked(rig, lowest, longest)
+    return Attacked(rig, lowest, maximum)
 
 
 def admitted(rig: Rig) -> float:
@@ -122,7 +122,7 @@ def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: St
     assert rig.session.credited_nJ <= admitted(rig) * 1e9
     assert rig.plant.coupling.ledger.slack_min >= -1e-9
     section = rig.setup.params.world if side == "world" else rig.setup.params.device
-    assert done.longest_step <= section.step_limit_N * (1.0 + 1e-9)
+    assert done.max_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("side", mostly_slow(SIDES, 2))
@@ -131,7 +131,7 @@ def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str)
     assert done.lowest >= -admitted(done.rig)
     assert done.rig.plant.coupling.ledger.slack_min >= -1e-9
     section = done.rig.setup.params.world if side == "world" else done.rig.setup.params.device
-    assert done.longest_step <= section.step_limit_N * (1.0 + 1e-9)
+    assert done.max_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_a_silence_begins_after_its_time_and_not_at_it() -> None:
         assert (live.watch(wait_ns) is not None) is silent
         assert live.watch(wait_ns) is None, "told once"
         assert live.outages(wait_ns).count == silent
-        assert live.outages(wait_ns).longest_ns == (wait_ns if silent else 0)
+        assert live.outages(wait_ns).max_ns == (wait_ns if silent else 0)
         heard = live.on_position(wait_ns, 1)
         assert heard == (PeerHeard(wait_ns, 0, 0) if silent else None)
         assert live.outages(wait_ns).count == silent

@@ -11,7 +11,7 @@ import pytest
 from hapnet.control import deadband
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.realtime import account_teller
+from hapnet.realtime import account_reporter
 from hapnet.transport import keys, probe, zenoh
 from hapnet.wire import (
     account,
@@ -54,17 +54,17 @@ CODE: dict[str, float] = {
     "frame, longest [bytes]": messages.MAX_FRAME_BYTES,
     "waves, window": replay_window.WINDOW,
     "numbers ahead at once": numbering.MOST_AT_ONCE,
-    "time that each further number takes [ms]": numbering.LEAST_PERIOD_NS / MS,
+    "time that each further number takes [ms]": numbering.MIN_PERIOD_NS / MS,
     "early by [ms]": numbering.EARLY_NS / MS,
     "flood limit [a second]": zenoh.MOST_HZ,
     "flood limit, at once": zenoh.MOST_AT_ONCE,
-    "a stream with a deadband sends at least every [ms]": deadband.LONGEST_S * 1e3,
+    "a stream with a deadband sends at least every [ms]": deadband.MAX_S * 1e3,
     "keep-alive on a quiet key, at least every [ms]": keys.KEEP_ALIVE_NS / MS,
     "a silent key is subscribed to again after [ms]": keys.SILENT_NS / MS,
     "least time between two frames of signals [ms]": signals.SPACING_NS / MS,
     "signals are repeated every [ms]": signals.REPEAT_NS / MS,
-    "an account is told every [ms]": account_teller.EVERY_NS / MS,
-    "least time between two accounts at the end [ms]": account_teller.AT_THE_END_NS / MS,
+    "an account is told every [ms]": account_reporter.EVERY_NS / MS,
+    "least time between two accounts at the end [ms]": account_reporter.AT_THE_END_NS / MS,
     "an account that is not answered is repeated every [ms]": account.REPEAT_NS / MS,
     "telemetry [Hz]": 60.0,
     "probes that are answered [a second]": probe.MOST_HZ,
@@ -112,7 +112,7 @@ def test_the_limits_in_the_text_are_the_codes() -> None:
     assert f"known once {numbering.WARM} have come" in text
     assert (numbering.RUN, numbering.WINDOW_NS) == (2, 10_000 * MS)
     assert f"{zenoh.MOST_HZ:,} messages a second, of which {zenoh.MOST_AT_ONCE:,} may" in text
-    assert f"any payload of 1 to {probe.LONGEST} bytes" in text
+    assert f"any payload of 1 to {probe.MAX_LENGTH} bytes" in text
     for kind in (*zenoh.KINDS, probe.PROBE, zenoh.TELEMETRY):
         assert kind in text
 
@@ -130,6 +130,6 @@ def test_the_page_names_the_elements_of_each_frame_in_their_order(message: type[
 def test_the_page_names_the_streams_of_each_coupling() -> None:
     section = PAGE.partition("| coupling | device to world | world to device |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`.*`) \| (\w+).* \| (\w+).* \|$", section, re.MULTILINE)
-    told = {name: (up, down) for names, up, down in rows for name in re.findall(r"`([^`]+)`", names)}
+    reported = {name: (up, down) for names, up, down in rows for name in re.findall(r"`([^`]+)`", names)}
     sent = {name: tuple(spec.sends(role, Params()) for role in ("device", "world")) for name, spec in COUPLINGS.items()}
-    assert told == {name: (up.__name__.lower(), down.__name__.lower()) for name, (up, down) in sent.items()}
+    assert reported == {name: (up.__name__.lower(), down.__name__.lower()) for name, (up, down) in sent.items()}

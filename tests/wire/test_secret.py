@@ -122,9 +122,9 @@ def test_who_does_not_know_the_word_is_refused_on_both_sides(of_device: str, of_
     network, device, world = pair(of_device, of_world)
     assert device.peer is None
     why = [event.reason for event in network.happened(device) if isinstance(event, Mismatch)]
-    told = [event.reason for event in network.happened(world) if isinstance(event, PeerRefused | Mismatch)]
+    reported = [event.reason for event in network.happened(world) if isinstance(event, PeerRefused | Mismatch)]
     assert any(said in reason for reason in why)
-    assert any(said in reason for reason in told)
+    assert any(said in reason for reason in reported)
     world.shuffle(1e-3)
     network.run(600 * MS)
     assert device.credited_nJ == 0
@@ -157,8 +157,8 @@ def test_without_a_secret_a_forged_total_ends_no_stream() -> None:
     assert world.credited_nJ == 500_000_000  # the burst
     world.shuffle(3e-3)
     (frame,) = world.poll(302 * MS)[0]
-    told, credited = device.receive(303 * MS, frame.data)
-    assert isinstance(told, Contradiction)
+    reported, credited = device.receive(303 * MS, frame.data)
+    assert isinstance(reported, Contradiction)
     assert credited == EnergyCredited(3_000_000)
 
 

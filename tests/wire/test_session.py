@@ -205,7 +205,7 @@ def test_a_silence_is_told_once_and_counted() -> None:
     network.run(200 * MS)
     assert world.watch(network.now) == (PeerSilent(last),)
     assert world.watch(network.now) == ()
-    assert world.outages(network.now).longest_ns == 600 * MS
+    assert world.outages(network.now).max_ns == 600 * MS
     energy = encode(Energy(1, 2, 0, 0))
     world.receive(last + 700 * MS, energy)
     events = world.receive(last + 730 * MS, device.position(last + 730 * MS, [0.0]))
@@ -301,9 +301,9 @@ def test_bad_messages_are_counted_and_change_nothing(kind: str, message: Any) ->
 def test_an_acknowledgement_of_what_was_never_announced_is_told_and_the_rest_counts() -> None:
     """So that a forged total, which makes the other side acknowledge too much, does not end the stream back."""
     _, device, _ = paired()
-    told, credited = device.receive(10**9, encode(Energy(2, 1, 10, 1)))
-    assert isinstance(told, Contradiction)
-    assert told.kind == "acknowledged"
+    reported, credited = device.receive(10**9, encode(Energy(2, 1, 10, 1)))
+    assert isinstance(reported, Contradiction)
+    assert reported.kind == "acknowledged"
     assert credited == EnergyCredited(10)
     assert device.receive(10**9, encode(Energy(2, 1, 15, 7))) == (EnergyCredited(5),)  # told once
     assert (device.acked_nJ, device.dropped.total()) == (0, 0)

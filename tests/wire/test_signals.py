@@ -35,7 +35,7 @@ def test_over_a_link_that_loses_frames_the_newest_values_arrive(
     now_ns, count = 0, 0
     for wait_ms, name, value in changes:
         now_ns += wait_ms * MS
-        here.tell(name, value)
+        here.report(name, value)
         if (frame := here.poll(now_ns)) is not None:
             count += 1
             if not lost[count]:
@@ -45,7 +45,9 @@ def test_over_a_link_that_loses_frames_the_newest_values_arrive(
     assert (frame is None) == (not changes)
     if frame is not None:
         there.receive(*frame)
-    assert {name: (type(v), v) for name, v in there.heard.items()} == {n: (type(v), v) for n, v in here.told.items()}
+    assert {name: (type(v), v) for name, v in there.heard.items()} == {
+        n: (type(v), v) for n, v in here.reported.items()
+    }
 
 
 def test_frames_are_spaced_and_repeated() -> None:
@@ -55,7 +57,7 @@ def test_frames_are_spaced_and_repeated() -> None:
     sent = []
     for at_ms in range(2000):
         if at_ms < 1000:
-            exchange.tell("grip", at_ms)
+            exchange.report("grip", at_ms)
         if exchange.poll(at_ms * MS) is not None:
             sent.append(at_ms)
     gaps = [b - a for a, b in pairwise(sent)]
@@ -78,7 +80,7 @@ def test_each_change_is_reported_once_and_old_frames_are_dropped() -> None:
 )
 def test_what_is_no_small_value_is_refused(name: str, value: Signal) -> None:
     with pytest.raises(InvalidParameter, match=r"^signal "):
-        SignalExchange().tell(name, value)
+        SignalExchange().report(name, value)
 
 
 # Through both sides, in virtual time
@@ -127,7 +129,7 @@ def simulation(**changes: object) -> Simulation:
 
 def test_a_scene_and_a_device_hear_each_other_over_a_lossy_link() -> None:
     run = simulation(scene="tests.wire.test_signals:Lamp")
-    run.device_endpoint.tell("tool", "pen")
+    run.device_endpoint.report("tool", "pen")
     run.run()
     scene = run.world.scene
     assert isinstance(scene, Lamp)
@@ -137,7 +139,7 @@ def test_a_scene_and_a_device_hear_each_other_over_a_lossy_link() -> None:
 
 def test_an_object_that_steps_hears_them_too() -> None:
     run = simulation(scene="tests.wire.test_signals:Stepper")
-    run.device_endpoint.tell("tool", "pen")
+    run.device_endpoint.report("tool", "pen")
     run.run()
     assert run.device_endpoint.session.signals.heard == {"knows": 1}
 

@@ -44,7 +44,7 @@ class Stranger:
         self.position: list[float] | None = None
         self.echo = (0, 0)
         self.trips: list[int] = []
-        self.sent = self.acked = self.claimed = self.credited = self.told = 0
+        self.sent = self.acked = self.claimed = self.credited = self.reported = 0
         self.repeat_ns: int | None = None
         self.ack_ns: int | None = None
         self.spaced_ns = 0
@@ -80,7 +80,7 @@ class Stranger:
                 self._begin(sender)
         elif sender == self.peer and kind == POSITION:
             self._on_position(now_ns, *rest[:5])
-        elif sender == self.peer and kind == ENERGY and rest[0] == self.me and rest[2] <= self.told:
+        elif sender == self.peer and kind == ENERGY and rest[0] == self.me and rest[2] <= self.reported:
             self._on_energy(now_ns, rest[1], rest[2])
         elif sender == self.peer and kind == BYE:
             if rest[0] == self.me:
@@ -101,7 +101,7 @@ class Stranger:
 
     def _begin(self, peer: int) -> None:
         self.peer, self.paired_at_hello, self.newest, self.echo = peer, self.hellos, None, (0, 0)
-        self.sent = self.acked = self.claimed = self.credited = self.told = 0
+        self.sent = self.acked = self.claimed = self.credited = self.reported = 0
 
     def _on_position(
         self, now_ns: int, sequence: int, sent_ns: int, position: list[float], echo_ns: int, came_ns: int
@@ -115,7 +115,7 @@ class Stranger:
     def _on_energy(self, now_ns: int, total: int, acked: int) -> None:
         if acked > self.acked:
             self.acked = acked
-            self.repeat_ns = now_ns + 250 * MS if self.told > acked else None
+            self.repeat_ns = now_ns + 250 * MS if self.reported > acked else None
         self.claimed = max(self.claimed, total)
         self.credited = self.claimed  # no bucket: this peer is trusted
         if total > 0 and self.ack_ns is None:
@@ -137,11 +137,11 @@ class Stranger:
             self.hello_ns = now_ns + 100 * MS
             self._say(HELLO, self.hellos, self.role, self.dof, "stranger", {})
         if self.peer and (
-            (self.sent > self.told and now_ns >= self.spaced_ns) or (self.repeat_ns and now_ns >= self.repeat_ns)
+            (self.sent > self.reported and now_ns >= self.spaced_ns) or (self.repeat_ns and now_ns >= self.repeat_ns)
         ):
-            self.told, self.ack_ns = self.sent, None
+            self.reported, self.ack_ns = self.sent, None
             self.spaced_ns, self.repeat_ns = now_ns + 10 * MS, now_ns + 250 * MS
-            self._say(ENERGY, self.peer, self.told, self.credited)
+            self._say(ENERGY, self.peer, self.reported, self.credited)
         elif self.peer and self.ack_ns is not None and now_ns >= self.ack_ns:
             self.ack_ns = None
             self._say(ENERGY, self.peer, 0, self.credited)
@@ -164,7 +164,7 @@ def ours(role: str, dof: int = 2) -> Session:
 
 
 class Talk:
-    """hapnet's session and a stranger over a link each way."""
+    """hapnet's session and a stranger over a link in each direction."""
 
     def __init__(self, session: Session, stranger: Stranger, words: str) -> None:
         self.session, self.stranger = session, stranger
@@ -238,17 +238,17 @@ def test_it_is_refused_where_it_does_not_fit_and_understands_why() -> None:
     assert stranger.refused == "stranger has 3 degrees of freedom, ours has 2"
 
 
-@pytest.mark.parametrize("feel", ["hapnet", "paper"])
+@pytest.mark.parametrize("rendering", ["hapnet", "paper"])
 @pytest.mark.parametrize("sends_proxies", [True, False])
-def test_where_a_world_must_send_proxies(feel: str, sends_proxies: bool) -> None:
+def test_where_a_world_must_send_proxies(rendering: str, sends_proxies: bool) -> None:
     """The page says by which entry of the device's hello a world knows it; and what else comes is silence."""
-    session = device_session(prepare({"feel": feel}), 7)
+    session = device_session(prepare({"rendering": rendering}), 7)
     stranger = Stranger("world", 1, 99)
     stranger.knows_a_place = sends_proxies
     talk = Talk(session, stranger, "")
     talk.run(300 * MS)
     talk.run(1000 * MS, moving=True)
-    assert session.identity.about["shared.contact_model"] is (feel == "hapnet")
+    assert session.identity.about["shared.contact_model"] is (rendering == "hapnet")
     if sends_proxies is session.identity.about["shared.contact_model"]:
         assert session.outages(talk.now).received >= 200
         assert "stream" not in session.dropped

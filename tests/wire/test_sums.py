@@ -30,8 +30,8 @@ class Side:
 
     def speak(self, more_nJ: int, whole: bool) -> None:
         self.sent += more_nJ
-        told = self.sums.next(self.sent, self.credited)
-        self.said.append(Energy(self.me, self.other, self.sent if whole else 0, self.credited, {SUMS: told}))
+        reported = self.sums.next(self.sent, self.credited)
+        self.said.append(Energy(self.me, self.other, self.sent if whole else 0, self.credited, {SUMS: reported}))
 
     def hear(self, message: Energy, announced_nJ: int) -> None:
         self.sums.take(message, announced_nJ)

@@ -46,18 +46,18 @@ def compliance(inverse_columns: Sequence[Sequence[float]]) -> list[list[float]]:
 def force(contact: Contact, u: float, dt: float) -> tuple[float, float]:
     """f [N] at the velocity `u` [m/s] along the normal over a step of `dt` [s], and -df/du [Ns/m]."""
     K, p0 = contact.stiffness, contact.depth_m
-    way = dt * u
-    p1 = p0 + way
+    direction = dt * u
+    p1 = p0 + direction
     if p1 > 0.0:
         if p0 > 0.0:
             push = 0.5 * K * (p0 + p1) + contact.damping * u
             rate = 0.5 * K * dt + contact.damping
         else:
-            share = p1 / way
+            share = p1 / direction
             push = 0.5 * K * p1 * share + contact.damping * p1 / dt
             rate = K * dt * share * (1.0 - 0.5 * share) + contact.damping
     elif p0 > 0.0:
-        share = -p0 / way
+        share = -p0 / direction
         push = 0.5 * K * p0 * share - contact.damping * p0 / dt
         rate = 0.5 * K * dt * share * share
     else:
@@ -76,26 +76,26 @@ def solve(contacts: Sequence[Contact], w: Sequence[float], C: Matrix, dt: float)
     f = [0.0] * n
     best: list[float] = [0.0] * len(contacts)
     residual, stiffening, pushes = _residual(contacts, f, w, C, dt)
-    least = hypot(*residual)
+    minimum = hypot(*residual)
     for _ in range(ROUNDS):
         scale = added([-push * hypot(*c.normal) for push, c in zip(pushes, contacts, strict=True)])
         if hypot(*residual) <= _EXACT * scale:
             return pushes
         step = _direction(residual, stiffening, contacts, C)
-        way = times(C, step)
-        slope = inner(residual, way)
+        direction = times(C, step)
+        slope = inner(residual, direction)
         size, low, high = 1.0, 0.0, 0.0
         for _ in range(30):
             trial = [a + size * b for a, b in zip(f, step, strict=True)]
             residual, stiffening, pushes = _residual(contacts, trial, w, C, dt)
-            there = inner(residual, way)
+            there = inner(residual, direction)
             if there <= -0.5 * slope:  # slope < 0: it may overshoot, but by less than it was short
                 break
             high = size
             size = 0.5 * (low + high)
         f = trial
-        if (size_now := hypot(*residual)) < least:
-            least, best = size_now, pushes
+        if (size_now := hypot(*residual)) < minimum:
+            minimum, best = size_now, pushes
     return best
 
 

@@ -61,10 +61,10 @@ class ForceWorld(ObservedWorld):
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """Those of all obstacles; None if one of them can tell none: the device would not feel it."""
-        told = [body.planes(position, self.time_s) for body in self.obstacles]
-        if None in told:
+        reported = [body.planes(position, self.time_s) for body in self.obstacles]
+        if None in reported:
             return None
-        return nearest([plane for planes in told for plane in planes or ()], position, reach_m)
+        return nearest([plane for planes in reported for plane in planes or ()], position, reach_m)
 
     def picture(self) -> ObstaclesPicture:
         return ObstaclesPicture(self.obstacles)

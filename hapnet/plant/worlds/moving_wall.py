@@ -238,9 +238,9 @@ def _amount(name: str, kind: str, text: str) -> float:
         words = " or ".join(units) if "" not in units else "no unit"
         raise InvalidParameter(name, f"{kind} {text}", f"a number with {words}")
     value = float(match[1]) * units[unit]
-    least = {"stiffness": "above 0", "damping": "of 0 or more"}.get(kind)
-    if not isfinite(value) or (least and value < 0.0) or (kind == "stiffness" and not value):
-        raise InvalidParameter(name, f"{kind} {text}", f"a finite number {least or ''}".rstrip())
+    minimum = {"stiffness": "above 0", "damping": "of 0 or more"}.get(kind)
+    if not isfinite(value) or (minimum and value < 0.0) or (kind == "stiffness" and not value):
+        raise InvalidParameter(name, f"{kind} {text}", f"a finite number {minimum or ''}".rstrip())
     return value
 
 

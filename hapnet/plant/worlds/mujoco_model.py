@@ -24,7 +24,7 @@ from hapnet.plant.worlds.walls import check_number
 PREFIX = "mujoco:"
 PLANES = ("auto", "all", "none")
 """What the device is told as planes: what they describe well, all that the sphere meets, nothing."""
-SHORTEST_S, LONGEST_S = 1e-5, 1.0
+SHORTEST_S, MAX_S = 1e-5, 1.0
 """Of a model's timestep. Shorter ones take so many substeps that a run makes no progress."""
 
 _NAME = "hapnet_proxy"
@@ -95,8 +95,8 @@ def load(scene: str, dof: int, mass: float) -> Model:
         data = engine.MjData(model)
     except Exception as error:
         raise InvalidParameter("scene", scene, f"a model that MuJoCo can load ({cause(error)})") from error
-    if not SHORTEST_S <= (timestep := float(model.opt.timestep)) <= LONGEST_S:
-        allowed = f"a model with a timestep of {SHORTEST_S:g} to {LONGEST_S:g} s; that of {want.file} is {timestep:g} s"
+    if not SHORTEST_S <= (timestep := float(model.opt.timestep)) <= MAX_S:
+        allowed = f"a model with a timestep of {SHORTEST_S:g} to {MAX_S:g} s; that of {want.file} is {timestep:g} s"
         raise InvalidParameter("scene", scene, allowed)
     model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
     model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a jump back would be energy from nowhere

@@ -66,8 +66,8 @@ class ModelPicture:
             one, other = (int(geom) for geom in contact.geom)
             if contact.dist > 0.0 or (one in own) is (other in own):
                 continue
-            way = 1.0 if other in own else -1.0  # the frame's first axis leads from the first geom to the second
-            point, normal = contact.pos - self._origin, way * contact.frame[:3]
+            sign = 1.0 if other in own else -1.0  # the frame's first axis leads from the first geom to the second
+            point, normal = contact.pos - self._origin, sign * contact.frame[:3]
             found.append((tuple(point.tolist()), tuple(normal.tolist()), float(contact.friction[0])))
         return shared(padded(force), found) if any(force) else []
 

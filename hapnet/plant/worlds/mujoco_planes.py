@@ -137,11 +137,11 @@ class SpherePlanes:
             if geom in touched or not self._fits[geom]:
                 continue
             distance = engine.mj_geomDistance(model, data, own, geom, reach_m, self._segment)
-            way = self._segment[3:] - self._segment[:3]
-            length = float(np.linalg.norm(way))
+            unit = self._segment[3:] - self._segment[:3]
+            length = float(np.linalg.norm(unit))
             if 0.0 < distance < reach_m and length > 0.0:
                 solref, solimp = self._material(geom)
-                yield _Touch(geom, way / length, -float(distance), self._segment[3:].copy(), solref, solimp)
+                yield _Touch(geom, unit / length, -float(distance), self._segment[3:].copy(), solref, solimp)
 
     def _material(self, geom: int) -> tuple[Array, Array]:
         """`solref` and `solimp` of a contact with this geom, mixed as the engine does."""
@@ -170,7 +170,7 @@ class SpherePlanes:
         if length > 1.0 - _STRAIGHT:
             bends = self._bends(touch, into)
             if self._dof < 3:
-                bends = tuple([Curvature(way, _along(bends, way)) for way in across(normal)]) if bends else ()
+                bends = tuple([Curvature(unit, _along(bends, unit)) for unit in across(normal)]) if bends else ()
         return Plane(normal, offset, stiffness, damping, self._speed(touch) / length, bends, friction)
 
     def _soft(self, touch: _Touch) -> tuple[float, float]:
@@ -178,15 +178,15 @@ class SpherePlanes:
         model = self._found.model
         weights = model.body_invweight0[:, 0]
         light = float(weights[self._found.body] + weights[model.geom_bodyid[touch.geom]])
-        least, most, width, middle, power = touch.solimp[:5].tolist()
-        least, most = (min(max(one, 1e-4), 0.9999) for one in (least, most))
+        lowest, most, width, middle, power = touch.solimp[:5].tolist()
+        lowest, most = (min(max(one, 1e-4), 0.9999) for one in (lowest, most))
         share = min(max(touch.depth, _PRESSED_M) / max(width, 1e-15), 1.0)
         if power > 1.0 and 0.0 < share < 1.0:
             at = min(max(middle, 1e-4), 0.9999)
             share = share**power / at ** (power - 1.0) if share <= at else (
                 1.0 - (1.0 - share) ** power / (1.0 - at) ** (power - 1.0)
             )  # fmt: skip
-        impedance = least + share * (most - least)
+        impedance = lowest + share * (most - lowest)
         constant, ratio = touch.solref[:2].tolist()
         if constant > 0.0:
             constant = max(constant, 2.0 * float(model.opt.timestep))
@@ -225,16 +225,16 @@ class SpherePlanes:
     def _of_ellipsoid(self, foot: Array, half_axes: Array, into: Vector, turn: Array) -> Curvatures:
         """Second fundamental form of x'Hx = 1 at `foot`, in the ellipsoid's frame; the sphere adds its radius."""
         squares = 1.0 / half_axes**2
-        ways = np.array(across(into))
-        local = ways @ turn
+        units = np.array(across(into))
+        local = units @ turn
         values, vectors = np.linalg.eigh(local @ (squares[:, None] * local.T) / np.linalg.norm(squares * foot))
-        found = zip(values.tolist(), (vectors.T @ ways).tolist(), strict=True)
-        return tuple([Curvature(tuple(way), k / (1.0 + k * self._radius)) for k, way in found])
+        found = zip(values.tolist(), (vectors.T @ units).tolist(), strict=True)
+        return tuple([Curvature(tuple(unit), k / (1.0 + k * self._radius)) for k, unit in found])
 
 
-def _along(bends: Curvatures, way: Sequence[float]) -> float:
+def _along(bends: Curvatures, unit: Sequence[float]) -> float:
     """The normal curvature along a direction (Euler's theorem)."""
-    return float(added([k * inner(direction, way) ** 2 for direction, k in bends]))
+    return float(added([k * inner(direction, unit) ** 2 for direction, k in bends]))
 
 
 def _unit(vector: Array) -> Vector:

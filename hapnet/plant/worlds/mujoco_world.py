@@ -39,7 +39,7 @@ from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.records.vectors import inner
 
-LONGEST_S = 0.25
+MAX_S = 0.25
 """So much is simulated in one step at most: where steps take longer, the world is slower than time."""
 
 _SMALLEST_MASS = 0.02
@@ -91,7 +91,7 @@ class MujocoProxy(Mass):
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
         engine, n = self._engine, self._engine.dof
-        simulated = min(dt, LONGEST_S)
+        simulated = min(dt, MAX_S)
         count = max(1, ceil(simulated / engine.own_step_s - 1e-9))
         h = simulated / count
         engine.begin(h)
@@ -159,9 +159,9 @@ class MujocoWorld(WorldDefaults, Surroundings):
         self.engine: Engine = Engine(self._found, dof)
         self.dof = dof
         self.start: Vector = self._steps.start
-        told, self._planes = asked(scene).planes, None
-        if self._found.dofs and not self._found.model.nflex and told != "none":
-            planes = SpherePlanes(self._found, dof, everything=told == "all")
+        reported, self._planes = asked(scene).planes, None
+        if self._found.dofs and not self._found.model.nflex and reported != "none":
+            planes = SpherePlanes(self._found, dof, everything=reported == "all")
             self._planes = planes if planes.any_fits else None
 
     @property

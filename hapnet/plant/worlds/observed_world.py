@@ -85,13 +85,13 @@ def nearest(planes: Iterable[Plane], position: Sequence[float], reach_m: float) 
     return tuple(sorted(within, key=lambda plane: -plane.depth(position))[:MOST_PLANES])
 
 
-def told_planes(scene: str, told: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
+def contact_planes(scene: str, reported: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
     """The first four planes that a user's scene tells. HapnetError with its name if they are none, or not valid."""
     try:
-        return checked(told, dof)
+        return checked(reported, dof)
     except BaseException as error:  # see `loading.failure`
         why = str(error) if isinstance(error, InvalidParameter) else failure(error)
-        raise HapnetError(f"the scene {scene} failed: it told {told!r:.120}, not hapnet.Planes ({why})") from error
+        raise HapnetError(f"the scene {scene} failed: it told {reported!r:.120}, not hapnet.Planes ({why})") from error
 
 
 def compliance_of(inverse: Inverse, dof: int) -> Array:

@@ -24,7 +24,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import failure
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.implicit import solved
-from hapnet.plant.worlds.observed_world import told_planes
+from hapnet.plant.worlds.observed_world import contact_planes
 from hapnet.plant.worlds.shapes import Shape
 from hapnet.plant.worlds.walls import check_number
 
@@ -122,15 +122,15 @@ class Body:
 
     def planes(self, position: Sequence[float], time: float) -> tuple[Plane, ...] | None:
         """The planes around `position` [m] at `time` [s], moved with the obstacle; None: it can tell none."""
-        tell = self.obstacle.planes
-        if tell is None:
+        report = self.obstacle.planes
+        if report is None:
             return None
         away = tuple([x - r for x, r in zip(position, self.position.tolist(), strict=True)])
-        if isinstance(tell, Plane):
-            found: Sequence[Plane] = (tell,)
+        if isinstance(report, Plane):
+            found: Sequence[Plane] = (report,)
         else:
             try:
-                found = tuple(tell(away, time))
+                found = tuple(report(away, time))
             except BaseException as error:  # see `loading.failure`
                 raise HapnetError(f"the scene {self._scene} failed: its planes raised {failure(error)}") from error
         moves = self.velocity if self.obstacle.mass else self.ahead
@@ -140,7 +140,7 @@ class Body:
                     offset_m=plane.offset_m + float(self.position @ plane.normal),
                     velocity_mps=plane.velocity_mps + float(moves @ plane.normal),
                 )
-                for plane in told_planes(self._scene, found, self._dof)
+                for plane in contact_planes(self._scene, found, self._dof)
             ]
         )
 
@@ -157,11 +157,11 @@ class Body:
     def _asked(self, name: str, function: Callable[..., Sequence[float] | float], *arguments: object) -> Array:
         try:
             given = function(*arguments)
-            told = np.array(given, dtype=float, ndmin=1)
+            reported = np.array(given, dtype=float, ndmin=1)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._scene} failed: its {name} raised {failure(error)}") from error
-        if told.shape != (self._dof,) or not isfinite(told.sum()):
+        if reported.shape != (self._dof,) or not isfinite(reported.sum()):
             numbers = f"{self._dof} finite number{'s' * (self._dof > 1)}"
-            shown = None if given is None else told.tolist()
+            shown = None if given is None else reported.tolist()
             raise HapnetError(f"the scene {self._scene} failed: its {name} is {shown}, not {numbers}")
-        return told
+        return reported

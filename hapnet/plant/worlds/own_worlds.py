@@ -25,7 +25,7 @@ from hapnet.loading import failure, load
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.force_world import ForceWorld
-from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, nearest, told_planes
+from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, contact_planes, nearest
 from hapnet.plant.worlds.obstacle import Law
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
@@ -151,32 +151,32 @@ class SteppedWorld(ObservedWorld):
     def _energy(self, part: str) -> float:
         """What the object tells of its energy; 0 if it does not tell [J]."""
         try:
-            told = getattr(self._stepping, part, 0.0)
-            energy = float(told)
+            reported = getattr(self._stepping, part, 0.0)
+            energy = float(reported)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self.name} failed: its {part} is no number ({failure(error)})") from error
         if not isfinite(energy):
-            raise HapnetError(f"the scene {self.name} failed: its {part} is {told!r}, not a finite number")
+            raise HapnetError(f"the scene {self.name} failed: its {part} is {reported!r}, not a finite number")
         return energy
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """What the object tells; None if it has no method `planes`."""
-        tell: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
-        if tell is None:
+        report: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
+        if report is None:
             return None
         try:
-            told = tell(tuple(position), reach_m)
+            reported = report(tuple(position), reach_m)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self.name} failed: planes() raised {failure(error)}") from error
-        return None if told is None else nearest(told_planes(self.name, told, self.dof), position, reach_m)
+        return None if reported is None else nearest(contact_planes(self.name, reported, self.dof), position, reach_m)
 
     def signal(self, name: str, value: Signal) -> None:
         if (take := getattr(self._stepping, "signal", None)) is not None:
             take(name, value)
 
     def signals(self) -> Mapping[str, Signal]:
-        tell: Callable[[], Mapping[str, Signal]] | None = getattr(self._stepping, "signals", None)
-        return {} if tell is None else tell()
+        report: Callable[[], Mapping[str, Signal]] | None = getattr(self._stepping, "signals", None)
+        return {} if report is None else report()
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse

@@ -62,7 +62,7 @@ class WorldDefaults(Protocol):
         return None
 
     def signal(self, name: str, value: Signal) -> None:
-        """The device's side tells a value beside the stream."""
+        """The device's side reports a value beside the stream."""
         return
 
     def signals(self) -> Mapping[str, Signal]:

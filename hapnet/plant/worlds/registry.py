@@ -85,11 +85,11 @@ def _builder(name: str) -> Callable[..., Any]:
     return own_worlds.builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
 
 
-def _given(name: str, words: str, world: Callable[..., World]) -> dict[str, object]:
+def _given(name: str, spec: str, world: Callable[..., World]) -> dict[str, object]:
     """The parameters that the words behind a world's name set, each of the type of its default."""
     known = {p.name: p.default for p in inspect.signature(world).parameters.values()}
     found: dict[str, object] = {}
-    for entry in words.split("&"):
+    for entry in spec.split("&"):
         key, equals, text = entry.partition("=")
         if not equals or key not in known or key in found:
             shown = ", ".join(f"{key}={default}" for key, default in known.items())

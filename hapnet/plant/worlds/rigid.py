@@ -73,8 +73,8 @@ class RigidScene(WorldDefaults):
 
     def towards(self, position: Vector) -> Vector:
         """The farthest point on the straight line from `start` to `position` (n,) [m] before a solid."""
-        way = tuple([b - a for a, b in zip(self.start, position, strict=True)])
-        length = hypot(*way)
+        path = tuple([b - a for a, b in zip(self.start, position, strict=True)])
+        length = hypot(*path)
         share, place = 0.0, self.start
         while length:
             gap = min(solid.shape.near(padded(place)).distance_m / solid.shape.slope for solid in self.contacts.solids)
@@ -83,7 +83,7 @@ class RigidScene(WorldDefaults):
             share += (gap - 0.5 * _CLOSE_M) / length
             if share >= 1.0:
                 return position
-            place = tuple([a + share * b for a, b in zip(self.start, way, strict=True)])
+            place = tuple([a + share * b for a, b in zip(self.start, path, strict=True)])
         return place
 
 
@@ -91,7 +91,7 @@ _CLOSE_M = 1e-5
 
 
 def rigid(
-    words: str,
+    text: str,
     *,
     dof: int = 3,
     stiffness: float = WALL_STIFFNESS,
@@ -101,18 +101,18 @@ def rigid(
 ) -> RigidScene:
     """The scene that `words` describe (see above); `stiffness` and `damping` are those of solids that name none."""
     given = {"stiffness": stiffness, "damping": damping}
-    solids = [_solid(part, given) for part in _parts(words)]
+    solids = [_solid(part, given) for part in _parts(text)]
     try:
-        return RigidScene(words, dof, solids, step_min_s, step_max_s)
+        return RigidScene(text, dof, solids, step_min_s, step_max_s)
     except InvalidParameter as error:
         if error.name != "start":
             raise
-        raise InvalidParameter(f"scene {words}: start", error.value, error.allowed) from error
+        raise InvalidParameter(f"scene {text}: start", error.value, error.allowed) from error
 
 
-def builder(words: str) -> Callable[..., RigidScene] | None:
+def builder(text: str) -> Callable[..., RigidScene] | None:
     """A function that makes the scene with these words; None: they are not those of a rigid scene."""
-    return partial(rigid, words) if _kind(_parts(words)[0])[0] in KINDS else None
+    return partial(rigid, text) if _kind(_parts(text)[0])[0] in KINDS else None
 
 
 def parts_of_words(scene: object) -> tuple[Part, ...]:
@@ -127,8 +127,8 @@ def parts_of_words(scene: object) -> tuple[Part, ...]:
 class Properties:
     """The properties of one solid, each taken once."""
 
-    def __init__(self, words: str, text: str) -> None:
-        self.words = words
+    def __init__(self, spec: str, text: str) -> None:
+        self.words = spec
         self._left: dict[str, str] = {}
         for entry in filter(None, text.split("&")):
             key, equals, value = entry.partition("=")
@@ -174,19 +174,19 @@ class Properties:
 class Kind:
     """A kind of solid: how it is made, and the words for its properties."""
 
-    def __init__(self, make: Callable[[Properties, str], Shape], words: str) -> None:
+    def __init__(self, make: Callable[[Properties, str], Shape], text: str) -> None:
         self.make: Callable[[Properties, str], Shape] = make
-        self.words: str = f"{words}, {_MATERIAL}"
+        self.words: str = f"{text}, {_MATERIAL}"
 
 
 _MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH, relief=HEIGHT,WAVELENGTH"
 
 
-def _solid(words: str, given: Mapping[str, float]) -> Solid:
-    name, file, text = _kind(words)
+def _solid(spec: str, given: Mapping[str, float]) -> Solid:
+    name, file, text = _kind(spec)
     if name not in KINDS:
-        raise InvalidParameter(f"scene {words}", name, f"one of {', '.join(KINDS)}", KINDS)
-    properties = Properties(words, text)
+        raise InvalidParameter(f"scene {spec}", name, f"one of {', '.join(KINDS)}", KINDS)
+    properties = Properties(spec, text)
     if bool(file) is not (name in FROM_FILES):
         raise properties.error(file, "a file, as in mesh:FILE?unit=mm" if name in FROM_FILES else "no file")
     try:
@@ -201,7 +201,7 @@ def _solid(words: str, given: Mapping[str, float]) -> Solid:
     except InvalidParameter as error:
         if error.name.startswith("scene "):
             raise
-        raise InvalidParameter(f"scene {words}: {error.name}", error.value, error.allowed) from error
+        raise InvalidParameter(f"scene {spec}: {error.name}", error.value, error.allowed) from error
 
 
 def _friction(properties: Properties) -> float | Friction:
@@ -227,13 +227,13 @@ def _value(text: str, units: Mapping[str, float] | None) -> float | None:
     return None if scale is None else float(match[1]) * scale
 
 
-def _parts(words: str) -> list[str]:
-    return re.split(r"\s+\+\s+", words.strip())
+def _parts(text: str) -> list[str]:
+    return re.split(r"\s+\+\s+", text.strip())
 
 
-def _kind(words: str) -> tuple[str, str, str]:
+def _kind(spec: str) -> tuple[str, str, str]:
     """Kind, file and properties."""
-    head, _, text = words.partition("?")
+    head, _, text = spec.partition("?")
     name, _, file = head.strip().partition(":")
     return name, file, text
 

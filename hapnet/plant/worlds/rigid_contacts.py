@@ -282,8 +282,10 @@ class RigidContacts(Surroundings):
         bends = shape.curvatures(x)
         if self.dof == 3:
             return bends
-        ways = across(gradient[: self.dof])
-        return tuple([Curvature(way, added([k * _dot(e, padded(way)) ** 2 for e, k in bends])) for way in ways])
+        tangents = across(gradient[: self.dof])
+        return tuple(
+            [Curvature(tangent, added([k * _dot(e, padded(tangent)) ** 2 for e, k in bends])) for tangent in tangents]
+        )
 
 
 _STILL: Vector = (0.0, 0.0, 0.0)

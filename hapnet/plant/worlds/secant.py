@@ -198,35 +198,37 @@ class Secant:
         self.normal = (-a, -b, -c)
         self.depth = min(0.0, a * (at[0] - x[0]) + b * (at[1] - x[1]) + c * (at[2] - x[2]) - distance)
 
-    def _hit(self, x: Vector, way: Vector, length: float) -> Hit | None:
+    def _hit(self, x: Vector, direction: Vector, length: float) -> Hit | None:
         """Where the straight `way` from `x`, which is outside, enters, roughly; None: nowhere."""
         before = self._start
-        end = _along(x, way, 1.0)
+        end = _along(x, direction, 1.0)
         after = self.near(end)
-        recedes = _dot(after.gradient, way) >= 0.0
+        recedes = _dot(after.gradient, direction) >= 0.0
         if after.distance_m < 0.0 and not recedes:
             return Hit(end, after)
         if after.distance_m >= 0.0 and not (
-            recedes and _dot(before.gradient, way) < 0.0 and before.distance_m + after.distance_m <= self.slope * length
+            recedes
+            and _dot(before.gradient, direction) < 0.0
+            and before.distance_m + after.distance_m <= self.slope * length
         ):
             return None
         # It may have gone through, or is past the middle: look where it went in.
         share, at, near = 0.0, x, before
         for _ in range(_CAST_STEPS):
             close = near.distance_m <= 0.01 * length
-            if close and _dot(near.gradient, way) < 0.0:
+            if close and _dot(near.gradient, direction) < 0.0:
                 self._at = self._asked = None  # what is known of the end is the back's
                 return Hit(at, near)
             share += (1.0 / _CAST_STEPS) if close else near.distance_m / (self.slope * length)
             if share >= 1.0:
                 break
-            at = _along(x, way, share)
+            at = _along(x, direction, share)
             near = self.shape.near(at)
         return Hit(end, after) if after.distance_m < 0.0 else None
 
 
-def _along(x: Vector, way: Vector, share: float) -> Vector:
-    return (x[0] + share * way[0], x[1] + share * way[1], x[2] + share * way[2])
+def _along(x: Vector, direction: Vector, share: float) -> Vector:
+    return (x[0] + share * direction[0], x[1] + share * direction[1], x[2] + share * direction[2])
 
 
 def _dot(one: Vector, other: Vector) -> float:

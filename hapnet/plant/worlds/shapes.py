@@ -96,15 +96,15 @@ class Cuboid:
         self.size: tuple[float, ...] = tuple([checks.positive("size", side) for side in checks.vector("size", size, 3)])
 
     def near(self, position: Vector) -> Near:
-        way = list(map(sub, position, self.centre))
-        beyond = [abs(part) - 0.5 * side for part, side in zip(way, self.size, strict=True)]
+        away = list(map(sub, position, self.centre))
+        beyond = [abs(part) - 0.5 * side for part, side in zip(away, self.size, strict=True)]
         deepest = max(beyond)
         if deepest <= 0.0:
             axis = beyond.index(deepest)
-            return Near(deepest, tuple([_sign(part) if i == axis else 0.0 for i, part in enumerate(way)]))
+            return Near(deepest, tuple([_sign(part) if i == axis else 0.0 for i, part in enumerate(away)]))
         length = hypot(*[max(0.0, part) for part in beyond])
         return Near(
-            length, tuple([_sign(part) * max(0.0, out) / length for part, out in zip(way, beyond, strict=True)])
+            length, tuple([_sign(part) * max(0.0, out) / length for part, out in zip(away, beyond, strict=True)])
         )
 
 
@@ -123,10 +123,10 @@ class Cylinder:
         self.axis = axis
 
     def near(self, position: Vector) -> Near:
-        way = list(map(sub, position, self.centre))
-        along = way[self.axis]
-        way[self.axis] = 0.0
-        off_axis = hypot(*way)
+        away = list(map(sub, position, self.centre))
+        along = away[self.axis]
+        away[self.axis] = 0.0
+        off_axis = hypot(*away)
         side, end = off_axis - self.radius, abs(along) - 0.5 * self.length
         aside, lengthwise = (1.0, 0.0) if side > end else (0.0, 1.0)
         distance = max(side, end)
@@ -134,8 +134,8 @@ class Cylinder:
             distance = hypot(side, end)
             aside, lengthwise = side / distance, end / distance
         if off_axis == 0.0:  # on the axis all directions are alike
-            way[(self.axis + 1) % 3] = off_axis = 1.0
-        gradient = [aside * part / off_axis for part in way]
+            away[(self.axis + 1) % 3] = off_axis = 1.0
+        gradient = [aside * part / off_axis for part in away]
         gradient[self.axis] = lengthwise * _sign(along)
         return Near(distance, tuple(gradient))
 

@@ -286,14 +286,14 @@ class Contacts(Record, Surroundings):
         for k in range(self.faces):
             self.taken[k] = 0
         for _ in range(min(PLANES, self.faces)):
-            nearest, least = -1, 0.0
+            nearest, minimum = -1, 0.0
             for k in range(self.faces):
                 if not self.taken[k]:
                     away = -(dot(self.dof, self.normals[k], position) - self.offsets[k])
-                    if nearest < 0 or away < least:
-                        nearest, least = k, away
+                    if nearest < 0 or away < minimum:
+                        nearest, minimum = k, away
             self.taken[nearest] = 1
-            if least <= reach_m:
+            if minimum <= reach_m:
                 self.near[found] = nearest
                 found += 1
         return found

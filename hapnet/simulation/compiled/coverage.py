@@ -36,7 +36,7 @@ def kind_of(params: Params) -> Kind | None:
     """The kind of scenario that a run with these parameters is; None: its coupling, or stages before it, are not
     compiled."""
     law = known(params.coupling)
-    if law is None or law.compiled is None or (params.feel == "hapnet" and any(law.compiled)):
+    if law is None or law.compiled is None or (params.rendering == "hapnet" and any(law.compiled)):
         return None
     return Kind(*law.compiled)
 
@@ -103,7 +103,7 @@ def why_not(setup: Setup) -> str | None:
 def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
     if kind_of(params) is None:
-        before = "the stages before " if known(params.coupling) and params.feel == "hapnet" else ""
+        before = "the stages before " if known(params.coupling) and params.rendering == "hapnet" else ""
         yield f"{before}the coupling {params.coupling}"
     if setup.servo == "sampled" and setup.harvest != "measured":
         yield f"the harvest {setup.harvest} of a held force"

@@ -6,11 +6,11 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
+from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.coupling import LawServo, LawState
 from hapnet.control.law import DeviceEnd
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
-from hapnet.control.told_plane import ToldPlane
 from hapnet.kernel.contact_model import Answer
 from hapnet.kernel.memory import fill, load, store
 from hapnet.plant.device import SimulatedDevice
@@ -24,7 +24,7 @@ def read_side(record: Any, side: DeviceSide) -> None:
         store(part, own)
     if isinstance(side.coupling, SetPositionCoupling) and isinstance(model := side.coupling.source, ContactModel):
         store(record.model, model)
-        _told(record.told, model)
+        _reported(record.reported, model)
 
 
 def _parts(record: Any, side: DeviceSide) -> list[tuple[Record, Record]]:
@@ -55,7 +55,7 @@ def write_side(record: Any, side: DeviceSide, reference: Vector) -> None:
         side.x = tuple(device.read_position)
 
 
-def _told(record: Answer, model: ContactModel) -> None:
+def _reported(record: Answer, model: ContactModel) -> None:
     """The answer that waits for the next step."""
     if model.pending is None:
         return
@@ -65,7 +65,7 @@ def _told(record: Answer, model: ContactModel) -> None:
     fill(record.force, proxy.force)
     record.reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
     record.level = -1.0 if proxy.level is None else proxy.level
-    planes = [ToldPlane(plane, model.compliance, proxy.position) for plane in proxy.planes or ()]
+    planes = [ContactPlane(plane, model.compliance, proxy.position) for plane in proxy.planes or ()]
     record.count = len(planes)
     for one, plane in zip(record.planes, planes, strict=False):
         store(one, plane)

@@ -151,7 +151,11 @@ def _packet(message: Message, sender: Session, kind: int) -> Packet:
         return Packet("energy", encode(Energy(me, peer.incarnation, int(message.total_nJ), int(message.acked_nJ))))
     start = me, int(message.sequence), int(message.stamp_ns), tuple(plain(message.position[:n]))
     echo = int(message.echo_ns), int(message.came_ns)
-    more = {name: float(told) for name, told in ((REACH, message.reach_m), (LEVEL, message.level)) if told >= 0.0}
+    more = {
+        name: float(reported)
+        for name, reported in ((REACH, message.reach_m), (LEVEL, message.level))
+        if reported >= 0.0
+    }
     if kind == MOTION:
         return Packet("position", encode(Motion(*start, tuple(plain(message.more[:n])), *echo)))
     if kind == PORT:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapnet.control.two_port import TwoPort
-from hapnet.couplings.feel import FeelTuning
+from hapnet.couplings.rendering import RenderingTuning
 from hapnet.kernel import kinds, progress, sources
 from hapnet.kernel.kinds import Kind, scenario
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
@@ -27,7 +27,7 @@ from hapnet.kernel.simulation import (
     Scenario,
     entry_of,
 )
-from hapnet.kernel.twins import as_one_unit, entry, telling
+from hapnet.kernel.twins import as_one_unit, entry, reporting
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
@@ -61,7 +61,7 @@ def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
     run = entry(entry_of(f"{sources.digest()} {kind.name}"), str(sources.directory()), kind.choices())
     record = new(scenario(kind))
-    with as_one_unit(), telling(progress.told.get()):
+    with as_one_unit(), reporting(progress.reported.get()):
         run(bare(record), -1)  # nothing is due at that time
     give_back(record, scenario(kind))
     sources.mark(kind.name)
@@ -93,7 +93,7 @@ class CompiledRun:
         counts, clock = scenario.counts, scenario.clock
         counts.device_last_ns, counts.ticks = side.last_ns, side.ticks
         counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
-        if isinstance(tuning, FeelTuning):
+        if isinstance(tuning, RenderingTuning):
             counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
         clock.now_ns, clock.period_ns = simulation.now_ns, simulation.period_ns
         clock.apart = int(simulation.hand is not simulation.two_port)
@@ -154,7 +154,7 @@ class CompiledRun:
         device.write_side(scenario.at_device, side, reference)
         side.resume(int(counts.device_last_ns), made)
         if made:
-            side.longest_ns = max(side.longest_ns, simulation.period_ns)
+            side.max_ns = max(side.max_ns, simulation.period_ns)
         world.write_side(scenario.at_world, counts, simulation.world)
         self._rng.state = self._rng_state
         self._rng.advance(self._steps_used + int(clock.steps_used) - STEPS)  # type: ignore[attr-defined]

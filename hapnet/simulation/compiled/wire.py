@@ -69,9 +69,9 @@ def _parts(wire: endpoints.Wire, session: Session) -> list[tuple[Record, Record]
     ]  # fmt: skip
 
 
-def _or_none(told: float | None) -> float:
+def _or_none(reported: float | None) -> float:
     """As the kernel has what may not be told."""
-    return -1.0 if told is None else told
+    return -1.0 if reported is None else reported
 
 
 def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any, reach_m: float | None) -> None:
@@ -107,12 +107,12 @@ def _sizes(record: endpoints.Endpoint, session: Session) -> None:
     """The least sizes of the messages, with all headers [bytes]."""
     assert session.peer is not None
     me, peer = session.identity.incarnation, session.peer.incarnation
-    sizes = _least_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, record.kind)
+    sizes = _min_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, record.kind)
     record.stream_bytes, record.level_bytes, record.plane_bytes, record.energy_bytes = sizes
 
 
 @lru_cache
-def _least_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, int, int, int]:
+def _min_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, int, int, int]:
     """The sizes of a message of the stream, of the level and of each plane in it, and of a message of the energy
     channel [bytes].
 

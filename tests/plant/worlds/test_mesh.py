@@ -24,18 +24,18 @@ from tests.support.solids import SHAPES, stair, torus, write_stl
 
 def nearest_on_triangles(x: Array, corners: Array) -> float:
     """Distance from x (3,) to triangles (F, 3, 3): to the planes where the foot is inside, else to the edges."""
-    least = np.inf
+    minimum = np.inf
     for i in range(3):
         a, b = corners[:, i], corners[:, (i + 1) % 3]
         share = np.clip(np.einsum("ij,ij->i", x - a, b - a) / np.einsum("ij,ij->i", b - a, b - a), 0.0, 1.0)
-        least = min(least, np.linalg.norm(x - a - share[:, None] * (b - a), axis=1).min())
+        minimum = min(minimum, np.linalg.norm(x - a - share[:, None] * (b - a), axis=1).min())
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inside = np.all([
         np.einsum("ij,ij->i", np.cross(corners[:, (i + 1) % 3] - corners[:, i], x - corners[:, i]), normals) >= 0.0
         for i in range(3)
     ], axis=0)  # fmt: skip
     heights = np.abs(np.einsum("ij,ij->i", x - corners[:, 0], normals)) / np.linalg.norm(normals, axis=1)
-    return float(min(least, heights[inside].min(initial=np.inf)))
+    return float(min(minimum, heights[inside].min(initial=np.inf)))
 
 
 def winding(x: Array, corners: Array) -> float:

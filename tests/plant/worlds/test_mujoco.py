@@ -14,7 +14,7 @@ from hapnet import cli
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
 from hapnet.params import Params
 from hapnet.plant.worlds.mujoco_engine import CEILING_J, Engine
-from hapnet.plant.worlds.mujoco_world import LONGEST_S, MujocoProxy, MujocoWorld
+from hapnet.plant.worlds.mujoco_world import MAX_S, MujocoProxy, MujocoWorld
 from hapnet.simulation.simulation import Result, Simulation
 from hapnet.summary.structure import Environment
 from tests.support.theorem_cases import random_case
@@ -215,7 +215,7 @@ STRUCK = (
 def test_a_ram_that_strikes_the_proxy_takes_nothing_that_the_reservoir_does_not_have(tmp_path: Path) -> None:
     more = '<actuator><position joint="rod" kp="200" kv="5"/></actuator>'
     world, mass = made(model(tmp_path / "m.xml", STRUCK, more=more) + "?at=0,0,0.05")
-    least = 1.0
+    minimum = 1.0
     for k in range(200):
         world._found.data.ctrl[0] = -0.08 if k % 20 < 10 else 0.0
         mass.afford(1e-6)
@@ -223,9 +223,9 @@ def test_a_ram_that_strikes_the_proxy_takes_nothing_that_the_reservoir_does_not_
         before = 250.0 * float(np.sum((np.array(mass.position) - goal) ** 2))
         done = mass.step(0.02, goal)
         after = 250.0 * float(np.sum((np.array(done.position) - goal) ** 2))
-        least = min(least, 1e-6 + done.dissipated_J + after)  # what PSPM has at hand at the next onset
+        minimum = min(minimum, 1e-6 + done.dissipated_J + after)  # what PSPM has at hand at the next onset
         assert -done.work_J <= before + 1e-6
-    assert least >= 0.0
+    assert minimum >= 0.0
     assert world.supplied_J > 1e-3
 
 
@@ -254,7 +254,7 @@ def test_a_step_takes_as_long_as_it_took(dt: float, count: int, tmp_path: Path) 
     assert world._found.data.time == pytest.approx(dt, rel=1e-12)
     assert float(world._found.model.opt.timestep) == pytest.approx(dt / count, rel=1e-12)
     mass.step(10.0, mass.position)
-    assert world._found.data.time == pytest.approx(dt + LONGEST_S, rel=1e-9)
+    assert world._found.data.time == pytest.approx(dt + MAX_S, rel=1e-9)
 
 
 def test_at_rest_the_block_holds_the_force_that_the_spring_needs(tmp_path: Path) -> None:

@@ -153,12 +153,12 @@ def test_what_no_plane_describes_is_felt_through_the_proxy(tmp_path: Path) -> No
 
 def test_planes_make_the_force_truer_and_steadier_over_a_bad_link() -> None:
     """Against the springs in series, felt without delay, with steps of 10 to 30 ms."""
-    from tests.support.mujoco_feel import felt
+    from tests.support.mujoco_rendering import felt
 
-    without, told = felt("block", "none"), felt("block", "auto")
-    assert told.error < 0.015 * told.own < 0.03 * without.own < without.error
-    assert told.ripple < 0.5 * without.ripple
-    for one in (without, told):
+    without, reported = felt("block", "none"), felt("block", "auto")
+    assert reported.error < 0.015 * reported.own < 0.03 * without.own < without.error
+    assert reported.ripple < 0.5 * without.ripple
+    for one in (without, reported):
         check(one.result)
         device = one.result.summary["device"]
         assert device is not None

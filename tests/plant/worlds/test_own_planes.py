@@ -60,14 +60,14 @@ def test_several_obstacles_are_told_the_deepest_first() -> None:
     assert ForceWorld([Obstacle(wall, planes=lambda x, t: [])]).planes((0.0,), 1.0) == ()
 
 
-class Told(HeldWall):
+class Reported(HeldWall):
     def planes(self, position: Any, reach_m: float) -> Any:
         return [FACE] if position[0] > -0.1 else None
 
 
 def test_an_object_that_steps_may_tell_planes() -> None:
     assert SteppedWorld(HeldWall()).planes((0.0,), 1.0) is None
-    world = SteppedWorld(Told())
+    world = SteppedWorld(Reported())
     assert world.planes((0.0,), 1.0) == (FACE,)
     assert world.planes((-0.2,), 1.0) is None
 
@@ -89,9 +89,9 @@ def test_what_fails_names_the_scene() -> None:
 
 def test_a_ball_of_ones_own_is_felt_as_a_ball() -> None:
     """Told with its curvature, what is felt is the law, without delay; untold, the delay is felt."""
-    told, own = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.support.curved:own_ball", seconds=2.0)
+    reported, own = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.support.curved:own_ball", seconds=2.0)
     untold, _ = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.support.curved:untold", seconds=2.0)
-    assert told < 0.01 * own
+    assert reported < 0.01 * own
     assert untold > 0.1 * own
 
 

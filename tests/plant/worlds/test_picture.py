@@ -51,8 +51,8 @@ def recording() -> Recording:
 def test_an_obstacle_that_moves_is_recorded_where_its_script_puts_it(recording: Recording) -> None:
     assert recording.drawing is not None
     assert recording.world is not None
-    resting, moving = unpack(recording.drawing.data)
-    assert (resting.body, moving.body) == (RESTS, 0)
+    skippable_ticks, moving = unpack(recording.drawing.data)
+    assert (skippable_ticks.body, moving.body) == (RESTS, 0)
     assert np.linalg.norm(moving.vertices, axis=1) == pytest.approx(0.01, rel=1e-5)
     assert len(recording.scene) > 20
     lengths = np.concatenate([[0.0], np.cumsum(recording.world["step_s"])])
@@ -191,10 +191,10 @@ DRAWING = Drawing(3, pack(PARTS))
 def test_what_is_told_is_what_is_read() -> None:
     for message in (SCENE, DRAWING):
         assert decode(encode(message)) == message
-    for told, part in zip(unpack(DRAWING.data), PARTS, strict=True):
-        assert told.vertices == pytest.approx(part.vertices)
-        assert (told.triangles == part.triangles).all()
-        assert told[2:] == part[2:]
+    for reported, part in zip(unpack(DRAWING.data), PARTS, strict=True):
+        assert reported.vertices == pytest.approx(part.vertices)
+        assert (reported.triangles == part.triangles).all()
+        assert reported[2:] == part[2:]
     assert SCENE.contacts() == [Touch((0.0, 1.0, 2.0), (3.0, 4.0, 5.0), 6.0, (7.0, 8.0, 9.0))]
 
 

@@ -136,9 +136,9 @@ def links_for(steps_s: tuple[float, float]) -> list[str]:
     return BAD_LINKS[1:2] if steps_s[0] < 0.01 else BAD_LINKS
 
 
-def check_sphere(link: str, steps_s: tuple[float, float], feel: str) -> None:
+def check_sphere(link: str, steps_s: tuple[float, float], rendering: str) -> None:
     """At rest the springs in series let the proxy 1.1 mm in; the flat wall of theory.md is entered as deep."""
-    depth, flat = (run_pressed(scene, link, steps_s, 3.6, feel=feel) for scene in ("sphere", "plane"))
+    depth, flat = (run_pressed(scene, link, steps_s, 3.6, rendering=rendering) for scene in ("sphere", "plane"))
     assert 1e-3 < depth.max() <= 1.75e-3
     assert depth.max() == pytest.approx(flat.max(), rel=1e-6)
 
@@ -148,11 +148,11 @@ def test_a_sphere_over_a_bad_link() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("feel", ["paper", "hapnet"])
+@pytest.mark.parametrize("rendering", ["paper", "hapnet"])
 @pytest.mark.parametrize("steps_s", STEPS_S, ids=["1 ms", "10 to 50 ms", "100 ms"])
-def test_a_sphere_over_every_bad_link(steps_s: tuple[float, float], feel: str) -> None:
+def test_a_sphere_over_every_bad_link(steps_s: tuple[float, float], rendering: str) -> None:
     for link in links_for(steps_s):
-        check_sphere(link, steps_s, feel)
+        check_sphere(link, steps_s, rendering)
 
 
 # -- friction, and the anchored energy --------------------------------------------------------------------------------

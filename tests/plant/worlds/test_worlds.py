@@ -89,27 +89,27 @@ def slack_of(world: World, steps: int, rng: np.random.Generator) -> tuple[float,
     contacts = world.contacts
     proxy = PassiveIntegrator(0.02, 14.0, 500.0, world.start)
     stored_J = contacts.stored_J(proxy.position)
-    work = least = most = 0.0
+    work = minimum = most = 0.0
     for _ in range(steps):
         goal = tuple(rng.normal(0.0, 0.03, world.dof).tolist())
         for dt in rng.uniform(0.001, 0.05, 5).tolist():
             done = proxy.step(dt, goal, contacts)
             work -= done.work_J
             held = contacts.stored_J(proxy.position)
-            least, most = min(least, work + contacts.supplied_J - held + stored_J), max(most, held)
+            minimum, most = min(minimum, work + contacts.supplied_J - held + stored_J), max(most, held)
             touched = contacts.plane(proxy.position)
             assert (touched is None) == (done.penetration_m == 0.0)
             if touched is not None:
                 depth = float(np.dot(touched.normal, proxy.position)) - touched.offset_m
                 assert depth == pytest.approx(done.penetration_m, abs=1e-15)
-    return least, most
+    return minimum, most
 
 
 @pytest.mark.parametrize("name", [*SCENES, f"{__name__}:Drifting"])
 def test_the_surroundings_give_no_more_than_they_have(name: str) -> None:
     world = make_scene(name)
-    least, most = slack_of(world, 40 if name.endswith("Drifting") else 200, np.random.default_rng(5))
-    assert least >= -1e-12
+    minimum, most = slack_of(world, 40 if name.endswith("Drifting") else 200, np.random.default_rng(5))
+    assert minimum >= -1e-12
     assert (most > 1e-3) == (name != "free")
 
 

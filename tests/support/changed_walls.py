@@ -1,6 +1,7 @@
 """A world that changes under the hand, or lies about its planes: what the device feels, and what it costs.
 
-``python -m tests.support.denial`` prints a table over all changes, hands and moments; test_denial.py asserts it.
+``python -m tests.support.changed_walls`` prints a table over all changes, hands and moments; test_changed_walls.py
+asserts it.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ CORRECTED_S = 0.1
 
 @dataclass(frozen=True)
 class Denied:
-    """A run: the largest step of the held force [N], smallest slack and margin [J], and how far the force was from the
-    present wall's 100 ms after its word had come: `wrong` [N], beside `right` [N] (None: the world lied)."""
+    """A run: the largest step of the force under zero-order hold [N], smallest slack and margin [J], and how far the
+    force was from the present wall's 100 ms after its word had come: `wrong` [N], beside `right` [N] (None: the world
+    lied)."""
 
     step: float
     slack: float

@@ -14,11 +14,11 @@ from hapnet.records.vectors import dot, inner, times
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
 """Two planes, told one after the other, are the same surface if they differ by less."""
 
-LONGEST_EXTRAPOLATION_S = 0.2
+MAX_EXTRAPOLATION_S = 0.2
 """For how long a plane is assumed to go on moving [s]."""
 
 
-class ToldPlane(Record):
+class ContactPlane(Record):
     """A plane as told for `position` [m], with what follows from K'.
 
     Attributes
@@ -48,9 +48,9 @@ class ToldPlane(Record):
         """How deep `position` [m] is behind the plane as told [m]."""
         return depth(self, len(self.normal), position)
 
-    def withdrawn(self, told: Sequence[ToldPlane], position: Vector, reach_m: float) -> bool:
+    def withdrawn(self, reported: Sequence[ContactPlane], position: Vector, reach_m: float) -> bool:
         """Does a proxy at `position` [m] that tells these planes, and no others within `reach_m` [m], deny this one?"""
-        return withdrawn(self, told, len(told), len(self.normal), position, reach_m)
+        return withdrawn(self, reported, len(reported), len(self.normal), position, reach_m)
 
     def given(self, force: Vector) -> Vector:
         """By how much the virtual coupling gives way to `force` (n,) [N]: K'^-1 times it [m]."""
@@ -60,39 +60,39 @@ class ToldPlane(Record):
         """The plane's offset now [m]: a moving one goes on for a while."""
         return now(self, age)
 
-    def seen_from(self, place: Vector, age: float) -> ToldPlane:
+    def seen_from(self, place: Vector, age: float) -> ContactPlane:
         """The flat plane that is tangent to the surface at this age [s] where it is nearest to `place` [m]."""
         if not self.curvatures:
             return self
         foot = along(self._foot, self.normal, self.now(age) - self.offset)
         normal, depth = tangent(tuple(self.normal), foot, self.curvatures, place)
         offset: float = inner(normal, place) - depth
-        return ToldPlane(Plane(normal, offset, self.stiffness, 0.0, friction=self.friction), self._compliance, place)
+        return ContactPlane(Plane(normal, offset, self.stiffness, 0.0, friction=self.friction), self._compliance, place)
 
 
 @equation
-def understand(one: ToldPlane, n: int, compliance: FloatRows) -> None:
+def understand(one: ContactPlane, n: int, compliance: FloatRows) -> None:
     """What follows from K'."""
     times(n, compliance, one.normal, one.response)
     one.softness = 1.0 / one.stiffness + dot(n, one.normal, one.response)
 
 
 @equation
-def depth(one: ToldPlane, n: int, position: Reals) -> float:
-    """`ToldPlane.depth`."""
+def depth(one: ContactPlane, n: int, position: Reals) -> float:
+    """`ContactPlane.depth`."""
     return dot(n, one.normal, position) - one.offset
 
 
 @equation
-def now(one: ToldPlane, age: float) -> float:
-    """`ToldPlane.now`."""
+def now(one: ContactPlane, age: float) -> float:
+    """`ContactPlane.now`."""
     if one.velocity == 0.0:
         return one.offset
-    return one.offset + one.velocity * min(max(age, 0.0), LONGEST_EXTRAPOLATION_S)
+    return one.offset + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
 
 
 @equation
-def same(one: ToldPlane, other: ToldPlane, n: int, position: Reals) -> bool:
+def same(one: ContactPlane, other: ContactPlane, n: int, position: Reals) -> bool:
     """Are these the same surface, near enough, for a proxy at `position` [m]?"""
     apart = depth(one, n, position) - depth(other, n, position)
     alike = 1.0 / SAME_STIFFNESS < one.stiffness / other.stiffness < SAME_STIFFNESS
@@ -100,7 +100,7 @@ def same(one: ToldPlane, other: ToldPlane, n: int, position: Reals) -> bool:
 
 
 @equation
-def among(one: ToldPlane, others: Sequence[ToldPlane], count: int, n: int, position: Reals) -> bool:
+def among(one: ContactPlane, others: Sequence[ContactPlane], count: int, n: int, position: Reals) -> bool:
     """Is it the same surface as any of the first `count` others?"""
     found = False
     for j in range(count):
@@ -109,13 +109,15 @@ def among(one: ToldPlane, others: Sequence[ToldPlane], count: int, n: int, posit
 
 
 @equation
-def withdrawn(one: ToldPlane, told: Sequence[ToldPlane], count: int, n: int, position: Reals, reach_m: float) -> bool:
-    """`ToldPlane.withdrawn`. A plane that moves is not remembered: nobody knows where it is by now."""
+def withdrawn(
+    one: ContactPlane, reported: Sequence[ContactPlane], count: int, n: int, position: Reals, reach_m: float
+) -> bool:
+    """`ContactPlane.withdrawn`. A plane that moves is not remembered: nobody knows where it is by now."""
     if one.velocity != 0.0 or -depth(one, n, position) <= reach_m:
         return True
-    return among(one, told, count, n, position)
+    return among(one, reported, count, n, position)
 
 
-def along(place: Reals, way: Reals, share: float) -> Vector:
+def along(place: Reals, direction: Reals, share: float) -> Vector:
     """`place` + `share` `way`."""
-    return tuple([a + share * b for a, b in zip(place, way, strict=True)])
+    return tuple([a + share * b for a, b in zip(place, direction, strict=True)])

@@ -1,6 +1,7 @@
-"""What planes do for the feel of a MuJoCo scene over a bad link: the force's error and ripple, with and without them.
+"""What planes do for the rendering of a MuJoCo scene over a bad link: the force's error and ripple, with and without
+them.
 
-``python -m tests.support.mujoco_feel`` prints the table of hapnet/plant/worlds/README.md.
+``python -m tests.support.mujoco_rendering`` prints the table of hapnet/plant/worlds/README.md.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ GEOMS = {
 }
 
 
-class Feel(NamedTuple):
+class Rendering(NamedTuple):
     """Root mean squares [N]: of the error of the force along the normal, of that force, of its changes within 50 ms."""
 
     error: float
@@ -41,7 +42,7 @@ def scene(folder: Path, geom: str) -> str:
     return f"mujoco:{path}?at=0,0,0.1"
 
 
-def felt(name: str, planes: str, *, round_: bool = False, operator: str = "press", seed: int = 1) -> Feel:
+def felt(name: str, planes: str, *, round_: bool = False, operator: str = "press", seed: int = 1) -> Rendering:
     """A hand on one of `GEOMS`; `round_`: the surface is a ball of 35 mm for the sphere's centre."""
     with TemporaryDirectory() as folder:
         params = Params().set({
@@ -64,7 +65,7 @@ def felt(name: str, planes: str, *, round_: bool = False, operator: str = "press
     touched = own > 0.05
     smooth = np.convolve(np.sum(spring * out, axis=1), np.full(50, 0.02), "same")
     ripple = (np.sum(spring * out, axis=1) - smooth)[100:-100]
-    return Feel(*(float(np.sqrt(np.mean(part**2))) for part in (error[touched], own[touched], ripple)), result)  # type: ignore[misc]
+    return Rendering(*(float(np.sqrt(np.mean(part**2))) for part in (error[touched], own[touched], ripple)), result)  # type: ignore[misc]
 
 
 def main() -> None:
@@ -76,10 +77,10 @@ def main() -> None:
         ("block", "tests.support.curved:Slide", "a block without friction, slid over at 50 mm/s"),
         ("ball", "tests.support.curved:Slide", "a ball without friction, slid over at 50 mm/s"),
     ):
-        without, told = (felt(name, planes, round_=name == "ball", operator=operator) for planes in ("none", "all"))
+        without, reported = (felt(name, planes, round_=name == "ball", operator=operator) for planes in ("none", "all"))
         print(
-            f"| {words} | {without.error:.3f} N | {told.error:.3f} N | {told.own:.2f} N "
-            f"| {1e3 * without.ripple:.1f} mN | {1e3 * told.ripple:.1f} mN |"
+            f"| {words} | {without.error:.3f} N | {reported.error:.3f} N | {reported.own:.2f} N "
+            f"| {1e3 * without.ripple:.1f} mN | {1e3 * reported.ripple:.1f} mN |"
         )
 
 

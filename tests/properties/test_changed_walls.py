@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.denial import CHANGES, HANDS, Denied, denied
+from tests.support.changed_walls import CHANGES, HANDS, Denied, denied
 
 STEP_N = 0.5  # device.step_limit_N
 LEAD_N = 0.06  # half of the damper's drag is cancelled in free motion, with a delay: the light hand leaves at 0.1 m/s

@@ -1,4 +1,4 @@
-"""y for a world that can tell no planes: its answer, plus the own motion since the time for which it stands.
+"""y for a world that can send no planes: its answer, plus the device's own motion since the time for which it stands.
 
     y = y_w + sigma (x(t) - x(t - R)),      sigma = max(0, 1 - |y_w - x(t - R)| / distance)
 
@@ -16,7 +16,7 @@ from hapnet.checks import Vector
 from hapnet.control.smoothing import low_passed
 
 
-class OwnMotion:
+class SelfMotion:
     """Computes y from the world's positions and the own ones.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What the world tells of its proxy: where it will be, and the planes around it."""
+"""What the world sends of its proxy: where it will be, and the planes around it."""
 
 from __future__ import annotations
 
@@ -42,8 +42,10 @@ class Teller:
         predicted = self._predicted
         if self._contacts is not None:
             self._looked_m = reach = min(MOST_REACH_M, self._reach + self._reach_speed * predicted.turn_s)
-            told = self._contacts.planes(x, reach)
-            self._planes = None if told is None else tuple([plane.unfolded(x) for plane in checked(told, len(x))])
+            reported = self._contacts.planes(x, reach)
+            self._planes = (
+                None if reported is None else tuple([plane.unfolded(x) for plane in checked(reported, len(x))])
+            )
         predicted.planes = self._planes or ()
         self._stands_for = predicted.stands_for(dt)
 

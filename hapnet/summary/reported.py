@@ -1,7 +1,7 @@
 """A side's half of a summary as values that it can tell its peer, and both halves as one summary.
 
-What the peer tells is a claim of the peer's: `told` in the summary says whose, and as of when, and the verdict says so.
-Which values there are is said in `hapnet/wire/README.md`, under "Accounts".
+What the peer reports is a claim of the peer's: `told` in the summary says whose, and as of when, and the verdict says
+so. Which values there are is said in `hapnet/wire/README.md`, under "Accounts".
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from hapnet.summary.path import ROUND_TRIP, WAYS
+from hapnet.summary.path import DIRECTIONS, ROUND_TRIP
 from hapnet.summary.run import judged, merge
 from hapnet.summary.structure import SIDES, SidePart, Summary, known, read
 from hapnet.wire.fields import Signal
@@ -45,13 +45,13 @@ class Claim(NamedTuple):
 
 
 def values_of(own: Summary, role: Role) -> dict[str, Signal]:
-    """What a side tells, from its own summary. What is not known is left out."""
+    """What a side reports, from its own summary. What is not known is left out."""
     found: dict[str, Any] = {name: _at(own[role], name) for name in _PART}
     found |= {f"motion.{name}": _at(own["motion"], name) for name in _MOTION[role]}
-    found |= {f"path.{name}": _at(own["path"][WAYS[role]], name) for name in _PATH}
+    found |= {f"path.{name}": _at(own["path"][DIRECTIONS[role]], name) for name in _PATH}
     found |= {f"path.{name}": _at(own["path"], name) for name in ROUND_TRIP}
     found |= {f"wall.{name}": _at(own["environment"], name) for name in _WALL}
-    return {name: told for name, value in found.items() if (told := _tellable(value)) is not None}
+    return {name: reported for name, value in found.items() if (reported := _reportable(value)) is not None}
 
 
 def joined(own: Summary, role: Role, claim: Claim) -> Summary:
@@ -91,11 +91,11 @@ def _read(values: Mapping[str, Signal], role: Role) -> Summary:
         part["stopped"] = None
     springs = values.get("wall.springs_N_m")
     path: dict[str, Any] = {name: values.get(f"path.{name}") for name in ROUND_TRIP}
-    way = {name: values.get(f"path.{name}") for name in _PATH}
+    direction = {name: values.get(f"path.{name}") for name in _PATH}
     return read({
         role: part,
         "motion": {name: values.get(f"motion.{name}") for name in _MOTION[role]},
-        "path": path | ({} if way["sent"] is None else {WAYS[role]: way}),
+        "path": path | ({} if direction["sent"] is None else {DIRECTIONS[role]: direction}),
         "environment": {
             "stiffness_N_m": values.get("wall.stiffness_N_m"),
             "springs_N_m": list(springs) if isinstance(springs, tuple) else None,
@@ -109,7 +109,7 @@ def _at(tree: object, name: str) -> object:
     return tree
 
 
-def _tellable(value: object) -> Signal:
+def _reportable(value: object) -> Signal:
     """The value as a message can have it; None: it is not known."""
     if isinstance(value, list | tuple):
         numbers = [number for one in value if (number := known(one)) is not None]

@@ -1,8 +1,8 @@
-"""The feel of set-position couplings: what stands before PSPM, and every number of it, by rule.
+"""The rendering of set-position couplings: what stands before PSPM, and every number of it, by rule.
 
-``feel = "paper"``: the newest set-position goes to PSPM as it is, every `device.pspm_period_s`.
-``feel = "hapnet"``: the rules below; ``feel = "auto"``: one of these, by the law. All of it only chooses y, or adds
-dissipation, so Theorem 1 holds for both.
+``rendering = "paper"``: the newest set-position goes to PSPM as it is, every `device.pspm_period_s`.
+``rendering = "hapnet"``: the rules below; ``rendering = "auto"``: one of these, by the law. All of it only chooses y,
+or adds dissipation, so Theorem 1 holds for both.
 
 | what | rule | source |
 |---|---|---|
@@ -15,7 +15,7 @@ dissipation, so Theorem 1 holds for both.
 | planes known | until the world, which says how far it looks, tells them no more | a wall mostly stands still |
 | the lead yields | below the level `contact_model.yields_below` of the world's reservoir | (below) |
 
-A world that can tell no planes is felt through its late answers, with 100 N/m at most: a stiffer spring rings.
+A world that can send no planes is felt through its late answers, with 100 N/m at most: a stiffer spring rings.
 A plane must be told before the hand is there, however fast it is. A world that has less energy than it wants lets the
 hand pay for what its walls dissipate: the lead goes in proportion. In contact the hand feels the wall and nothing else.
 """
@@ -33,8 +33,8 @@ from hapnet import checks
 from hapnet.checks import Array
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.own_motion import OwnMotion
 from hapnet.control.prediction import MotionPredictor, PredictedDevice
+from hapnet.control.self_motion import SelfMotion
 from hapnet.couplings.default_stiffness import PAPERS
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
@@ -53,13 +53,15 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
 }
 """`CouplingSpec.searched` of both couplings with this feel."""
 
-PREDICT_S = "the world predicts the device where delay and lag are at most this, unless the feel is paper [s]; 0: never"
+PREDICT_S = (
+    "the world predicts the device where delay and lag are at most this [s]; 0, or with the paper's rendering: never"
+)
 """The meaning of a law's parameter for `predicts`."""
 
 
 @dataclass(frozen=True)
-class FeelTuning:
-    """contact_model : does the device compute y from the planes that the world tells? If not, the rest is 0.
+class RenderingTuning:
+    """contact_model : does the device compute y from the planes that the world sends? If not, the rest is 0.
 
     lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are told.
     reach_speed_mps : and those that a device so fast could reach before it is told.
@@ -73,17 +75,17 @@ class FeelTuning:
     reach_speed_mps: float = 0.0
 
 
-def tune(params: Params, link: Delays) -> FeelTuning:
+def tune(params: Params, link: Delays) -> RenderingTuning:
     """The tuning of the laws that have these stages by default."""
-    return FeelTuning(contact_model=False) if params.feel == "paper" else tuned(params)
+    return RenderingTuning(contact_model=False) if params.rendering == "paper" else tuned(params)
 
 
-def tuned(params: Params) -> FeelTuning:
+def tuned(params: Params) -> RenderingTuning:
     """The numbers of the table above."""
     device = params.device
     wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(_largest(device.stiffness) * device.mass)
     added = min(max(0.0, wanted - _largest(device.damping)), RENDERED_DAMPING)
-    return FeelTuning(
+    return RenderingTuning(
         contact_model=True,
         lag_s=lag_s(params),
         damping_Ns_m=added,
@@ -93,7 +95,7 @@ def tuned(params: Params) -> FeelTuning:
     )
 
 
-def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
+def at_device(start: CouplingStart[RenderingTuning]) -> ContactModel | None:
     """What computes the device's y; None: y is the newest set-position."""
     if not start.tuning.contact_model:
         return None
@@ -107,7 +109,7 @@ def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
         start.position,
         compliance=np.linalg.inv(stiffness).tolist(),
         lead=lead.tolist(),
-        own_motion=OwnMotion(),
+        self_motion=SelfMotion(),
         added=AddedDamping(K.tolist(), np.linalg.inv(K).tolist(), b, RENDERED_DAMPING),
         lead_s=model.lead_s,
         fade_s=model.fade_s,
@@ -118,7 +120,7 @@ def at_device(start: CouplingStart[FeelTuning]) -> ContactModel | None:
     )
 
 
-def reach(start: CouplingStart[FeelTuning]) -> tuple[float, float]:
+def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
     """How far planes are told [m], and how fast a device is told of those farther away in time [m/s]."""
     return start.tuning.reach_m, start.tuning.reach_speed_mps
 
@@ -132,7 +134,7 @@ def at_world(start: CouplingStart[Any]) -> PredictedDevice:
 def predicts(params: Params, link: Delays, longest_s: float) -> bool:
     """Does the world's end of a law at the device predict it? Where that takes no longer predictions than this [s]."""
     horizon_s = link.one_way_s + lag_s(params) + params.world.step_max_s / 2.0
-    return params.feel != "paper" and horizon_s <= longest_s
+    return params.rendering != "paper" and horizon_s <= longest_s
 
 
 def predictor(params: Params) -> MotionPredictor:
