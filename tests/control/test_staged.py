@@ -101,9 +101,7 @@ def test_with_the_stages_pd_claims_nothing() -> None:
 
 @pytest.mark.parametrize(("name", "sends"), [("tdpa", "Port"), ("wave", "Wave"), ("digital-wave", "Wave")])
 def test_a_law_without_a_set_position_says_so(name: str, sends: str) -> None:
-    says = (
-        rf"^feel is 'hapnet'; allowed: auto or paper with the coupling {name}: it sends {sends}, so it has no set-pos"
-    )
+    says = rf"^rendering is 'hapnet'; allowed: auto or paper with the coupling {name}: it sends {sends}, so it has no"
     with pytest.raises(InvalidParameter, match=says):
         prepare({"coupling": name, "rendering": "hapnet"})
 
@@ -131,3 +129,9 @@ def test_a_strangers_law_has_them_too() -> None:
     plain = simulate({**changes, "rendering": "paper"}, seed=1)
     moved = [run.summary["motion"]["free_rms_m"] or 0.0 for run in (found, plain)]
     assert moved[0] < 0.7 * moved[1]
+
+
+def test_the_former_name_is_read() -> None:
+    former = prepare({"feel": "paper"}).params
+    assert former == prepare({"rendering": "paper"}).params
+    assert former.feel == former.get("feel") == "paper"

@@ -151,7 +151,7 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
         g, p = law.impedance(T)
         vhat = rng.normal(0.0, 0.3, n)
         f = np.array(p) - g * vhat
-        v_y_commanded = np.array(law.way) / T
+        v_y_commanded = np.array(law.commanded) / T
         law.moved(T, tuple(vhat.tolist()), tuple((x + T * vhat).tolist()), tuple(vhat.tolist()))
         v_y = (np.array(law.set_position) - y) / T
         a = B + K * T / 2
@@ -222,7 +222,7 @@ def test_without_force_nothing_is_lost_of_the_way_whatever_the_link_loses(steps:
         at = at + 0.1 * dt if len(steps) and at < 0.1 * sum(s for s, _ in steps) - 1e-12 else at
         y = law.set_position[0]
         law.impedance(dt)
-        vhat = law.way[0] / dt
+        vhat = law.commanded[0] / dt
         x = y + vhat * dt
         law.moved(dt, (vhat,), (x,), (vhat,))
         if not lost:

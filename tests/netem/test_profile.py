@@ -173,11 +173,11 @@ def test_compose_overrides_a_preset_and_adds_to_words() -> None:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"words": "delay 1ms", "preset": "wifi"}, "not both"),
-        ({"words": "delay 1ms", "delay": "2ms"}, "not both"),
-        ({"words": "delay 1ms 1ms", "jitter": "2ms"}, "not both"),
-        ({"words": "drop 1%", "loss": "2%"}, "not both"),
-        ({"words": "delay 1ms gap 3", "reorder": "2%"}, "not both"),
+        ({"text": "delay 1ms", "preset": "wifi"}, "not both"),
+        ({"text": "delay 1ms", "delay": "2ms"}, "not both"),
+        ({"text": "delay 1ms 1ms", "jitter": "2ms"}, "not both"),
+        ({"text": "drop 1%", "loss": "2%"}, "not both"),
+        ({"text": "delay 1ms gap 3", "reorder": "2%"}, "not both"),
         ({"delay": "40ms 10ms"}, "one setting"),
         ({"loss": "2% delay 4ms"}, "one setting"),
         ({"loss": ""}, "loss"),

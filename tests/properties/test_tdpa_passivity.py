@@ -66,7 +66,7 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
             vhat = rng.normal(0.0, 0.05, n) - 0.5 * x_w
             f = np.array(p) - g * vhat
             x_w = x_w + dt * vhat
-            step_work = max(step_work, float(np.abs(f) @ np.abs(far.way)))
+            step_work = max(step_work, float(np.abs(f) @ np.abs(far.commanded)))
             far.moved(dt, tuple(vhat.tolist()), tuple(x_w.tolist()), tuple(vhat.tolist()))
             energy -= float(f @ (np.array(far.set_position) - y))
             far.begin()
