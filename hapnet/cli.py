@@ -72,7 +72,7 @@ class _Commands(TyperGroup):
 
 def _load(name: str) -> Any:
     """A command, ready to be run: the function, or the group `app` of its file."""
-    from hapnet.commands.groups import grouped
+    from netem.groups import grouped
 
     module = import_module(f"hapnet.commands.{name}")
     if (own := getattr(module, "app", None)) is None:

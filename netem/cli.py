@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from dataclasses import astuple, dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, TextIO
 
@@ -14,6 +15,7 @@ import typer
 
 from netem import output, units
 from netem.errors import NetemError
+from netem.groups import grouped
 from netem.presets import ALIASES, PRESETS
 from netem.profile import LinkProfile, compose
 from netem.progress import Progress
@@ -76,6 +78,49 @@ Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of the draws
 Duration = Annotated[str | None, typer.Option(metavar="S", help="Stop after this time, as 10 or 500ms; else Ctrl-C.")]
 
 
+@dataclass(frozen=True)
+class Effects:
+    """What a link does, in options."""
+
+    profile: ProfileOption = None
+    delay: Delay = None
+    jitter: Jitter = None
+    loss: LossOption = None
+    reorder: Reorder = None
+    rate: Rate = None
+    resend: Resend = None
+
+    def compose(self, words: list[str] | None) -> LinkProfile:
+        """These options, and what is given in words or as a profile's name.
+
+        Raises
+        ------
+        NetemError : one is not valid, or something is given twice.
+        """
+        text, profile, *effects = " ".join(words) if words else None, *astuple(self)
+        if text is not None and (text in PRESETS or text in ALIASES) and profile is None:
+            text, profile = None, text
+        return compose(text, profile, *effects)
+
+
+@dataclass(frozen=True)
+class Relaying:
+    """Both directions of a relay, how they change, and how long it runs."""
+
+    up: Up = None
+    down: Down = None
+    timeline: TimelineOption = None
+    up_timeline: UpTimeline = None
+    down_timeline: DownTimeline = None
+    seed: Seed = 0
+    duration: Duration = None
+    json_to: JsonTo = None
+
+    def directions(self, both: LinkProfile) -> tuple[LinkProfile, LinkProfile]:
+        """The profiles of uplink and downlink; NetemError if one is not valid."""
+        return _direction("up", self.up, both), _direction("down", self.down, both)
+
+
 class Mode(StrEnum):
     """How a Zenoh session takes part in its network."""
 
@@ -114,15 +159,11 @@ def profiles(json_to: JsonTo = None) -> None:
 
 
 @app.command()
+@grouped
 def show(
+    *,
     words: Words = None,
-    profile: ProfileOption = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: LossOption = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    resend: Resend = None,
+    effects: Effects,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of the link's draws.")] = 0,
     count: Annotated[int, typer.Option(min=1, max=10_000_000, help="Number of messages to send.")] = 20_000,
     interval: Annotated[str, typer.Option(help="Time between two messages.")] = "1ms",
@@ -136,7 +177,7 @@ def show(
 
     It prints the profile as netem reads it, statistics of a stream of messages, and a histogram of their delays.
     """
-    link_profile = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
+    link_profile = effects.compose(words)
     interval_ns = units.parse_time("interval", interval)
     output.check_writable("--png", png)
     output.check_writable("--json", json_to)
@@ -158,38 +199,25 @@ def _relays(kind: str) -> Callable[..., None]:
     """The command that relays UDP or TCP."""
 
     def command(
+        *,
         listen: Annotated[str, typer.Option(metavar="A:P", help="Address that clients use; [::1]:P for IPv6.")],
         to: Annotated[str, typer.Option(metavar="B:P", help="Address where the server listens.")],
         words: Words = None,
-        profile: ProfileOption = None,
-        delay: Delay = None,
-        jitter: Jitter = None,
-        loss: LossOption = None,
-        reorder: Reorder = None,
-        rate: Rate = None,
-        resend: Resend = None,
-        up: Up = None,
-        down: Down = None,
-        timeline: TimelineOption = None,
-        up_timeline: UpTimeline = None,
-        down_timeline: DownTimeline = None,
-        seed: Seed = 0,
-        duration: Duration = None,
-        json_to: JsonTo = None,
+        effects: Effects,
+        relaying: Relaying,
     ) -> None:
-        both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
-        directions = (_direction("up", up, both), _direction("down", down, both))
+        directions = relaying.directions(effects.compose(words))
 
         async def run(session: _Session) -> RelayFigures:
             from netem.relay import UdpRelay, format_address
             from netem.tcp_relay import TcpRelay
 
-            async with (UdpRelay if kind == "udp" else TcpRelay)(listen, to, *directions, seed) as relay:
+            async with (UdpRelay if kind == "udp" else TcpRelay)(listen, to, *directions, relaying.seed) as relay:
                 return await session.serve(relay, f"{format_address(relay.address)} <-> {to}")
 
-        _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
+        _Session(relaying).run(run)
 
-    return command
+    return grouped(command)
 
 
 _BOTH = (
@@ -213,40 +241,28 @@ app.command(
 
 
 @app.command()
+@grouped
 def zenoh(
+    *,
     listen: Annotated[str, typer.Option(metavar="ENDPOINT", help="Where one network dials, as tcp/127.0.0.1:17448.")],
     connect: Annotated[str, typer.Option(metavar="ENDPOINT", help="Where the other network listens.")],
     words: Words = None,
     key: Annotated[str, typer.Option("-k", "--key", metavar="EXPR", help="Key expression to relay.")] = "**",
     mode: Annotated[Mode, typer.Option(help="Mode of the dialling session: client for a router.")] = Mode.PEER,
-    profile: ProfileOption = None,
-    delay: Delay = None,
-    jitter: Jitter = None,
-    loss: LossOption = None,
-    reorder: Reorder = None,
-    rate: Rate = None,
-    resend: Resend = None,
-    up: Up = None,
-    down: Down = None,
-    timeline: TimelineOption = None,
-    up_timeline: UpTimeline = None,
-    down_timeline: DownTimeline = None,
-    seed: Seed = 0,
-    duration: Duration = None,
-    json_to: JsonTo = None,
+    effects: Effects,
+    relaying: Relaying,
 ) -> None:
     """Relay between two Zenoh networks through a link.
 
     It relays puts and deletes with all their attributes, and liveliness tokens (these at once and without loss), but no
     queries. The words apply to both directions, unless --up or --down gives others.
     """
-    both = _compose(words, profile, delay, jitter, loss, reorder, rate, resend)
-    directions = (_direction("up", up, both), _direction("down", down, both))
+    directions = relaying.directions(effects.compose(words))
 
     async def run(session: _Session) -> RelayFigures:
         from netem.zenoh_relay import ZenohRelay
 
-        relay = ZenohRelay(listen, connect, *directions, seed, key=key, mode=mode.value)
+        relay = ZenohRelay(listen, connect, *directions, relaying.seed, key=key, mode=mode.value)
         try:
             await relay.open()
             return await session.serve(relay, f"{listen} <-> {connect}")
@@ -254,7 +270,7 @@ def zenoh(
             if not await relay.close():
                 print("netem: Zenoh did not close in time", file=sys.stderr)
 
-    _Session(timeline, up_timeline, down_timeline, seed, duration, json_to).run(run)
+    _Session(relaying).run(run)
 
 
 @app.command()
@@ -295,24 +311,16 @@ def bench(
 class _Session:
     """One run of a relay: its timelines, its duration, and where its figures go."""
 
-    def __init__(
-        self,
-        timeline: str | None,
-        up_timeline: str | None,
-        down_timeline: str | None,
-        seed: int,
-        duration: str | None,
-        json_to: str | None,
-    ) -> None:
+    def __init__(self, relaying: Relaying) -> None:
         from netem.timeline import Timeline
 
-        given = (up_timeline or timeline, down_timeline or timeline)
+        given = (relaying.up_timeline or relaying.timeline, relaying.down_timeline or relaying.timeline)
         self._timelines = [None if text is None else Timeline.read(text) for text in given]
-        self._seed, self._json_to = seed, json_to
-        self._duration_s = None if duration is None else _seconds("--duration", duration)
+        self._seed, self._json_to = relaying.seed, relaying.json_to
+        self._duration_s = None if relaying.duration is None else _seconds("--duration", relaying.duration)
         self._elapsed_s = 0.0
-        self._out: TextIO = sys.stderr if json_to == "-" else sys.stdout
-        output.check_writable("--json", json_to)
+        self._out: TextIO = sys.stderr if self._json_to == "-" else sys.stdout
+        output.check_writable("--json", self._json_to)
 
     def run(self, relay: Callable[[_Session], Coroutine[None, None, RelayFigures]]) -> None:
         """Run a relay to its end, then print its figures."""
@@ -378,22 +386,6 @@ def _complete() -> int:
     with suppress(Exception):
         app(args=[], prog_name="netem", standalone_mode=False)
     return 1
-
-
-def _compose(
-    words: list[str] | None,
-    profile: str | None,
-    delay: str | None,
-    jitter: str | None,
-    loss: str | None,
-    reorder: str | None,
-    rate: str | None,
-    resend: str | None,
-) -> LinkProfile:
-    text = " ".join(words) if words else None
-    if text is not None and (text in PRESETS or text in ALIASES) and profile is None:
-        text, profile = None, text
-    return compose(text, profile, delay, jitter, loss, reorder, rate, resend)
 
 
 def _direction(name: str, text: str | None, both: LinkProfile) -> LinkProfile:

@@ -13,13 +13,13 @@ import typer
 
 from hapnet.commands import complete, flags, output
 from hapnet.commands.compare_plan import BASE, drawn_case, plans_of
-from hapnet.commands.groups import Without
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.extras import require
 from hapnet.params import Params
 from hapnet.study.sections import FULL, QUICK
+from netem.groups import Without
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapnet.commands import flags, output
-from hapnet.commands.groups import Without
 from hapnet.commands.options import ParamsOptions
 from hapnet.errors import InvalidParameter
 from hapnet.loading import load
 from hapnet.params import Params
+from netem.groups import Without
 
 if TYPE_CHECKING:
     from hapnet.devices.emulator import Emulator

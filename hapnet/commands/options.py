@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from hapnet.commands import flags, output
-from hapnet.commands.groups import Without
 from hapnet.errors import InvalidParameter, OutputError
 from hapnet.params import LinkParams, Params
+from netem.groups import Without
 from netem.presets import ALIASES, PRESETS
 from netem.profile import LinkProfile, compose
 

@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import flags, output
-from hapnet.commands.groups import Without
 from hapnet.commands.options import LinkOptions, ModelOptions, PageOptions, ParamsOptions
 from hapnet.errors import InvalidParameter
 from hapnet.params import RELAXED_HAND, OperatorParams, Params
+from netem.groups import Without
 
 
 def play(

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapnet.commands import flags, output
-from hapnet.commands.groups import Without
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter, OutputError, RecordingError
+from netem.groups import Without
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

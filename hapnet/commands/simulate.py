@@ -7,11 +7,11 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import flags, output
-from hapnet.commands.groups import Without
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no_out_without_files
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from netem.groups import Without
 
 
 def simulate(

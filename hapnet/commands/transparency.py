@@ -13,12 +13,12 @@ import typer
 
 from hapnet.commands import complete, flags, output
 from hapnet.commands.compare_plan import links_of, names_of
-from hapnet.commands.groups import Without
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
+from netem.groups import Without
 
 if TYPE_CHECKING:
     from rich.console import Console

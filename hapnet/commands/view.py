@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import output
-from hapnet.commands.groups import Without
 from hapnet.commands.options import PageOptions, ZenohOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from netem.groups import Without
 
 if TYPE_CHECKING:
     from hapnet.view.watcher import Watcher

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.commands.device import one_side
-from hapnet.commands.groups import Without
 from hapnet.commands.options import ModelOptions, OneWay, ParamsOptions, SideFlags, ZenohOptions
+from netem.groups import Without
 
 
 def world(

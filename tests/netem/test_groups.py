@@ -7,7 +7,7 @@ from typing import Annotated
 import pytest
 import typer
 
-from hapnet.commands.groups import Without, grouped
+from netem.groups import Without, grouped
 
 Delay = Annotated[str | None, typer.Option(help="Delay.")]
 

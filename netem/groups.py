@@ -21,7 +21,9 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, init=False)
@@ -34,7 +36,7 @@ class Without:
         object.__setattr__(self, "names", names)
 
 
-def grouped(command: Callable[..., int]) -> Callable[..., int]:
+def grouped(command: Callable[..., T]) -> Callable[..., T]:
     """The command in the form that typer needs: each parameter that is a group is replaced by the group's fields.
 
     Raises
@@ -61,7 +63,7 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
         ]
 
     @wraps(command)
-    def expanded(**given: Any) -> int:
+    def expanded(**given: Any) -> T:
         built = {name: group(**{field: given.pop(field) for field in kept}) for name, (group, kept) in groups.items()}
         return command(**given, **built)
 
