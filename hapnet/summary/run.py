@@ -16,6 +16,7 @@ from hapnet.summary import path as paths
 from hapnet.summary.from_samples import credited_early, min_total_margin, two_port_margin
 from hapnet.summary.structure import (
     Contradictions,
+    DevicePart,
     DriverPart,
     Energy,
     Environment,
@@ -39,21 +40,6 @@ from hapnet.versions import versions as versions
 from hapnet.wire import sums
 from hapnet.wire.session import Session
 
-_HELD = (
-    "reserve_J",
-    "reserve_needed_J",
-    "overrun_leak_J",
-    "overrun_risk_J",
-    "speed_max_mps",
-    "speed_limit_mps",
-    "guarded_ticks",
-    "force",
-    "hand_work_J",
-    "stopped",
-    "driver",
-)
-"""The entries about held torques, the simulated hand, a stopped force and a real device."""
-
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> SidePart:
     """The device's part, as its control half knows it. `servo`: the servo's timing in real time."""
@@ -67,7 +53,7 @@ def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any
 
 
 def _held(side: DeviceSide) -> SidePart:
-    result = _nothing_held()
+    result = cast(SidePart, unknown(DevicePart))
     result["hand_work_J"] = side.hand_work if side.simulated else None
     result["stopped"] = _stopped(side)
     result["driver"] = cast(DriverPart | None, side.driver_figures())
@@ -77,10 +63,6 @@ def _held(side: DeviceSide) -> SidePart:
     if figures:
         figures["reserve_needed_J"] = _known(figures["reserve_needed_J"])
     return cast(SidePart, {**result, **figures})
-
-
-def _nothing_held() -> SidePart:
-    return cast(SidePart, dict.fromkeys(_HELD))
 
 
 def _stopped(side: DeviceSide) -> Stopped | None:
@@ -93,17 +75,9 @@ def _stopped(side: DeviceSide) -> Stopped | None:
 
 def unknown_device() -> SidePart:
     """The device's part if its servo reported nothing: the same keys with value None."""
-    return {
-        "ledger": unknown(Ledger),
-        "reservoir_min_J": None,
-        "modulated_share": None,
-        "deficit_max_J": None,
-        "discarded_nJ": None,
-        "quantisation_J": None,
-        "true_slack_J": None,
-        **_nothing_held(),
-        "servo": unknown(Servo),
-    }
+    part = unknown(SidePart)
+    del part["step"], part["environment"], part["failed"]
+    return part
 
 
 def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
@@ -364,17 +338,10 @@ def _flow(sender: SidePart | None, receiver: SidePart | None, early_J: float | N
 
     A sender that leaves abandons what is not acknowledged. The receiver knows how much of that it credited.
     """
-    if sender is None:
-        credited = None if receiver is None else receiver["credited_nJ"]
-        return {
-            "sent_nJ": None,
-            "credited_nJ": credited,
-            "in_flight_nJ": None,
-            "abandoned_nJ": None,
-            "early_J": early_J,
-        }
-    sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     credited = None if receiver is None else receiver["credited_nJ"]
+    if sender is None:
+        return {**unknown(Flow), "credited_nJ": credited, "early_J": early_J}
+    sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
     in_flight = sender["in_flight_nJ"]
     if sent is not None and credited is not None and abandoned is not None and not restarted(sender, receiver):
         abandoned = min(abandoned, sent - credited)

@@ -63,27 +63,6 @@ class Hand(TypedDict):
     margin_J: Number
 
 
-class Environment(TypedDict):
-    """The port of the environment [J]. From `env_slack_J` on: its own account, see `EnvironmentPart`.
-
-    `stiffness_N_m` : of the stiffest wall; `felt_stiffness_N_m` : as a hand feels it through the coupling's springs,
-    `springs_N_m` : K and K', or K alone (hapnet/couplings/felt.py).
-    """
-
-    stiffness_N_m: Number
-    felt_stiffness_N_m: Number
-    springs_N_m: list[float] | None
-
-    work_J: Number
-    slack_J: Number
-    env_slack_J: Number
-    env_supplied_J: Number
-    env_stored_J: Number
-    env_given_J: Number
-    env_paid_J: Number
-    env_diverged: bool | None
-
-
 class EnvironmentPart(TypedDict):
     """The environment's own account [J], as the world's side keeps it (hapnet/plant/worlds/account.py).
 
@@ -99,6 +78,20 @@ class EnvironmentPart(TypedDict):
     env_given_J: Number
     env_paid_J: Number
     env_diverged: bool | None
+
+
+class Environment(EnvironmentPart):
+    """The port of the environment [J], and its own account.
+
+    `stiffness_N_m` : of the stiffest wall; `felt_stiffness_N_m` : as a hand feels it through the coupling's springs,
+    `springs_N_m` : K and K', or K alone (hapnet/couplings/felt.py).
+    """
+
+    stiffness_N_m: Number
+    felt_stiffness_N_m: Number
+    springs_N_m: list[float] | None
+    work_J: Number
+    slack_J: Number
 
 
 class Ledger(TypedDict):
@@ -173,9 +166,25 @@ class Contradictions(TypedDict):
     acknowledged: Count
 
 
-class SidePart(TypedDict, total=False):
-    """What one side knows of itself. Only the device has the entries from `servo` on, only the world has `step` and
-    `environment`.
+class DevicePart(TypedDict, total=False):
+    """What only the device knows: its held torques, the simulated hand, a stopped force, a real device."""
+
+    reserve_J: Number
+    reserve_needed_J: Number
+    overrun_leak_J: Number
+    overrun_risk_J: Number
+    speed_max_mps: Number
+    speed_limit_mps: Number
+    guarded_ticks: Count
+    force: str | None
+    hand_work_J: Number
+    stopped: Stopped | None
+    driver: DriverPart | None
+
+
+class SidePart(DevicePart, total=False):
+    """What one side knows of itself. Only the device has `servo`, `quantisation_J` and `true_slack_J`, only the world
+    `step` and `environment`.
 
     `failed` : why it ended before its time.
 
@@ -206,17 +215,6 @@ class SidePart(TypedDict, total=False):
     servo: Servo
     quantisation_J: Number
     true_slack_J: Number
-    reserve_J: Number
-    reserve_needed_J: Number
-    overrun_leak_J: Number
-    overrun_risk_J: Number
-    speed_max_mps: Number
-    speed_limit_mps: Number
-    guarded_ticks: Count
-    force: str | None
-    hand_work_J: Number
-    stopped: Stopped | None
-    driver: DriverPart | None
 
 
 class Flow(TypedDict):
