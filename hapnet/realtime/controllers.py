@@ -64,6 +64,9 @@ class Control(Protocol):
     def place(self, position: Vector) -> None:
         """Begin at `position` [m], shape (n,): a device with a live hand, or a world; before `start`."""
 
+    def beat(self) -> None:
+        """The event loop goes on, so this side can be told to end."""
+
     def part(self) -> SidePart:
         """This side's part of the summary so far, without the wire half's; complete once it has stopped."""
 
@@ -119,6 +122,9 @@ class ThreadedDevice:
     def place(self, position: Vector) -> None:
         self.side.place(position)
 
+    def beat(self) -> None:
+        """Who waits for it is a process of its own."""
+
     def part(self) -> SidePart:
         return device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
 
@@ -168,6 +174,9 @@ class ThreadedWorld:
     def place(self, position: Vector) -> None:
         self.side.place(position)
 
+    def beat(self) -> None:
+        """A world holds nobody's hand."""
+
     def part(self) -> SidePart:
         return world_summary(self.side, self._coupling)
 
@@ -198,5 +207,6 @@ def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:
         "skipped": timing.skipped,
         "overruns": side.overruns,
         "longest_ms": side.max_ns * 1e-6,
+        "withheld_s": side.withheld_ns * 1e-9,
         "late_histogram_us": [[edge / 1e3, count] for edge, count in timing.late_histogram_ns],
     }

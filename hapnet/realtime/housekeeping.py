@@ -88,6 +88,7 @@ class Housekeeping:
     ) -> None:
         rounds = 0
         while not stop.is_set():
+            self._control.beat()
             origin_ns = self._control.origin_ns
             if origin_ns is None:
                 self._wait(self._clock())

@@ -1,7 +1,8 @@
 """A servo's process: the device, its control half and nothing else. Started by servo_process.py.
 
 No network, recording or display runs here, so nothing holds the interpreter's lock when a tick is due. If the parent
-is gone, for whatever reason, the next tick notices it, and the servo stops rendering force.
+is gone, for whatever reason, the next tick notices it, and the servo stops rendering force. While the parent stands
+still it renders none either (parent_watch.py).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from hapnet.assembly.user_device import is_blocking
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.realtime.controllers import servo_timing, unsafe
+from hapnet.realtime.parent_watch import ParentWatch
 from hapnet.realtime.servo import Servo, tuned_interpreter
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, sample_of
 from hapnet.recording.samples import DeviceSample, Sample
@@ -57,6 +59,7 @@ class ServoChild:
         self.collect: Callable[[], int] = lambda: 0
         self._collect_every = round(_COLLECT_EVERY_S * prepared.params.device.servo_hz)
         self._parent: int = setup["parent"]
+        self._watch = ParentWatch(self._parent)
         self._samples: list[DeviceSample] = []
         self._a_frame = max(1, min(_MOST_SAMPLES, round(params.record_hz / (params.telemetry_hz or 1.0))))
         self._unrecorded = 0
@@ -66,6 +69,7 @@ class ServoChild:
 
     def end(self) -> None:
         """Send the last frames, after the servo has ended."""
+        self._watch.close()
         self._flush_samples()
         if self.servo.unsafe is not None:
             self._pipe.send(FINAL_SEND_S, "note", tuple(unsafe(time.monotonic_ns(), self.servo)))
@@ -76,6 +80,7 @@ class ServoChild:
     def _tick(self, now_ns: int) -> None:
         self._take()
         side = self.side
+        side.withhold(now_ns, self._watch.look(now_ns))
         message = side.tick(now_ns)
         if message is not None or self._control.has_shuffled:
             surplus = self._shuffled + self._control.shuffled()
@@ -108,6 +113,8 @@ class ServoChild:
                         control.on_signal(name, value)
                     case ("credit", credited_nJ):
                         control.credit(credited_nJ)
+                    case ("beat",):
+                        self._watch.beat()
                     case ("pair", restarted):
                         control.pair(restarted)
                     case ("pause", paused):

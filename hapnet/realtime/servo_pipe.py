@@ -1,9 +1,9 @@
 """Frames between a servo's process and the process that owns its wire half, over a socket pair.
 
-A frame is a msgpack array; its first element says what it is. To the servo: setup, place, pair, arrive, credit, pause,
-lead. From it: ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and in order
-(SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). That works even if the pipe is
-full, and to the servo it looks the same as a parent that has died.
+A frame is a msgpack array; its first element says what it is. To the servo: setup, place, pair, arrive, credit, beat,
+pause, lead. From it: ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and
+in order (SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). That works even if the
+pipe is full, and to the servo it looks the same as a parent that has died.
 """
 
 from __future__ import annotations
@@ -48,8 +48,14 @@ class PipeClosed(Exception):
 
 
 def available() -> bool:
-    """Does this system have the sockets that a pipe needs?"""
-    return hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
+    """Does this system have the sockets that a pipe needs? macOS has the words, but not the sockets."""
+    try:
+        pair = socket_pair()
+    except (AttributeError, OSError):
+        return False
+    for end in pair:
+        end.close()
+    return True
 
 
 def socket_pair() -> tuple[socket.socket, socket.socket]:

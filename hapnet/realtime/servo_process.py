@@ -75,7 +75,7 @@ class ServoProcess:
         self._paying = threading.Lock()
         self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: Program | None = None
-        self._stopping = False
+        self._stopping = self._told_all = False
         self._part: SidePart = unknown_device()
         self._reader = threading.Thread(target=self._read, name="servo-pipe", daemon=True)
 
@@ -158,8 +158,10 @@ class ServoProcess:
             self._process.send_signal(signal.SIGCONT)  # one that stands still goes on, so that it can end in order
             if self._reader.ident is not None:
                 self._reader.join(STOP_LIMIT_S)
-            self._end_process()
+            how = self._end_process()
             self._process = None
+            if self._reader.ident is not None and not self._told_all:  # whatever the moment: its account is missing
+                self._callbacks.fail(HapnetError(f"the servo's process {how}"))
 
     def pause(self, paused: bool) -> None:
         self._deliver("pause", paused)
@@ -169,6 +171,10 @@ class ServoProcess:
 
     def place(self, position: Vector) -> None:
         self._deliver("place", position)
+
+    def beat(self) -> None:
+        if self._open_for_all:
+            self._pipe.offer("beat")
 
     def part(self) -> SidePart:
         return self._part
@@ -263,6 +269,6 @@ class ServoProcess:
             case ("failed", text):
                 callbacks.fail(HapnetError(text))
             case ("end", part, unrecorded, surplus):
-                self._part, self.unrecorded = part, unrecorded
+                self._part, self.unrecorded, self._told_all = part, unrecorded, True
                 if surplus > 0.0:
                     self._shuffled.append(surplus)

@@ -67,6 +67,8 @@ class Stop(NamedTuple):
 class DeviceSide(ABC):
     """A device, its servo and its endpoint; one subclass for each kind of servo.
 
+    More than twenty attributes: what each tick compares with the one before it, and what a run's summary says of them.
+
     endpoint : this side's endpoint, or its control half. device : simulated or real.
     """
 
@@ -84,6 +86,10 @@ class DeviceSide(ABC):
         """The longest time between two ticks [ns]."""
         self.stopped: Stop | None = None
         """The force was stopped for good; None: it was not."""
+        self.withheld: str = ""
+        """Why no force is rendered for now; empty: it is."""
+        self.withheld_ns: int = 0
+        """How long that was so in all [ns]."""
         self.paused = False
         """A simulated device and its hand stand still and nothing is recorded; all else continues."""
         self.applied = True
@@ -143,6 +149,13 @@ class DeviceSide(ABC):
                 Event(now_ns, "stopped", f"the device renders no force any more: {why}", "info" if asked else "error")
             )
 
+    def withhold(self, now_ns: int, why: str) -> None:
+        """Render no force while `why` is not empty, which is said when that begins and ends. Then it grows anew."""
+        if self.endpoint.paired and bool(why) != bool(self.withheld):
+            text = f"no force: {why}" if why else "the process that holds the network is back: the force grows"
+            self._write(Event(now_ns, "parent", text, "warning" if why else "info"))
+        self.withheld = why
+
     def tick(self, now_ns: int) -> bytes | None:
         """Make one servo tick; returns the message to send, if there is one. Before pairing there is no force."""
         for name, value in self.endpoint.signals():
@@ -162,7 +175,9 @@ class DeviceSide(ABC):
             text = f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"
             self._write(Event(now_ns, "overrun", text, "warning"))
         self._released = late
-        message = self._control(now_ns, release=late or self.stopped is not None)
+        if self.withheld:
+            self.withheld_ns += since_ns
+        message = self._control(now_ns, release=late or bool(self.withheld) or self.stopped is not None)
         self.last_ns = now_ns
         self.ticks += 1
         if self.ticks % self.record_every == 0 and not self.paused:

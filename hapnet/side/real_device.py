@@ -149,7 +149,8 @@ class RealDeviceSide(SampledDeviceSide):
         dt = (now_ns - self.last_ns) * NANO if self._begun else 0.0
         self._begin()
         self.last_ns = now_ns
-        why = self.device.braked() or ("" if self.limiter.is_held(self.device.buttons()) else "its switch is not held")
+        why = self.withheld or self.device.braked()
+        why = why or ("" if self.limiter.is_held(self.device.buttons()) else "its switch is not held")
         if why:
             self._write(Event(now_ns, "device", f"force and motion of {self.device.name} are not checked: {why}"))
             self._check = None
@@ -168,6 +169,11 @@ class RealDeviceSide(SampledDeviceSide):
         if masses := check.masses:
             self._mass = masses
             self._agreement = Agreement(min(masses))
+
+    def withhold(self, now_ns: int, why: str) -> None:
+        if self.withheld and not why:
+            self.limiter.restart()
+        super().withhold(now_ns, why)
 
     def stop(self) -> None:
         if self._closed:

@@ -116,7 +116,8 @@ class Outages(TypedDict):
 
 
 class Servo(TypedDict):
-    """Timing of the servo; in virtual time only its ticks."""
+    """Timing of the servo; in virtual time only its ticks. `withheld_s` : how long it rendered no force, as the process
+    that holds its network stood still."""
 
     ticks: Count
     late_p50_us: Number
@@ -126,6 +127,7 @@ class Servo(TypedDict):
     skipped: Count
     overruns: Count
     longest_ms: Number
+    withheld_s: Number
     unsent: Count
     late_histogram_us: Any
 

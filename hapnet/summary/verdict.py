@@ -102,7 +102,7 @@ def _without_overruns(summary: Summary) -> Summary:
 
 
 def _away(summary: Summary) -> Iterator[str]:
-    """How often the servo was away, for how long, and what that cost; nothing if it never was."""
+    """How often the servo was away, for how long, and what that cost; how long nobody could have ended its force."""
     device = summary["device"]
     if device is None:
         return
@@ -112,6 +112,8 @@ def _away(summary: Summary) -> Iterator[str]:
         long = "" if not times or longest_ms is None else f", for up to {longest_ms:.0f} ms"
         cost = f": {_milli(leak)} mJ came out beyond the account" if leak else ""
         yield f"the servo was away for longer than watchdog_s{often}{long}{cost}"
+    if seconds := device["servo"]["withheld_s"]:
+        yield f"no force for {seconds:.2g} s: the process that holds the device's network stood still"
 
 
 def excess_nJ(energy: Flow) -> int:

@@ -6,7 +6,6 @@ import dataclasses
 import os
 import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -32,7 +31,6 @@ from tests.support.processes import until
 pytestmark = pytest.mark.skipif(not available(), reason="no SOCK_SEQPACKET here")
 
 WAIT_S = 30.0
-FILE = Path(__file__)
 
 
 class Loose(SimulatedDevice):
@@ -264,6 +262,18 @@ def test_a_killed_servo_is_seen(running: Running) -> None:
     assert str(running.errors[0]) == "the servo's process was killed by SIGKILL"
 
 
+def test_one_that_is_killed_as_it_is_asked_to_end_has_failed_too(running: Running) -> None:
+    """Then it has not told its account: a run of such a verdict must not end as if all were well."""
+    running.paired()
+    process = running.servo._process
+    assert process is not None
+    os.kill(process.pid, signal.SIGSTOP)  # so that it cannot have answered
+    process.send_signal = lambda number: os.kill(process.pid, signal.SIGKILL)  # type: ignore[method-assign]
+    running.servo.stop()
+    assert str(running.errors[0]) == "the servo's process was killed by SIGKILL"
+    assert running.servo.part()["servo"]["ticks"] is None
+
+
 def test_a_stop_finds_its_way_though_the_pipe_is_full(running: Running, diary: Path) -> None:
     """The servo hangs for a moment while set-positions pour in; then it is told to stop."""
     running.paired()
@@ -370,35 +380,6 @@ def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(runnin
     until(lambda: len(running.messages) > before + 20)
     os.kill(running.pid, signal.SIGTERM)
     until(lambda: bool(running.errors))
-    assert float(diary.read_text()) == 0.0
-
-
-@pytest.mark.parametrize("fork", [False, True])
-def test_a_servo_whose_parent_is_killed_renders_no_force_and_ends(fork: bool, diary: Path) -> None:
-    """The parent is a process that starts a servo, says its number and hangs; its fork, if any, holds the pipe open."""
-    program = f"""
-import os, sys, threading
-sys.path.insert(0, {str(FILE.parents[2])!r})
-from tests.realtime.test_servo_process import Running
-running = Running()
-running.paired()
-running.servo.on_sample((0.02, 0.0), 0, 0, 0)
-fork = os.fork() if {fork} else 1
-if fork:
-    print(running.pid, fork, flush=True)
-threading.Event().wait(30.0)
-"""
-    parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
-    child, copy = map(int, parent.stdout.readline().split())
-    until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
-    parent.kill()
-    parent.wait()
-    parent.stdout.close()
-    stat = Path(f"/proc/{child}/stat")
-    until(lambda: not stat.exists() or stat.read_text().split()[2] == "Z")
-    if fork:
-        os.kill(copy, signal.SIGKILL)
     assert float(diary.read_text()) == 0.0
 
 
