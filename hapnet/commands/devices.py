@@ -33,7 +33,7 @@ def devices(json_to: flags.Json = None) -> int:
 def _row(name: str, target: str, package: str) -> dict[str, Any]:
     row: dict[str, Any] = {"name": name, "about": "", "tested": "untested", "from": package, "missing": "", "found": []}
     row["udev"] = ""
-    from hapnet.loading import cause, load
+    from hapnet.loading import failure, load
 
     try:
         made = load("device", target, "a class that can be imported")
@@ -42,6 +42,6 @@ def _row(name: str, target: str, package: str) -> dict[str, Any]:
         row["missing"] = made.missing() if hasattr(made, "missing") else ""
         if not row["missing"] and hasattr(made, "found"):
             row["found"] = list(made.found())
-    except Exception as error:  # another package's driver may raise anything
-        row["missing"] = cause(error)
+    except BaseException as error:  # another package's driver may raise anything: see `loading.failure`
+        row["missing"] = failure(error)
     return row

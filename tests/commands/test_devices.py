@@ -217,6 +217,20 @@ def test_every_device_has_its_lines(capsys: Capture) -> None:
     assert rows["inverse3"]["udev"] == ""
 
 
+class Leaving:
+    @classmethod
+    def missing(cls) -> str:
+        raise SystemExit("no licence")
+
+
+def test_a_driver_that_ends_the_program_is_listed_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(registry, "known", lambda: {"mine": ("tests.test_devices:Leaving", "my-arm")})
+    assert cli.main(["devices", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["missing"] == "SystemExit: no licence"
+
+
 def test_what_has_no_emulator_is_refused(capsys: Capture) -> None:
     assert cli.main(["emulate", "leg"]) == 2
     assert "one with an emulator: serial" in capsys.readouterr().err

@@ -84,6 +84,22 @@ def test_a_device_that_is_silent_at_the_end_is_not_taken_for_passive() -> None:
     assert rig.events[-1].endswith("the cable is out; up to 2 N may remain until its own watchdog acts")
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_nor_is_one_whose_cable_goes_with_its_last_command(held: bool) -> None:
+    """Too short before the end for a silence. Where no force was held there is none that may remain."""
+    rig = Rig(device__force_ramp_s=0.0 if held else 1e9)
+    for _ in range(3):
+        rig.tick(0.0)
+    if not held:
+        rig.side.withhold(rig.now_ns, "nobody is there")
+        rig.tick(0.0)
+    rig.arm.deaf = True
+    rig.side.stop()
+    stopped = device_summary(rig.side, "pspm")["stopped"]
+    assert (stopped is not None and stopped["why"] is not None) is held
+    assert ("may remain" in " ".join(rig.events)) is held
+
+
 class Failing(Braking):
     fails = False
 
