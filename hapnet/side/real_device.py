@@ -189,7 +189,7 @@ class RealDeviceSide(SampledDeviceSide):
             remains = f"; up to {held_N:.2g} N may remain {ends}" if held_N else ""
             text = f"the device {self.device.name} cannot be told to give no force: {error}{remains}"
             if held_N and self.origin_ns is not None:
-                self.stop_force(self._clock(), "it could not be told so at the end: what it rendered since is not known")
+                self.stop_force(self._clock(), "it cannot be told so at the end: what it renders since is not known")
             self._write(Event(self._clock(), "device", text, "error"))
             if not isinstance(error, DeviceSilent):
                 raise
