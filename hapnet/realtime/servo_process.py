@@ -75,7 +75,7 @@ class ServoProcess:
         self._paying = threading.Lock()
         self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: Program | None = None
-        self._stopping = self._told_all = False
+        self._stopping = self._has_part = False
         self._part: SidePart = unknown_device()
         self._reader = threading.Thread(target=self._read, name="servo-pipe", daemon=True)
 
@@ -160,7 +160,7 @@ class ServoProcess:
                 self._reader.join(STOP_LIMIT_S)
             how = self._end_process()
             self._process = None
-            if self._reader.ident is not None and not self._told_all:  # whatever the moment: its account is missing
+            if self._reader.ident is not None and not self._has_part:  # whatever the moment: its account is missing
                 self._callbacks.fail(HapnetError(f"the servo's process {how}"))
 
     def pause(self, paused: bool) -> None:
@@ -269,6 +269,6 @@ class ServoProcess:
             case ("failed", text):
                 callbacks.fail(HapnetError(text))
             case ("end", part, unrecorded, surplus):
-                self._part, self.unrecorded, self._told_all = part, unrecorded, True
+                self._part, self.unrecorded, self._has_part = part, unrecorded, True
                 if surplus > 0.0:
                     self._shuffled.append(surplus)

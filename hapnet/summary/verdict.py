@@ -103,8 +103,7 @@ def _without_overruns(summary: Summary) -> Summary:
 
 def _away(summary: Summary) -> Iterator[str]:
     """How often the servo was away, for how long, and what that cost; how long nobody could have ended its force."""
-    device = summary["device"]
-    if device is None:
+    if (device := summary["device"]) is None:
         return
     times, longest_ms, leak = device["servo"]["overruns"], device["servo"]["longest_ms"], _leak(summary)
     if times or leak:

@@ -226,7 +226,7 @@ class Leaving:
 def test_a_driver_that_ends_the_program_is_listed_with_its_reason(
     monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    monkeypatch.setattr(registry, "known", lambda: {"mine": ("tests.test_devices:Leaving", "my-arm")})
+    monkeypatch.setattr(registry, "known", lambda: {"mine": ("tests.commands.test_devices:Leaving", "my-arm")})
     assert cli.main(["devices", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["missing"] == "SystemExit: no licence"
 

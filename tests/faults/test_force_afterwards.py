@@ -28,7 +28,7 @@ from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.worlds.registry import make_scene
 from tests.faults.support import Pair, let_pass, pair
-from tests.processes import child_of, until
+from tests.support.processes import child_of, until
 
 pytest.importorskip("serial")
 

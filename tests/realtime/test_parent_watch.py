@@ -18,9 +18,9 @@ from hapnet.realtime.parent_watch import HANGS, HANGS_LOOKS, LOOK_NS, STOPPED, P
 from hapnet.realtime.servo_pipe import available
 from hapnet.summary.verdict import judge
 from tests.conftest import ROOT
-from tests.support.processes import until
 from tests.side.test_real_device import Rig
 from tests.summary.test_verdict import but
+from tests.support.processes import until
 
 pytestmark = pytest.mark.skipif(not available(), reason="no SOCK_SEQPACKET here")
 
@@ -101,18 +101,18 @@ def test_a_force_that_nobody_could_end_is_none_at_once_and_then_grows() -> None:
     rig = Rig(device__force_ramp_s=0.02)
     for _ in range(20):
         rig.tick(0.0)
-    assert rig.arm.told[-1][0] == pytest.approx(2.0)
+    assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     for _ in range(50):
         rig.side.withhold(rig.now_ns, STOPPED)
         rig.tick(0.001)
         rig.side.coupling.receive((0.02,), 0.0, 0.0)
-    assert rig.arm.told[-50:] == [(0.0,)] * 50
+    assert rig.arm.reported[-50:] == [(0.0,)] * 50
     grown = []
     for _ in range(12):
         rig.side.withhold(rig.now_ns, "")
         rig.tick(0.001)
         rig.side.coupling.receive((0.02,), 0.0, 0.0)
-        grown.append(rig.arm.told[-1][0])
+        grown.append(rig.arm.reported[-1][0])
     assert 0.0 <= grown[0] <= 2.0 * 2.0 / 20.0
     assert grown[-1] == pytest.approx(1.9)  # 100 N/m over the 19 mm that are left
     assert rig.events == [
