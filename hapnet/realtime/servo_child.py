@@ -84,7 +84,8 @@ class ServoChild:
         message = side.tick(now_ns)
         if message is not None or self._control.has_shuffled:
             surplus = self._shuffled + self._control.shuffled()
-            if self._pipe.offer("position", surplus, message):
+            # one that stands still would later send all at once, long out of date: the room is for samples
+            if not side.withheld and self._pipe.offer("position", surplus, message):
                 self._shuffled = 0.0
             else:
                 self._shuffled = surplus
