@@ -67,7 +67,7 @@ class ForceWorld(ObservedWorld):
         return nearest([plane for planes in reported for plane in planes or ()], position, reach_m)
 
     def picture(self) -> ObstaclesPicture:
-        return ObstaclesPicture(self.obstacles)
+        return ObstaclesPicture(self.obstacles, self.dof)
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse

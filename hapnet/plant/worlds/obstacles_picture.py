@@ -1,4 +1,8 @@
-"""The picture of a world of the user's own: the shapes of its obstacles; a small ball where one moves that has none."""
+"""The picture of a world of the user's own: the shapes of its obstacles.
+
+Of one without a shape: a small ball where it moves; where it rests, the surface that its planes touch, or its force as
+a field of arrows.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hapnet.checks import Array, Vector
+from hapnet.plant.worlds.field_picture import field, surface
 from hapnet.plant.worlds.obstacle import Body
 from hapnet.plant.worlds.outlines import part_of
 from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, Touch, at_rest, shared
@@ -21,15 +26,17 @@ _MARK = Sphere((0.0, 0.0, 0.0), 0.003)
 class ObstaclesPicture:
     """Obstacles while they move."""
 
-    def __init__(self, obstacles: Sequence[Body]) -> None:
+    def __init__(self, obstacles: Sequence[Body], dof: int) -> None:
         self._shaped = [body for body in obstacles if body.obstacle.shape is not None]
         self._moving = [body for body in obstacles if body.obstacle.motion is not None or body.obstacle.mass]
-        parts = []
+        parts: list[Part | None] = []
         for body in obstacles:
             number = self._moving.index(body) if body in self._moving else RESTS
             shape = body.obstacle.shape or (None if number == RESTS else _MARK)
             if shape is not None:
                 parts.append(part_of(shape, GREY if number == RESTS else _MOVES, number))
+            else:
+                parts += _drawn(body, dof)
         self.parts: tuple[Part, ...] = tuple([found for found in parts if found is not None])
 
     def poses(self) -> Array:
@@ -52,3 +59,10 @@ class ObstaclesPicture:
                 point, normal, friction = touch
                 found.append((tuple((np.array(point) + place).tolist()), normal, friction))
         return shared(padded(force), found) if found else []
+
+
+def _drawn(body: Body, dof: int) -> tuple[Part, ...]:
+    """What an obstacle without a shape looks like, which rests."""
+    if body.obstacle.planes is not None:
+        return surface(lambda place, reach: body.planes(place, 0.0), dof)
+    return field(lambda place: body.obstacle.force(place, (0.0,) * dof, 0.0), dof)

@@ -24,6 +24,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import failure, load
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.field_picture import StillPicture, surface
 from hapnet.plant.worlds.force_world import ForceWorld
 from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, contact_planes, nearest
 from hapnet.plant.worlds.obstacle import Law
@@ -169,6 +170,11 @@ class SteppedWorld(ObservedWorld):
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self.name} failed: planes() raised {failure(error)}") from error
         return None if reported is None else nearest(contact_planes(self.name, reported, self.dof), position, reach_m)
+
+    def picture(self) -> StillPicture | None:
+        """The surface that the object's planes touch; None if it reports none."""
+        parts = surface(self.planes, self.dof)
+        return StillPicture(parts) if parts else None
 
     def signal(self, name: str, value: Signal) -> None:
         if (take := getattr(self._stepping, "signal", None)) is not None:
