@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import secrets
 import signal
 import tempfile
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from hapnet.commands import output
 from hapnet.commands.pair import Pair
 from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.report.words import stated
 from hapnet.summary.run import merge
@@ -25,6 +26,7 @@ from hapnet.summary.verdict import judge
 from hapnet.view.choices import label_of
 from hapnet.view.controls import Direction, require_no_file
 from hapnet.view.history import History
+from hapnet.view.scenes import SCENES
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,6 +47,8 @@ class Stage:
     history : knows where the handle is, and how passive the pair was as far as telemetry shows it.
     """
 
+    fixed = ""
+
     def __init__(
         self,
         params: Params,
@@ -58,11 +62,14 @@ class Stage:
     ) -> None:
         self._params, self._seed, self._out, self._address = params, seed, out, address
         self._words, self._history, self._realtime = console, history, realtime
+        self._first_scene, self._first_dof = params.scene, params.dof
+        self._meshes: Path | None = None
         self._episodes = 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._pair: Pair | None = None
         self._over = asyncio.Event()
         self._position: Vector | None = None
+        self._elsewhere = False
         self._directory: Path | None = None
         self._recorded = 0
         self._recording = False
@@ -76,6 +83,11 @@ class Stage:
         HapnetError : a process failed; the message is its own.
         """
         self._loop = asyncio.get_running_loop()
+        with tempfile.TemporaryDirectory(prefix="hapnet-") as meshes:
+            self._meshes = Path(meshes)
+            await self._run(stop)
+
+    async def _run(self, stop: asyncio.Event) -> None:
         stopping = asyncio.create_task(stop.wait())
         stopping.add_done_callback(lambda task: self._over.set())
         while not stop.is_set():
@@ -87,6 +99,7 @@ class Stage:
                     params, self._seed, Path(directory), self._on_notice, record=False, console=True,
                     realtime=self._realtime, session=SESSION, address=self._address, place=self._handle(),
                 )  # fmt: skip
+                self._elsewhere = False
                 await pair.start()
                 self._pair = pair
                 if (link := self._params.link) != params.link:  # it changed while the processes started
@@ -122,6 +135,19 @@ class Stage:
             changes["device.smoothing_s"] = 0.0  # the filter needs set-positions
         self._anew(changes)
 
+    def scene(self, label: str) -> None:
+        words = {**SCENES, self._first_scene: self._first_scene}.get(label)
+        if words is None:
+            raise InvalidParameter("scene", label, ", ".join(SCENES), SCENES)
+        self._anew({"scene": words, "dof": self._first_dof if words == self._first_scene else 0})
+
+    def mesh(self, name: str, content: bytes) -> None:
+        if self._meshes is None:
+            raise HapnetError("nothing runs yet")
+        file = self._meshes / f"{secrets.token_hex(4)}{Path(name).suffix.lower()}"
+        file.write_bytes(content)
+        self._anew({"scene": f"mesh:{file}?unit=mm", "dof": 0})
+
     def smoothing(self, seconds: float) -> None:
         self._anew({"device.smoothing_s": seconds})
 
@@ -149,15 +175,18 @@ class Stage:
 
         def change() -> None:
             self._params = self._params.set(changes)
+            self._elsewhere = "scene" in changes
+            if self._elsewhere:
+                self._position = None
             self._send_both(lambda role: {"do": "hurry"})
             self._over.set()
 
         self._call(change)
 
     def _handle(self) -> Vector | None:
-        """Where the handle was last [m]; None: it has not been heard of."""
+        """Where the handle was last in this world [m]; None: it has not been heard of."""
         track = self._history.snapshot().device
-        return None if track is None else tuple(track.position_m[-1].tolist())
+        return None if track is None or self._elsewhere else tuple(track.position_m[-1].tolist())
 
     def _report(self, params: Params, pair: Pair) -> None:
         """Print the verdict on a pair that has ended; nothing if it never ran."""

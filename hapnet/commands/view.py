@@ -85,11 +85,11 @@ def play_back(files: list[Path], options: PageOptions) -> int:
     if whole.device is None and whole.world is None:
         raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
     history = History(keeps_past=False)
-    with serve(history, host=options.host, port=options.port) as page:
+    playback = Playback(history.take, whole, files[0].stem, time.monotonic_ns())
+    with serve(history, player=playback, host=options.host, port=options.port) as page:
         words.print(f"open {page.url} to see {' and '.join(map(str, files))}; Ctrl-C ends", markup=False)
         if options.browser:
             show(page.url)
-        playback = Playback(history.take, whole, files[0].stem, time.monotonic_ns())
         while True:
             playback.advance(time.monotonic_ns())
             time.sleep(PLAY_S)
@@ -107,7 +107,7 @@ def _state(watcher: Watcher) -> str:
         problem = f" ({watcher.problem})" if watcher.problem else ""
         return f"waiting for a pair's telemetry: {watcher.where}{problem}"
     text = "watching session {} of device {}".format(*watcher.pair)
-    if watcher.undecrypted:
+    if watcher.telemetry.undecrypted:
         text += "; it encrypts: --secret-file with the word of its sides lets you see it"
     if watcher.others:
         more = ", ".join(" ".join(pair) for pair in sorted(watcher.others))

@@ -25,10 +25,15 @@ def require_no_file(text: str) -> None:
 class Controls(Protocol):
     """The page's threads call these methods, perhaps several at once.
 
-    `coupling`, `smoothing` and `reset` start a new episode: the force goes to zero, the processes restart where the
-    hand is, with a fresh energy account, and for about a second there is no telemetry. All methods but `lead` may
-    block, and may raise HapnetError or netem.NetemError: the page shows the line.
+    `coupling`, `scene`, `mesh`, `smoothing` and `reset` start a new episode: the force goes to zero, the processes
+    restart where the hand is (in another world where that begins), with a fresh energy account, and for about a second
+    there is no telemetry. All methods but `lead` may block, and may raise HapnetError or netem.NetemError: the page
+    shows the line.
+
+    fixed : why only the hand's own side can be changed here: `lead`, its link and `pause`. Empty: all can.
     """
+
+    fixed: str
 
     def lead(self, position: Vector) -> None:
         """Lead the hand to `position`, (n,) [m]. Returns at once: a drag calls it some 20 times a second."""
@@ -38,6 +43,12 @@ class Controls(Protocol):
 
     def coupling(self, name: str, rendering: str) -> None:
         """Couple the sides with this coupling and feel."""
+
+    def scene(self, label: str) -> None:
+        """Go to another world: one of `hapnet.view.scenes.SCENES`, or the run's own."""
+
+    def mesh(self, name: str, content: bytes) -> None:
+        """Go to a world that is this mesh, whose file was called `name`; its unit is the millimetre."""
 
     def smoothing(self, seconds: float) -> None:
         """Set the time constant of the device's smoothing filter [s]; 0: no filter."""

@@ -12,9 +12,12 @@ from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.recording.telemetry import Status
 from hapnet.view.controls import Controls
 from hapnet.view.history import History, Snapshot
-from hapnet.view.panel import ABOUT, ControlPanel, Numbers
+from hapnet.view.numbers import Numbers
+from hapnet.view.panel import ABOUT, ControlPanel
+from hapnet.view.player import Player, PlayerPanel
 from hapnet.view.plots import Plots
 from hapnet.view.scene import Scene
+from hapnet.view.style import STYLE
 from hapnet.view.troubles import Troubles
 
 SILENT_S = 0.7
@@ -32,9 +35,12 @@ class Page:
     Parameters
     ----------
     controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
+    player : what plays a recording; None: what is shown happens now.
     """
 
-    def __init__(self, server: viser.ViserServer, history: History, controls: Controls | None) -> None:
+    def __init__(
+        self, server: viser.ViserServer, history: History, controls: Controls | None, player: Player | None = None
+    ) -> None:
         self._server = server
         self._history = history
         self._controls = controls
@@ -48,30 +54,34 @@ class Page:
         gui = server.gui
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("hapnet")
+        gui.add_html(STYLE)
+        self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
+        self._player = None if player is None else PlayerPanel(gui, player)
         self._numbers = Numbers(gui)
         front = gui.add_button("from the front", icon=viser.Icon.EYE, color="gray", hint="turn the view back")
-        self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
         with gui.add_folder("what am I looking at?", expand_by_default=False):
             gui.add_markdown(ABOUT)
         gui.main_panel.dock_left()
         gui.main_panel.set_width(_WIDTHS[0])
-        panel = gui.add_panel()
+        self._plots_panel = panel = gui.add_panel()
         with panel.add_tab("last 10 s", viser.Icon.CHART_LINE):
             self._plots = Plots(gui, PLOTTED_S)
         panel.dock_right()
         panel.set_width(_WIDTHS[1])
-
-        @server.on_client_connect
-        def _(client: viser.ClientHandle) -> None:
-            self._plots.fit(client.camera.image_height)
-            if client.camera.image_width < _NARROW_BELOW:
-                gui.main_panel.set_width(_NARROW[0])
-                panel.set_width(_NARROW[1])
+        server.on_client_connect(self._fit)
 
         @front.on_click
         def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             if event.client is not None and self._scene is not None:
                 self._scene.look(event.client.camera)
+
+    def _fit(self, client: viser.ClientHandle) -> None:
+        """Leave the scene most of this client's window: in a narrow one the plots fold, and a click opens them."""
+        self._plots.fit(client.camera.image_height)
+        if client.camera.image_width < _NARROW_BELOW:
+            client.gui.main_panel.set_width(_NARROW[0])
+            self._plots_panel.set_width(_NARROW[1])
+            self._plots_panel.minimize()
 
     def draw_scene(self, now_s: float) -> None:
         """Draw the 3-D part; to be called some 60 times a second."""
@@ -100,6 +110,10 @@ class Page:
             self._plots.update(snapshot, [] if _moves(snapshot) else self._surfaces(snapshot))
             if self._panel is not None:
                 self._panel.update(snapshot)
+            if self._player is not None:
+                self._player.update()
+            if self._scene is not None:
+                self._scene.fit()
 
     def _state(self, snapshot: Snapshot, now_s: float) -> str:
         silent = now_s - self._heard_s > SILENT_S

@@ -1,26 +1,21 @@
-"""The page's numbers and buttons: what was measured, and what a user may change."""
+"""The page's buttons and switches: what a user may change."""
 
 from __future__ import annotations
 
-import html
 import threading
-from collections.abc import Callable, Iterable
-from pathlib import PurePath
+from collections.abc import Callable
 from typing import Any
 
 import viser
 
 from hapnet.checks import Vector
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.recording.telemetry import Status
-from hapnet.report.words import felt
-from hapnet.summary.structure import Verdict
-from hapnet.summary.verdict import judge
-from hapnet.view.choices import CHOICES, label_of, words_of
+from hapnet.view.choices import CHOICES, label_of
 from hapnet.view.controls import Controls, Direction
-from hapnet.view.force import force_now
-from hapnet.view.history import Episode, Snapshot, coupled
+from hapnet.view.history import Snapshot, coupled
 from hapnet.view.link_form import LinkForm, put, show_notification
+from hapnet.view.scenes import LARGEST_FILE, MESHES, SCENES, scene_label
 from netem import NetemError
 
 SMOOTHING_S = 0.02
@@ -41,31 +36,18 @@ blue). So the handle feels the wall at once, and moves freely, whatever the dela
 that is wrong creates no energy.
 """
 
-_VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
-_CELL = "padding:0 8px 0 0;border:0;line-height:18px"
-
-
-class Numbers:
-    """The measured numbers, in a few lines, in the container that is open when this is made."""
-
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting", ()))
-
-    def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = ()) -> None:
-        """Show the snapshot. `state` : in a word or two, what the pair does. `troubles` : what is wrong with it now."""
-        content = _table(snapshot, state, troubles)
-        if content != self._html.content:
-            self._html.content = content
-
-
 SWITCH_HINT = (
     "The force goes to zero, then another pair starts where the handle is, with fresh energy and a verdict of its own. "
     "In a wall, some couplings then stay softer: lead the hand home first to compare."
 )
 
+SCENE_HINT = "Another pair starts in this world, with the handle at its beginning."
+
+FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at its origin"
+
 
 class ControlPanel:
-    """Buttons, switches and links, in the container that is open when this is made.
+    """Coupling, scene and link; then buttons. In the container that is open when this is made.
 
     Parameters
     ----------
@@ -84,16 +66,33 @@ class ControlPanel:
         self._starting = starting
         self._busy = threading.Lock()
         self._seen: dict[str, Any] = {}
-        self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
-        self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red")
-        reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray")
-        home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
-        self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown("coupling", tuple(CHOICES), hint=SWITCH_HINT)
-        self._smoothing = gui.add_checkbox("smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM")
-        self._alike = gui.add_checkbox("alike both ways", True)
-        self._up = LinkForm(gui, "link, both ways", controls, self._directions_of_first)
+        fixed = controls.fixed
+        self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "coupling", tuple(CHOICES), disabled=bool(fixed), hint=fixed or SWITCH_HINT
+        )
+        self._scene: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "scene", tuple(SCENES), disabled=bool(fixed), hint=fixed or SCENE_HINT
+        )
+        if fixed:
+            gui.add_html(f'<div class="hapnet-fixed" style="padding:0 12px;font-size:12px;opacity:.8">{fixed}</div>')
+        file = gui.add_upload_button(
+            "a mesh of yours ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
+        )
+        self._up = LinkForm(
+            gui, "link, device to world" if fixed else "link, both ways", controls, self._directions_of_first
+        )
         self._down = LinkForm(gui, "link, world to device", controls, lambda: ("down",))
         self._down.folder.visible = False
+        with self._up.folder:
+            self._alike = gui.add_checkbox("alike both ways", not fixed, visible=not fixed)
+        self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
+        home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
+        with gui.add_folder("more", expand_by_default=False):
+            reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray", visible=not fixed)
+            self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red", visible=not fixed)
+            self._smoothing = gui.add_checkbox(
+                "smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM", visible=not fixed
+            )
         self._paused = self._recording = False
 
         self._on_click(self._pause, self._switch_pause)
@@ -101,7 +100,12 @@ class ControlPanel:
         self._on_click(reset, controls.reset, anew=True)
         self._on_click(home, lambda: lead(None))
         self._on_change(self._choice, self._couple)
+        self._on_change(self._scene, controls.scene)
         self._on_change(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
+
+        @file.on_upload
+        def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
+            self._do(lambda: self._take_file(file.value.name, file.value.content), True, event.client)
 
         @self._alike.on_update
         def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
@@ -126,16 +130,33 @@ class ControlPanel:
                 if label not in self._choice.options:  # a user's own
                     self._choice.options = (*self._choice.options, label)
                 put(self._choice, label)
+            self._show_scene(device if world is None else world)
             smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
             if self._is_new("smoothing", (device.incarnation, smoothing)):
                 put(self._smoothing, smoothing > 0.0)
         up, down = _words(device), _words(world)
         if up is not None and down is not None:
-            if "links" not in self._seen:
+            if "links" not in self._seen and not self._controls.fixed:
                 self._seen["links"] = up, down
                 put(self._alike, up == down)
             self._up.follow(up)
             self._down.follow(down)
+
+    def _show_scene(self, side: Status) -> None:
+        params = side.about.get("params")
+        words = params.get("scene") if isinstance(params, dict) else None
+        label = scene_label(str(words or side.about.get("scene") or ""))
+        if label and self._is_new("scene", (side.incarnation, label)):
+            if label not in self._scene.options:  # a user's own
+                self._scene.options = (*self._scene.options, label)
+            put(self._scene, label)
+
+    def _take_file(self, name: str, content: bytes) -> None:
+        if not name.lower().endswith(MESHES):
+            raise InvalidParameter("file", name, f"a mesh: {', '.join(MESHES)}")
+        if len(content) > LARGEST_FILE:
+            raise InvalidParameter("file", name, f"at most {LARGEST_FILE >> 20} MB")
+        self._controls.mesh(name, content)
 
     def _is_new(self, name: str, value: object) -> bool:
         known = self._seen.get(name, self)
@@ -190,92 +211,5 @@ class ControlPanel:
             return True
 
 
-def verdict(snapshot: Snapshot) -> Verdict | None:
-    """The verdict on this episode so far; None: no samples of both sides yet."""
-    return None if snapshot.account is None else judge(snapshot.account)
-
-
 def _words(status: Status | None) -> str | None:
     return None if status is None else str(status.link.get("profile", ""))
-
-
-def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
-    device, world = snapshot.device_status, snapshot.world_status
-    word, colour, why = "...", "#64748b", ""
-    if (kept := verdict(snapshot)) is not None:
-        word, colour = _VERDICTS[kept["passive"]]
-        why = "" if kept["passive"] else f'<div class="hapnet-why">{html.escape(kept["reason"])}</div>'
-    recording = device.recording if device is not None else ""
-    rows = [
-        ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
-        ("loss up, down", f"{_link(device, 'loss_now', 100.0, 1)}, {_link(world, 'loss_now', 100.0, 1)} %"),
-        ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
-        ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
-        ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
-        ("least so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
-        ("least after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
-    ]
-    if recording:
-        rows.append(("recording", PurePath(recording).name))
-    about = device.about if device is not None else world.about if world is not None else {}
-    if walls := felt(about.get("felt"), springs=False):
-        rows.append(("wall", walls))
-    what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
-    label = label_of(*coupled(device or world))
-    how = ": ".join(filter(None, (label, words_of(label))))
-    return (
-        '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
-        f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
-        f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
-        f"{''.join(map(_trouble, troubles))}"
-        f'<div style="opacity:.65">{html.escape(what)}</div><div class="hapnet-coupling">{html.escape(how)}</div>'
-        f"{_past(snapshot.past)}<table>{_lines(rows)}</table>"
-        f'<table class="hapnet-force">{_lines(force_now(snapshot.device))}</table></div>'
-    )
-
-
-def _trouble(line: str) -> str:
-    return f'<div style="color:#b45309;line-height:16px" class="hapnet-trouble">{html.escape(line)}</div>'
-
-
-def _lines(rows: Iterable[tuple[str, str]]) -> str:
-    return "".join(
-        f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td>'
-        f'<td style="{_CELL};font-weight:600;white-space:nowrap">{html.escape(value)}</td></tr>'
-        for name, value in rows
-    )
-
-
-def _past(episodes: Iterable[Episode]) -> str:
-    """The pairs before this one, each with its own verdict."""
-    said = []
-    for episode in episodes:
-        word, colour = _VERDICTS[judge(episode.account)["passive"]]
-        label = html.escape(label_of(episode.coupling, episode.rendering))
-        said.append(f'{label} <span style="color:{colour}">{word}</span>')
-    return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(said)}</div>' if said else ""
-
-
-def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
-    value = None if status is None else status.link.get(key)
-    return _number(None if value is None else factor * float(value), digits)
-
-
-def _round_trip(*sides: Status | None) -> float | None:
-    """The measured round trip, over the network and the emulated links together [ms]."""
-    known = (side.path.get("round_trip_p50_ms") for side in sides if side is not None)
-    return next((value for value in known if value is not None), None)
-
-
-def _lost(status: Status | None, direction: str) -> float | None:
-    """The share of the other side's messages that did not arrive [%]."""
-    heard = None if status is None else status.path.get(direction)
-    return None if heard is None else 100.0 * float(heard["loss"])
-
-
-def _milli(value: float | None) -> float | None:
-    return None if value is None else 1e3 * value
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"

@@ -1,4 +1,4 @@
-"""Plays a recording to the page as if it came now, at its own pace, again and again."""
+"""Plays a recording to the page as if it came now, at its own pace, again and again, from wherever it is asked to."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Playback:
     take : `History.take`. recording : of a run, or of one side of it. name : what the page calls it.
     now_ns : when it begins, on the clock of `advance`.
 
-    Every sample keeps its distance from the first. Each time it begins again both sides have a new incarnation, so the
-    page's account begins anew too.
+    Every sample keeps its distance from the first. Each time it begins again, or goes elsewhere, both sides have a new
+    incarnation, and all samples up to there come at once: so the page's account is that of the time up to there.
     """
 
     def __init__(self, take: Callable[[Telemetry], None], recording: Recording, name: str, now_ns: int) -> None:
@@ -35,26 +35,58 @@ class Playback:
         self._samples = recording.samples()
         self._roles = [role for role in _ROLES if getattr(recording, role) is not None]
         self._first_ns = self._samples[0].time_ns if self._samples else 0
-        self._last_ns = self._samples[-1].time_ns if self._samples else 0
+        self._length_ns = self._samples[-1].time_ns - self._first_ns if self._samples else 0
         self._rounds = 0
-        self._begin(now_ns)
+        self._paused = False
+        self._asked_ns: int | None = None
+        self._advanced_ns = now_ns
+        self._begin(0, now_ns)
 
-    def _begin(self, now_ns: int) -> None:
-        self._began_ns = self._status_ns = now_ns
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last [s]."""
+        return self._length_ns * 1e-9
+
+    @property
+    def at_s(self) -> float:
+        """What is shown now, from the first sample on [s]."""
+        return min(self._at_ns, self._length_ns) * 1e-9
+
+    @property
+    def paused(self) -> bool:
+        return self._paused
+
+    def pause(self, on: bool) -> None:
+        """Stand still, or go on; from any thread."""
+        self._paused = on
+
+    def seek(self, seconds: float) -> None:
+        """Go there with the next `advance`, this long after the first sample; from any thread."""
+        self._asked_ns = min(max(round(seconds * 1e9), 0), self._length_ns)
+
+    def _begin(self, at_ns: int, now_ns: int) -> None:
+        self._at_ns, self._status_ns = at_ns, now_ns
         self._next = 0
         self._rounds += 1
 
     def advance(self, now_ns: int) -> None:
         """Give all that is due by now."""
-        if self._began_ns + self._last_ns - self._first_ns + REST_NS <= now_ns:
-            self._begin(now_ns)
+        asked_ns, self._asked_ns = self._asked_ns, None
+        if asked_ns is not None:
+            self._begin(asked_ns, now_ns)
+        elif not self._paused:
+            self._at_ns += now_ns - self._advanced_ns
+        self._advanced_ns = now_ns
+        if self._length_ns + REST_NS <= self._at_ns:
+            self._begin(0, now_ns)
         if self._status_ns <= now_ns:
             self._status_ns = now_ns + STATUS_NS
             for role in self._roles:
                 self._take(self._status(role, now_ns))
+        began_ns = now_ns - self._at_ns
         while self._next < len(self._samples):
             sample = self._samples[self._next]
-            due_ns = self._began_ns + sample.time_ns - self._first_ns
+            due_ns = began_ns + sample.time_ns - self._first_ns
             if due_ns > now_ns:
                 return
             self._take(sample._replace(time_ns=due_ns))
@@ -66,4 +98,5 @@ class Playback:
         about: dict[str, Any] = {**own, "role": role, "clock": "recording", "name": self._name}
         ended = self._next == len(self._samples)
         path = dict(summary.get("path") or {})
-        return Status(role, now_ns, self._rounds, not ended, ended, "", about, {"profile": ""}, path)
+        still = ended or self._paused
+        return Status(role, now_ns, self._rounds, not ended, still, "", about, {"profile": ""}, path)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import zip_longest
 from typing import Any, Literal
 
@@ -20,6 +21,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import Part
 from hapnet.view.bodies import Bodies
 from hapnet.view.contacts import ContactMarks, turned_to
+from hapnet.view.grab import Grab
 from hapnet.view.history import Snapshot
 
 UNIT = 100.0
@@ -44,6 +46,7 @@ _LIFT = 0.75  # the arrow is drawn above the spring, which has the same directio
 _FOV = math.radians(30.0)
 _DISTANCE = 24.0
 _SEEN = 5.0  # from that distance: half the width between the panels
+_LEAST_SEEN = 4.0  # half the width in a window that is narrow
 _AROUND = 3.0  # of the hand, which is seen in any case
 
 
@@ -113,8 +116,12 @@ class Scene:
         ]
         self._handle_is_right = False
         self._spot = np.zeros(3)
-        if lead is not None:
-            self._let_drag(lead)
+        self._farther: dict[int, float] = {}
+        self._grab = (
+            None
+            if lead is None
+            else Grab(scene, "/handle", _HANDLE_RADIUS, lambda: self._spot, partial(self._follow, lead))
+        )
 
     def show_target(self, position: Vector | None) -> None:
         """Show the hand's target; None: unknown, not shown."""
@@ -221,23 +228,26 @@ class Scene:
     def look(self, camera: viser.InitialCameraConfig | viser.CameraHandle) -> None:
         """Point this camera as at the start."""
         camera.fov = _FOV
-        if isinstance(camera, viser.CameraHandle):  # it may have been turned
-            camera.up_direction = self._up
-        camera.position, camera.look_at = self._front
+        position, middle = self._front
+        if isinstance(camera, viser.CameraHandle):
+            camera.up_direction = self._up  # it may have been turned
+            position = middle + _farther(camera) * (position - middle)
+        camera.position, camera.look_at = position, middle
 
-    def _let_drag(self, lead: Callable[[Vector], None]) -> None:
-        held = np.zeros(3)
+    def _follow(self, lead: Callable[[Vector], None], middle: Array) -> None:
+        place = np.clip(middle[: self.dof] / UNIT, -REACH_M, REACH_M)
+        lead(tuple(place.tolist()))
 
-        # A coroutine, since viser keeps the order of events only for coroutines.
-        @self._handle.on_drag
-        async def _(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
-            nonlocal held
-            pointer = np.array(event.end_position)
-            if event.phase == "start":
-                held = np.array(event.start_position) - self._spot
-            if event.phase != "end":
-                place = np.clip((pointer - held)[: self.dof] / UNIT, -REACH_M, REACH_M)
-                lead(tuple(place.tolist()))
+    def fit(self) -> None:
+        """Let the handle be found as easily in every window; to be called now and then."""
+        cameras = {number: client.camera for number, client in self._server.get_clients().items()}
+        if self._grab is not None:
+            self._grab.fit(cameras.values())
+        for number, camera in cameras.items():
+            farther = _farther(camera)
+            if abs(self._farther.get(number, 1.0) - farther) > 0.02:  # the window has become narrower, or wider
+                self.look(camera)
+            self._farther[number] = farther
 
 
 def _view_of(parts: Sequence[Part]) -> tuple[Array, float]:
@@ -247,6 +257,12 @@ def _view_of(parts: Sequence[Part]) -> tuple[Array, float]:
     low, high = np.minimum(points.min(axis=0), -_AROUND), np.maximum(points.max(axis=0), _AROUND)
     middle = np.array([(low[0] + high[0]) / 2.0, 0.0, (low[2] + high[2]) / 4.0])
     return middle, _DISTANCE * max(1.0, float(high[0] - low[0]) / (2.0 * _SEEN))
+
+
+def _farther(camera: viser.CameraHandle) -> float:
+    """How many times the usual distance shows what is beside the hand in this client's window, if it is narrow."""
+    half_width = _DISTANCE * math.tan(_FOV / 2.0) * camera.image_width / max(camera.image_height, 1)
+    return max(1.0, _LEAST_SEEN / half_width) if half_width > 0.0 else 1.0
 
 
 def _spot(position: Array | Vector) -> Array:

@@ -24,6 +24,8 @@ from hapnet.view.history import History
 if TYPE_CHECKING:
     from viser import ViserServer
 
+    from hapnet.view.player import Player
+
 FRAME_S = 1.0 / 60.0
 FRAMES_A_PLOT = 15
 """Plots, numbers and controls are drawn at some 4 Hz: for a browser without a GPU they are the most work."""
@@ -41,7 +43,15 @@ PORTS = 100
 class PageServer:
     """The page at `url`, until `close`. See `serve`."""
 
-    def __init__(self, history: History, controls: Controls | None, host: str, port: int, frame_s: float) -> None:
+    def __init__(
+        self,
+        history: History,
+        controls: Controls | None,
+        player: Player | None,
+        host: str,
+        port: int,
+        frame_s: float,
+    ) -> None:
         self._frame_s = frame_s
         # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
         logging.getLogger("websockets").addHandler(logging.NullHandler())
@@ -67,7 +77,7 @@ class PageServer:
         self.port: int = self._server.get_port()
         shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
         self.url: str = f"http://[{shown}]:{self.port}" if ":" in shown else f"http://{shown}:{self.port}"
-        self._page = Page(self._server, history, controls)
+        self._page = Page(self._server, history, controls, player)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._draw, name="hapnet-page", daemon=True)
         self._thread.start()
@@ -114,6 +124,7 @@ def serve(
     history: History,
     controls: Controls | None = None,
     *,
+    player: Player | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
     frame_s: float = FRAME_S,
@@ -122,7 +133,7 @@ def serve(
 
     Parameters
     ----------
-    controls : what the page may change; None: it only watches.
+    controls : what the page may change; None: it only watches. player : plays a recording, if it shows one.
     host : the address to listen on; by default only this machine reaches it. Anybody who reaches it may press every
         button.
     port : if it is taken, the next free one is used; 0: any.
@@ -133,7 +144,7 @@ def serve(
     MissingLibrary : viser is not installed.
     InvalidParameter : there is no such address here, or no port is free.
     """
-    return PageServer(history, controls, host, port, frame_s)
+    return PageServer(history, controls, player, host, port, frame_s)
 
 
 def _free_port(host: str, port: int) -> int:

@@ -5,16 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from hapnet.errors import BadMessage
-from hapnet.recording.telemetry import Telemetry, decode
+from hapnet.recording.telemetry import Telemetry
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.subscription import Subscription
 from hapnet.transport.zenoh import TELEMETRY
-from hapnet.wire.encryption import Cipher, read
-from hapnet.wire.secret import Secret
-
-_MOST_SIDES = 64
-"""So many keys are kept, of sides that were heard; those of more are made for each message."""
+from hapnet.view.telemetry_reader import TelemetryReader
 
 GONE_S = 5.0
 """A pair that is not heard for this time is given up, and the next one heard is watched [s]."""
@@ -32,8 +27,7 @@ class Watcher:
 
     Attributes
     ----------
-    others : other pairs that were heard. unreadable : messages that could not be read. undecrypted : of these the
-        ones that were encrypted with a word that this watcher does not have.
+    others : other pairs that were heard. telemetry : reads their messages, and counts those that it cannot read.
 
     Raises
     ------
@@ -51,15 +45,10 @@ class Watcher:
         # two keys: under access control a subscription must lie within what may be read
         keys = [f"hapnet/{session or '*'}/{name or '*'}/{direction}/{TELEMETRY}" for direction in ("up", "down")]
         self._subscription = Subscription(settings, keys, self._receive)
-        word = settings.security.secret_word()
-        self._secret = Secret(bytes(32), word) if word else None
-        self._ciphers: dict[int, Cipher] = {}  # of the sides, by their incarnations
-        self._take = take
+        self.telemetry: TelemetryReader = TelemetryReader(settings.security.secret_word(), take)
         self._pair: tuple[str, str] | None = None
         self._heard_s = 0.0
         self.others: set[tuple[str, str]] = set()
-        self.unreadable: int = 0
-        self.undecrypted: int = 0
 
     @property
     def pair(self) -> tuple[str, str] | None:
@@ -93,25 +82,4 @@ class Watcher:
             self._pair = session, name
             self.others.clear()
         self._heard_s = time.monotonic()
-        try:
-            message = decode(self._decrypted(data))
-        except BadMessage:
-            self.unreadable += 1
-            return
-        self._take(message)
-
-    def _decrypted(self, data: bytes) -> bytes:
-        encrypted = read(data)
-        if encrypted is None:
-            return data
-        self.undecrypted += 1
-        if self._secret is None:
-            raise BadMessage("forged", "encrypted")
-        side = encrypted.incarnation
-        cipher = self._ciphers.get(side) or self._secret.for_watchers(side)
-        assert cipher is not None  # since there is a word
-        data = cipher.decrypt(encrypted)
-        self.undecrypted -= 1
-        if len(self._ciphers) < _MOST_SIDES:
-            self._ciphers[side] = cipher
-        return data
+        self.telemetry.read(data)

@@ -233,7 +233,7 @@ async def test_who_watches_hears_both_sides_through_the_one_it_dials() -> None:
         assert times == sorted(set(times))
     watcher.close()
     assert watcher.pair == ("default", "device")
-    assert (watcher.unreadable, watcher.others) == (0, set())
+    assert (watcher.telemetry.unreadable, watcher.others) == (0, set())
 
 
 async def test_telemetry_can_be_off() -> None:

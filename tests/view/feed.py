@@ -102,6 +102,8 @@ class Feed:
 class FakeControls:
     """Keeps every call; `link`, `pause` and `record` change what `feed` tells, as the real ones would."""
 
+    fixed = ""
+
     def __init__(self, feed: Feed | None = None) -> None:
         self.calls: list[tuple[Any, ...]] = []
         self._feed = feed
@@ -122,6 +124,12 @@ class FakeControls:
             self._feed.coupling = name
             self._feed.rendering = rendering
         self._begin_anew("coupling", name, rendering)
+
+    def scene(self, label: str) -> None:
+        self._begin_anew("scene", label)
+
+    def mesh(self, name: str, content: bytes) -> None:
+        self._begin_anew("mesh", name, len(content))
 
     def smoothing(self, seconds: float) -> None:
         if self._feed is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,12 +13,15 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 import viser
 
+from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.recording.telemetry import Status
 from hapnet.view.choices import CHOICES, words_of
 from hapnet.view.history import Episode, Snapshot
-from hapnet.view.panel import ControlPanel, Numbers
+from hapnet.view.numbers import Numbers
+from hapnet.view.panel import ControlPanel
+from hapnet.view.scenes import LARGEST_FILE, SCENES
 from tests.view.feed import FakeControls
 
 
@@ -53,6 +57,45 @@ def test_the_switch_shows_what_runs_and_asks_for_what_is_chosen(
     assert label in panel._choice.options
     panel._couple(label)
     assert controls.named("coupling") == [asked]
+
+
+def test_the_scene_shown_is_the_one_that_runs_and_a_users_own_is_offered_too(server: viser.ViserServer) -> None:
+    controls = FakeControls()
+    panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)
+    for number, (words, label) in enumerate((("box", "box"), (SCENES["mesh"], "mesh"), ("mine:pillow", "mine:pillow"))):
+        shown = snapshot("pspm", "hapnet")
+        assert shown.device_status is not None
+        about = {**shown.device_status.about, "params": {"scene": words}}
+        panel.update(replace(shown, device_status=replace(shown.device_status, about=about, incarnation=number)))
+        assert panel._scene.value == label
+    assert list(panel._scene.options) == [*SCENES, "mine:pillow"]
+    assert {"free", "wall", "box", "sphere", "mesh", "dominoes", "planet"} == set(SCENES)
+
+
+@pytest.mark.parametrize(("name", "size", "says"), [
+    ("notes.txt", 10, "a mesh"), ("model.xml", 10, "a mesh"), ("large.stl", LARGEST_FILE + 1, "at most 32 MB"),
+])  # fmt: skip
+def test_only_a_mesh_is_taken_for_a_world(name: str, size: int, says: str, server: viser.ViserServer) -> None:
+    controls = FakeControls()
+    panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)
+    with pytest.raises(InvalidParameter, match=says):
+        panel._take_file(name, b"x" * size)
+    panel._take_file("Ring.OBJ", b"v 0 0 0")
+    assert controls.calls == [("mesh", "Ring.OBJ", 7)]
+
+
+def test_what_the_other_host_decides_is_shown_and_cannot_be_changed(server: viser.ViserServer) -> None:
+    controls = FakeControls()
+    controls.fixed = "elsewhere"
+    panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)
+    panel.update(snapshot("wave", "hapnet"))
+    assert panel._choice.value == "wave"
+    assert panel._choice.disabled
+    assert panel._scene.disabled
+    assert panel._up.folder.label == "link, device to world"
+    assert not panel._down.folder.visible
+    assert not panel._record.visible
+    assert list(panel._directions_of_first()) == ["up"]
 
 
 def test_every_coupling_can_be_chosen_and_is_said_in_words() -> None:

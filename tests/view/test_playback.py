@@ -10,7 +10,7 @@ from hapnet import Params, cli, simulate
 from hapnet.recording.samples import DeviceSample, Recording, WorldSample
 from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.view.history import History
-from hapnet.view.panel import verdict
+from hapnet.view.numbers import verdict
 from hapnet.view.playback import REST_NS, Playback
 
 START_NS = 5_000_000_000
@@ -71,6 +71,49 @@ def test_the_page_knows_of_it_what_it_knows_of_a_pair(recording: Recording) -> N
     assert shown.device_status is not None
     assert shown.device_status.path["round_trip_p50_ms"] > 60.0
     assert shown.device_status.about["name"] == "mine"
+
+
+def test_it_goes_where_the_scrubber_is_with_the_account_up_to_there(recording: Recording) -> None:
+    """All samples up to there come at once, each as far before the present as it was recorded before that place."""
+    came: list[Telemetry] = []
+    playback = Playback(came.append, recording, "mine", START_NS)
+    playback.advance(START_NS)
+    assert playback.duration_s == pytest.approx(1.5, abs=0.05)
+    came.clear()
+    playback.seek(1.0)
+    playback.advance(now_ns := START_NS + 200 * MS)
+    samples, expected = [one for one in came if not isinstance(one, Status)], recording.samples()
+    first_ns = expected[0].time_ns
+    wanted = [one.time_ns - first_ns for one in expected if one.time_ns - first_ns <= 1_000 * MS]
+    assert [
+        one.time_ns - now_ns + 1_000 * MS for one in samples if isinstance(one, DeviceSample | WorldSample)
+    ] == wanted
+    assert {one.incarnation for one in came if isinstance(one, Status)} == {2}
+    assert playback.at_s == pytest.approx(1.0)
+    for asked, at in ((99.0, playback.duration_s), (-1.0, 0.0)):
+        playback.seek(asked)
+        playback.advance(now_ns)
+        assert playback.at_s == pytest.approx(at)
+
+
+def test_it_stands_still_where_it_is_paused_and_says_so(recording: Recording) -> None:
+    came: list[Telemetry] = []
+    playback = Playback(came.append, recording, "mine", START_NS)
+    playback.advance(START_NS + 300 * MS)
+    playback.pause(True)
+    assert playback.paused
+    came.clear()
+    for at_ms in range(300, 2300, 10):
+        playback.advance(START_NS + at_ms * MS)
+    assert playback.at_s == pytest.approx(0.3)
+    assert all(isinstance(one, Status) and one.paused for one in came)
+    assert came
+    playback.seek(0.8)  # the scrubber still goes anywhere
+    playback.advance(START_NS + 2300 * MS)
+    assert playback.at_s == pytest.approx(0.8)
+    playback.pause(False)
+    playback.advance(START_NS + 2400 * MS)
+    assert playback.at_s == pytest.approx(0.9)
 
 
 def test_one_side_alone_is_played_too(recording: Recording) -> None:

@@ -238,5 +238,5 @@ def test_telemetry_is_for_those_who_know_the_word(word: str, reads: bool, tmp_pa
 
     watcher._receive("hapnet/one/pen/up/telemetry", cipher.encrypt(reported(KnownPlanes(()))))
     assert heard == ([KnownPlanes(())] if reads else [])
-    assert (watcher.unreadable, watcher.undecrypted) == ((0, 0) if reads else (1, 1))
+    assert (watcher.telemetry.unreadable, watcher.telemetry.undecrypted) == ((0, 0) if reads else (1, 1))
     assert Secret(b"s" * 32).for_watchers(5) is None

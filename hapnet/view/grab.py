@@ -1,0 +1,68 @@
+"""What the mouse takes hold of: an unseen ball around the handle that is as large on every screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import viser
+
+from hapnet.checks import Array
+
+GRAB_PX = 34.0
+"""The handle is found by a press within this distance of its middle [pixels]."""
+
+_SHARE = 0.047
+"""And within this share of the window's height: screens of many pixels do not say how many they take for one."""
+
+_LARGEST = 3.0
+"""No ball is larger [scene units], however small the window is."""
+
+
+class Grab:
+    """A ball around the node `parent`, which calls `move` with where the mouse leads its middle [scene units].
+
+    Parameters
+    ----------
+    radius : of what is seen [scene units]; the ball is never smaller. place : gives the middle now. Made last of all in
+        a scene: then it hides nothing that can be seen through.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        parent: str,
+        radius: float,
+        place: Callable[[], Array],
+        move: Callable[[Array], None],
+    ) -> None:
+        self._radius, self._place = radius, place
+        self._ball = scene.add_icosphere(
+            f"{parent}/grab", radius, (255, 255, 255), opacity=0.0, cast_shadow=False, receive_shadow=False
+        )
+        held, stretch = np.zeros(3), 1.0
+
+        # A coroutine, since viser keeps the order of events only for coroutines.
+        @self._ball.on_drag
+        async def _(event: viser.SceneNodeDragEvent[viser.IcosphereHandle]) -> None:
+            nonlocal held, stretch
+            camera = event.client.camera
+            eye, ahead = np.array(camera.position), np.array(camera.look_at) - np.array(camera.position)
+            if event.phase == "start":  # the pointer is on the ball, nearer than the middle
+                start, middle = np.array(event.start_position), self._place()
+                stretch = float((middle - eye) @ ahead) / (float((start - eye) @ ahead) or 1.0)
+                held = eye + stretch * (start - eye) - middle
+            if event.phase != "end":
+                move(eye + stretch * (np.array(event.end_position) - eye) - held)
+
+    def fit(self, cameras: Iterable[viser.CameraHandle]) -> None:
+        """Be large enough for each of these windows."""
+        middle, radius = self._place(), self._radius
+        for camera in cameras:
+            away = float(np.linalg.norm(np.array(camera.position) - middle))
+            share = max(GRAB_PX / max(camera.image_height, 1), _SHARE)
+            radius = max(radius, 2.0 * away * math.tan(camera.fov / 2.0) * share)
+        scale = min(radius, _LARGEST) / self._radius
+        if abs(scale / float(np.max(self._ball.scale)) - 1.0) > 0.03:
+            self._ball.scale = scale

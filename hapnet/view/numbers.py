@@ -1,0 +1,123 @@
+"""The page's numbers: the verdict, what was measured, what the force is made of."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from pathlib import PurePath
+
+import viser
+
+from hapnet.recording.telemetry import Status
+from hapnet.report.words import felt
+from hapnet.summary.structure import Verdict
+from hapnet.summary.verdict import judge
+from hapnet.view.choices import label_of, words_of
+from hapnet.view.force import force_now
+from hapnet.view.history import Episode, Snapshot, coupled
+
+_VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
+_SHORT = 20
+"""A value of fewer characters is in one line."""
+
+_CELL = "padding:0 8px 0 0;border:0;line-height:18px"
+
+
+class Numbers:
+    """The measured numbers, in a few lines, in the container that is open when this is made."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting", ()))
+
+    def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = ()) -> None:
+        """Show the snapshot. `state` : in a word or two, what the pair does. `troubles` : what is wrong with it now."""
+        content = _table(snapshot, state, troubles)
+        if content != self._html.content:
+            self._html.content = content
+
+
+def verdict(snapshot: Snapshot) -> Verdict | None:
+    """The verdict on this episode so far; None: no samples of both sides yet."""
+    return None if snapshot.account is None else judge(snapshot.account)
+
+
+def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
+    device, world = snapshot.device_status, snapshot.world_status
+    word, colour, why = "...", "#64748b", ""
+    if (kept := verdict(snapshot)) is not None:
+        word, colour = _VERDICTS[kept["passive"]]
+        why = "" if kept["passive"] else f'<div class="hapnet-why">{html.escape(kept["reason"])}</div>'
+    recording = device.recording if device is not None else ""
+    rows = [
+        ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
+        ("loss up, down", f"{_link(device, 'loss_now', 100.0, 1)}, {_link(world, 'loss_now', 100.0, 1)} %"),
+        ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
+        ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
+        ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
+        ("least so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
+        ("least after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
+    ]
+    if recording:
+        rows.append(("recording", PurePath(recording).name))
+    about = device.about if device is not None else world.about if world is not None else {}
+    if walls := felt(about.get("felt"), springs=False):
+        rows.append(("wall", walls))
+    what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
+    label = label_of(*coupled(device or world))
+    how = ": ".join(filter(None, (label, words_of(label))))
+    return (
+        '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
+        f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
+        f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
+        f"{''.join(map(_trouble, troubles))}"
+        f'<div style="opacity:.65">{html.escape(what)}</div><div class="hapnet-coupling">{html.escape(how)}</div>'
+        f'{_past(snapshot.past)}<table style="width:100%">{_lines(rows)}</table>'
+        f'<table class="hapnet-force" style="width:100%">{_lines(force_now(snapshot.device))}</table></div>'
+    )
+
+
+def _trouble(line: str) -> str:
+    return f'<div style="color:#b45309;line-height:16px" class="hapnet-trouble">{html.escape(line)}</div>'
+
+
+def _lines(rows: Iterable[tuple[str, str]]) -> str:
+    return "".join(
+        f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td><td style="{_CELL};font-weight:600;'
+        f'white-space:{"nowrap" if len(value) < _SHORT else "normal"}">{html.escape(value)}</td></tr>'
+        for name, value in rows
+    )
+
+
+def _past(episodes: Iterable[Episode]) -> str:
+    """The pairs before this one, each with its own verdict."""
+    said = []
+    for episode in episodes:
+        word, colour = _VERDICTS[judge(episode.account)["passive"]]
+        label = html.escape(label_of(episode.coupling, episode.rendering))
+        said.append(f'{label} <span style="color:{colour}">{word}</span>')
+    return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(said)}</div>' if said else ""
+
+
+def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
+    value = None if status is None else status.link.get(key)
+    return _number(None if value is None else factor * float(value), digits)
+
+
+def _round_trip(*sides: Status | None) -> float | None:
+    """The measured round trip, over the network and the emulated links together [ms]."""
+    known = (side.path.get("round_trip_p50_ms") for side in sides if side is not None)
+    return next((value for value in known if value is not None), None)
+
+
+def _lost(status: Status | None, direction: str) -> float | None:
+    """The share of the other side's messages that did not arrive [%]."""
+    heard = None if status is None else status.path.get(direction)
+    return None if heard is None else 100.0 * float(heard["loss"])
+
+
+def _milli(value: float | None) -> float | None:
+    return None if value is None else 1e3 * value
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
