@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -192,6 +192,22 @@ class ZenohOptions:
     users: flags.Users = None
     secret_file: flags.SecretFile = None
     encrypt: flags.Encrypt = False
+
+    @property
+    def leave_this_host(self) -> bool:
+        """Is the other side to be reached by an endpoint or a configuration?"""
+        return bool(self.connect or self.listen or self.config)
+
+    def words(self) -> list[str]:
+        """The flags again, for another command that has them."""
+        found = [word for endpoint in self.connect or () for word in ("--connect", endpoint)]
+        found += [word for endpoint in self.listen or () for word in ("--listen", endpoint)]
+        found += [word for entry in self.cfg or () for word in ("--cfg", entry)]
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value and not isinstance(value, list):
+                found += [f"--{field.name.replace('_', '-')}", *([] if value is True else [str(value)])]
+        return found
 
     @property
     def security(self) -> Security:

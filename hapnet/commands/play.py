@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import flags, output
-from hapnet.commands.options import LinkOptions, ModelOptions, PageOptions, ParamsOptions
+from hapnet.commands.options import NO_LINK, LinkOptions, ModelOptions, PageOptions, ParamsOptions, ZenohOptions
 from hapnet.errors import InvalidParameter
 from hapnet.params import RELAXED_HAND, OperatorParams, Params
 from netem.groups import Without
@@ -24,6 +24,10 @@ def play(
     out: Annotated[
         Path | None, typer.Option(help="Directory for recordings.", show_default="runs/<UTC time>-<seed>")
     ] = None,
+    files: flags.Files = True,
+    session: flags.Session = "default",
+    name: flags.Name = "device",
+    zenoh: ZenohOptions,
     realtime: flags.Realtime = False,
     page: PageOptions,
 ) -> int:
@@ -32,10 +36,38 @@ def play(
     Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no PSPM.
     Each coupling is a new pair, with a verdict of its own. The page says what the force is made of, and can also pause,
     restart and record. The hand is a relaxed one unless `operator_hand` is set.
+
+    With -e or -l only the hand is here. The world is `hapnet world` on another host, which this side dials
+    (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are the world's. The end is that of
+    `hapnet device`.
     """
-    chosen = led(params.over(Params(), model.named("device", "world"), links))
+    far = zenoh.leave_this_host
+    base = Params(link=NO_LINK) if far else Params()
+    chosen = led(params.over(base, model.named("device", "world"), links))
     if params.show_params:
         return params.show(chosen)
+    if chosen.hardware != "simulated":
+        allowed = "simulated: the mouse is the hand here; `hapnet view` shows a pair with your own device"
+        raise InvalidParameter("hardware", chosen.hardware, allowed)
+    if not chosen.telemetry_hz:
+        raise InvalidParameter("telemetry_hz", chosen.telemetry_hz, "above 0: the page shows what is published")
+    if not far:
+        for flag, value in (("--session", session), ("--name", name), ("--no-files", files), ("Zenoh's flags", zenoh)):
+            if value not in ("default", "device", True, ZenohOptions()):
+                raise InvalidParameter(flag, "given alone", "with -e or -l, for a world on another host")
+        return _play_here(chosen, seed, out, page, realtime=realtime)
+    from hapnet.commands import far_world
+
+    if chosen.scene != base.scene:
+        allowed = f"on the world's host: hapnet world --scene {chosen.scene}"
+        raise InvalidParameter("--scene", chosen.scene, allowed)
+    given = frozenset(key for key in far_world.FROM_WORLD if chosen.get(key) != base.get(key))
+    world = far_world.FarWorld(zenoh, session, name, seed, out, files, realtime)
+    return far_world.play(chosen, given, world, page)
+
+
+def _play_here(chosen: Params, seed: int, out: Path | None, page: PageOptions, *, realtime: bool) -> int:
+    """Both sides on this machine."""
     import asyncio
 
     from hapnet.assembly.build import prepare
@@ -48,11 +80,6 @@ def play(
     from hapnet.view.watcher import Watcher
 
     setup = prepare(chosen, "sampled")
-    if chosen.hardware != "simulated":
-        allowed = "simulated: the mouse is the hand here; `hapnet view` shows a pair with your own device"
-        raise InvalidParameter("hardware", chosen.hardware, allowed)
-    if not chosen.telemetry_hz:
-        raise InvalidParameter("telemetry_hz", chosen.telemetry_hz, "above 0: the page shows what is published")
     check_sides(setup)
     words = output.console(None)
     output.show_warnings(words, setup.warnings)

@@ -21,6 +21,7 @@ from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
+from hapnet.processes.frames import FrameWriter
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary
@@ -37,6 +38,9 @@ CONSOLE = "HAPNET_CONSOLE"
 
 PLACE = "HAPNET_PLACE"
 """Environment variable of such a side: where it begins, as a JSON array of coordinates [m]."""
+
+PAGE = "HAPNET_PAGE"
+"""Environment variable of a side that `hapnet play` starts alone: the pipe that takes the telemetry of both sides."""
 
 PARENT_EVERY_S = 0.2
 
@@ -96,6 +100,7 @@ def _main(
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     written, started_by_run = output.Written(), PARENT in os.environ
+    page = os.environ.pop(PAGE, None)
     caught: list[signal.Signals] = []
     try:
         side = RealtimeSide(
@@ -110,12 +115,13 @@ def _main(
             once=given.once,
             notify=log.notify,
             refused=refusals.take,
+            page=None if page is None else FrameWriter(int(page)).put,
         )
         if (place := os.environ.pop(PLACE, None)) is not None:
             side.place(tuple(json.loads(place)))
         failure: HapnetError | None = None
         try:
-            summary = asyncio.run(_run(side, params.duration_s, log, caught))
+            summary = asyncio.run(_run(side, params.duration_s, log, caught, os.getppid() if page else None))
         except HapnetError as error:
             if side.control.origin_ns is None:
                 raise  # nothing has run
@@ -146,12 +152,16 @@ def _main(
     return code
 
 
-async def _run(side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals]) -> Summary:
+async def _run(
+    side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals], parent: int | None
+) -> Summary:
     stop = asyncio.Event()
     reported = catch(stop, caught, again=side.hurry)
     asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, side.stop_force, "SIGUSR1")
-    parent = os.environ.pop(PARENT, None)
-    beside = [] if parent is None else [asyncio.create_task(_outlive(side, int(parent), reported))]
+    if (run := os.environ.pop(PARENT, None)) is not None:
+        parent = int(run)
+    starter = "hapnet play" if run is None else "hapnet run"
+    beside = [] if parent is None else [asyncio.create_task(_outlive(side, parent, starter, reported))]
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:
@@ -166,11 +176,11 @@ async def _run(side: RealtimeSide, duration_s: float, log: Log, caught: list[sig
     return summary
 
 
-async def _outlive(side: RealtimeSide, parent: int, reported: Callable[[signal.Signals], None]) -> None:
+async def _outlive(side: RealtimeSide, parent: int, starter: str, reported: Callable[[signal.Signals], None]) -> None:
     """End as on SIGTERM when `parent` has died: nothing else would end this side, and it may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)
-    side.interrupt("hapnet run, which had started it, was killed")
+    side.interrupt(f"{starter}, which had started it, was killed")
     reported(signal.SIGTERM)
 
 

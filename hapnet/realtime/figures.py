@@ -65,6 +65,7 @@ class Figures:
         self._about = described(setup, role, seed, driver.port.link.profile) | {
             "session": names[0],
             "name": names[1],
+            "dof": setup.dof,
             "versions": versions(),  # reads a hundred files, so not while the servo runs
         }
 

@@ -72,6 +72,7 @@ class RealtimeSide:
     notify : called with each notice, on the event loop.
     watch : called with each sample or note, on control's thread; it must return at once.
     refused : called with the time [ns]; says in words who was refused since the last call.
+    page : called with each telemetry message of both sides, on any thread; it must return at once. None: nobody looks.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class RealtimeSide:
         notify: Callable[[Notice], None] = lambda notice: None,
         watch: Callable[[Sample], None] = lambda sample: None,
         refused: Callable[[int], list[str]] = lambda now_ns: [],
+        page: Callable[[bytes], None] | None = None,
     ) -> None:
         self.setup: Setup = setup
         self.role = role
@@ -105,7 +107,7 @@ class RealtimeSide:
         mean_step_s = 0.5 * (setup.params.world.step_min_s + setup.params.world.step_max_s)
         self._transport = ZenohTransport(
             zenoh,
-            self._on_message,
+            partial(self._on_message, page),
             session=session,
             device=name,
             role=role,
@@ -113,6 +115,7 @@ class RealtimeSide:
             stream_hz=1.0 / (setup.params.device.pspm_period_s if role == "device" else mean_step_s),
             on_change=lambda: self._on_connection(),
             warn=self._warn,
+            also=() if page is None else (TELEMETRY,),
         )
         # after all that may be refused: it opens the device
         self.control: Control = control_of(
@@ -129,7 +132,9 @@ class RealtimeSide:
         rate_hz = setup.params.telemetry_hz
         planes = (lambda: self.wire.planes) if role == "device" else None
         self._telemetry = (
-            TelemetryPublisher(rate_hz, partial(self._put, secret.for_watchers(incarnation)), self._status, planes)
+            TelemetryPublisher(
+                rate_hz, partial(self._put, page, secret.for_watchers(incarnation)), self._status, planes
+            )
             if rate_hz
             else None
         )
@@ -174,16 +179,21 @@ class RealtimeSide:
         """On control's thread."""
         self._link_driver.send(data)
 
-    def _put(self, for_watchers: Cipher | None, data: bytes) -> None:
+    def _put(self, page: Callable[[bytes], None] | None, for_watchers: Cipher | None, data: bytes) -> None:
+        if page is not None:
+            page(data)
         if self.wire.session.encrypts:
             if for_watchers is None:
                 return  # nobody else may read what the pair does
             data = for_watchers.encrypt(data)
         self._transport.put(TELEMETRY, data)
 
-    def _on_message(self, kind: str, data: bytes, now_ns: int) -> None:
+    def _on_message(self, page: Callable[[bytes], None] | None, kind: str, data: bytes, now_ns: int) -> None:
         """On Zenoh's thread."""
-        self._report(self._link_driver.receive(now_ns, data))
+        if kind != TELEMETRY:
+            self._report(self._link_driver.receive(now_ns, data))
+        elif page is not None:
+            page(data)
 
     def _report(self, events: tuple[Event, ...]) -> None:
         reported = [event for event in events if not isinstance(event, _ORDINARY)]

@@ -77,7 +77,7 @@ class ZenohTransport:
     role : which side this is.
     rate_hz : how often either side sends at most. stream_hz : how often this one sends its position [Hz].
     on_change : called on the loop when a link or the other side came or went.
-    warn : called with words about what went wrong, on any thread.
+    warn : called with words about what went wrong, on any thread. also : further kinds of message that it receives.
 
     Attributes
     ----------
@@ -106,6 +106,7 @@ class ZenohTransport:
         stream_hz: float = 200.0,
         on_change: Callable[[], None] | None = None,
         warn: Callable[[str], None] = lambda text: None,
+        also: tuple[str, ...] = (),
     ) -> None:
         if role not in _DIRECTION:
             raise InvalidParameter("role", role, "one of " + ", ".join(_DIRECTION))
@@ -120,7 +121,7 @@ class ZenohTransport:
         self.sampled: int = sample_every(self._channels, stream_hz)
         self._watch = KeyWatch(KINDS)
         self._spares: list[zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]] = []
-        self._on_message, self._on_change, self._warn = on_message, on_change, warn
+        self._on_message, self._on_change, self._warn, self._also = on_message, on_change, warn, also
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._session: zenoh.Session | None = None
@@ -323,7 +324,7 @@ class ZenohTransport:
                 publishers[POSITION] = SampledPublisher(
                     session, f"{self._mine}/{POSITION}", self._channels, self.sampled
                 )
-            for kind in (*KINDS, SIGNALS):
+            for kind in (*KINDS, SIGNALS, *self._also):
                 session.declare_subscriber(f"{self._theirs}/{kind}", direct(self._receiver(kind)))
             answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
             with self._lock:

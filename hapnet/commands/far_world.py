@@ -1,0 +1,231 @@
+"""`hapnet play` with the world on another host: here are the hand's side, a process of its own, and the page."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hapnet.assembly.build import link_profile
+from hapnet.checks import Vector
+from hapnet.commands import output
+from hapnet.commands.options import PageOptions, ZenohOptions
+from hapnet.commands.side import CONSOLE, ENDING, PAGE, zenoh_settings
+from hapnet.commands.view import show
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.laws import COUPLING_NAMES
+from hapnet.params import Params
+from hapnet.processes.frames import frames
+from hapnet.processes.start import PIPE, Program, end, module, started
+from hapnet.recording.telemetry import Status, Telemetry
+from hapnet.view.controls import Direction, require_no_file
+from hapnet.view.history import History
+from hapnet.view.server import serve
+from hapnet.view.telemetry_reader import TelemetryReader
+from hapnet.view.watcher import Watcher
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+FIXED = "the world is on another host: its own command sets scene, coupling and its link"
+
+FROM_WORLD = ("dof", "coupling", "rendering")
+"""The parameters that this side takes from the world."""
+
+PATIENCE_S = 2.0
+"""After this time without a world it is said what is waited for [s]."""
+
+LINGER_S = 20.0
+"""How long the hand's side may take to end when the page has failed [s]."""
+
+
+@dataclass(frozen=True)
+class FarWorld:
+    """Which world, how it is reached, and what this side leaves.
+
+    seed, out, files, realtime : as of `hapnet device`.
+    """
+
+    zenoh: ZenohOptions
+    session: str
+    name: str
+    seed: int
+    out: Path | None
+    files: bool
+    realtime: bool
+
+    def words(self) -> list[str]:
+        """The flags of `hapnet device` for all that."""
+        words = [*self.zenoh.words(), "--session", self.session, "--name", self.name, "--seed", str(self.seed)]
+        words += [] if self.out is None else ["--out", str(self.out)]
+        return [*words, *["--no-files"] * (not self.files), *["--realtime"] * self.realtime]
+
+
+def play(params: Params, given: frozenset[str], far: FarWorld, page: PageOptions) -> int:
+    """Lead the hand on a page until a signal ends it; returns the exit code of the hand's side.
+
+    params : of the hand's side. given : the parameters, by their dotted names, that the world does not override.
+    """
+    if far.zenoh.encrypt and far.zenoh.secret_file is None:
+        raise InvalidParameter("--encrypt", "given alone", "with --secret-file, by which the page reads what is shown")
+    settings = zenoh_settings(far.zenoh)
+    words = output.console(None)
+    with ExitStack() as closing:
+        found: queue.SimpleQueue[Status] = queue.SimpleQueue()
+
+        def take(message: Telemetry) -> None:
+            if isinstance(message, Status) and message.role == "world":
+                found.put(message)
+
+        watcher = Watcher(settings, take, session=far.session, name=far.name)
+        watcher.open()
+        closing.callback(watcher.close)
+        world = _first(found, watcher, words)
+        watcher.close()
+        params = fitting(params, world, given)
+        words.print(f"the world: {world.about.get('scene')}, coupled by {params.coupling}", markup=False)
+        history = History()
+        hand = Hand(params, far, history, closing)
+        served = closing.enter_context(serve(history, hand, host=page.host, port=page.port))
+        words.print(f"open {served.url} and drag the handle; Ctrl-C ends")
+        if page.browser:
+            show(served.url)
+        return hand.wait()
+
+
+def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console) -> Status:
+    """The world's first status; says what is waited for if it does not come."""
+    said = ""
+    since_s = time.monotonic()
+    while True:
+        with contextlib.suppress(queue.Empty):
+            return found.get(timeout=0.2)
+        if time.monotonic() < since_s + PATIENCE_S:
+            continue
+        if watcher.telemetry.undecrypted:
+            raise InvalidParameter("--secret-file", None, "the file of the world's side: it encrypts what it tells")
+        text = f"waiting for a world that tells what it is: {watcher.where}"
+        text += f" ({watcher.problem})" if watcher.problem else ""
+        if text != said:
+            console.print(text, style="yellow", markup=False)
+        said = text
+
+
+def fitting(params: Params, world: Status, given: frozenset[str]) -> Params:
+    """`params` with the axes, the coupling and the rendering of the world, where they are not `given`.
+
+    Nothing else is taken from the network: a coupling of the user's own must be given here too.
+    """
+    theirs = world.about.get("params")
+    reported: dict[str, Any] = {"dof": world.about.get("dof")}
+    if isinstance(theirs, dict) and theirs.get("coupling") in COUPLING_NAMES:
+        reported |= {name: theirs.get(name) for name in ("coupling", "rendering")}
+    changes = {name: value for name, value in reported.items() if value is not None and name not in given}
+    return params.set({"scene": "free", **changes})
+
+
+class Hand:
+    """The hand's side: a `hapnet device` whose hand is the mouse; the page's `Controls` of it.
+
+    Its words, the verdict and the files at its end are its own, on this terminal.
+
+    Parameters
+    ----------
+    history : gets the telemetry of both sides. closing : ends the process if nothing else has.
+    """
+
+    fixed = FIXED
+
+    def __init__(self, params: Params, far: FarWorld, history: History, closing: ExitStack) -> None:
+        self._lock = threading.Lock()
+        file = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="hapnet-"))) / "params.toml"
+        file.write_text(params.toml(), encoding="utf-8")
+        ours, theirs = os.pipe()
+        command = module("hapnet", "device", "--params", str(file), *far.words())
+        try:
+            self._child = started(
+                command, stdin=PIPE, keeps=(theirs,), environment={CONSOLE: "1", PAGE: str(theirs)}, own_group=True
+            )
+        finally:
+            os.close(theirs)
+        closing.callback(_gone, self._child)
+        reader = TelemetryReader(far.zenoh.security.secret_word(), history.take)
+        threading.Thread(target=_read, args=(ours, reader), name="telemetry", daemon=True).start()
+
+    def wait(self) -> int:
+        """Pass on what asks this process to end, until the side has ended; returns its exit code."""
+        with _handled(self._child.send_signal):
+            return self._child.wait()
+
+    def lead(self, position: Vector) -> None:
+        self._send(do="lead", position=position)
+
+    def link(self, direction: Direction, text: str) -> None:
+        require_no_file(text)
+        if direction == "down":
+            raise HapnetError(FIXED)
+        self._send(do="link", words=str(link_profile("link.up", text)))
+
+    def pause(self, on: bool) -> None:
+        self._send(do="pause", on=on)
+
+    def coupling(self, name: str, rendering: str) -> None:
+        raise HapnetError(FIXED)
+
+    def scene(self, label: str) -> None:
+        raise HapnetError(FIXED)
+
+    def mesh(self, name: str, content: bytes) -> None:
+        raise HapnetError(FIXED)
+
+    def smoothing(self, seconds: float) -> None:
+        raise HapnetError(FIXED)
+
+    def reset(self) -> None:
+        raise HapnetError(FIXED)
+
+    def record(self, on: bool) -> None:
+        raise HapnetError("this side is recorded from its start; hapnet play --no-files records nothing")
+
+    def _send(self, **command: Any) -> None:
+        with self._lock, contextlib.suppress(OSError):  # it has ended
+            assert self._child.stdin is not None
+            self._child.stdin.write(json.dumps(command).encode() + b"\n")
+            self._child.stdin.flush()
+
+
+def _read(file: int, reader: TelemetryReader) -> None:
+    with os.fdopen(file, "rb") as pipe:
+        for data in frames(pipe):
+            reader.read(data)
+
+
+def _gone(child: Program) -> None:
+    if child.poll() is None:
+        child.terminate()
+        end(child, LINGER_S)
+    if child.stdin is not None:
+        with contextlib.suppress(OSError):
+            child.stdin.close()
+
+
+@contextlib.contextmanager
+def _handled(handle: Callable[[int], object]) -> Iterator[None]:
+    """What asks this process to end goes to `handle`."""
+    kept = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, lambda number, frame: handle(number)) for number in kept}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
