@@ -1,4 +1,4 @@
-"""netem: a seeded link emulator with the words of Linux's tc-netem, for any Python program; it never duplicates.
+"""netem: a seeded link emulator with the words of Linux's tc-netem, for any Python program.
 
 profile = LinkProfile.parse("delay 40ms 10ms distribution normal loss gemodel 1% 20%")
 link = Link(profile, seed=1)

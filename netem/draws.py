@@ -11,7 +11,7 @@ from numpy.random import PCG64, Generator, SeedSequence
 from numpy.typing import NDArray
 
 from netem import models
-from netem.impairment import Acting
+from netem.impairment import Acting, Twice
 from netem.profile import LinkProfile
 
 _FIELDS = {
@@ -68,7 +68,7 @@ class Streams:
 
     Attributes
     ----------
-    others : what the further impairments do to a message.
+    others : what the further impairments do to a message. twice : those of them that say which are offered twice.
     next : for the next message: is it lost, is it corrupted, may it be sent ahead, its delay [ns], its luck (see
         `Fates`). next_bit : which bit of a corrupted message is flipped, in [0, 1). next_chance : the draw in [0, 1)
         that is compared with the loss of a trace of conditions. next_slot : the time to the next slot [ns], if the
@@ -86,6 +86,7 @@ class Streams:
         self._profile_seed: int | None = None
         self._generators: dict[str, Generator] = {}
         self.others: tuple[Acting, ...] = ()
+        self.twice: tuple[Twice, ...] = ()
         self._draws: dict[str, Draws] = {}
 
     def configure(self, profile: LinkProfile, offered: int) -> set[str]:
@@ -103,6 +104,8 @@ class Streams:
         self._profile = profile
         if previous is None or profile.others != previous.others:
             self.others = tuple([one.acting(self._of(one.word())) for one in profile.others])
+            asked = [one.twice(self._of(one.word())) for one in profile.others]
+            self.twice = tuple([one for one in asked if one is not None])
         new = {effect for effect in _FIELDS if _changed(effect, profile, previous)}
         if previous is None or (profile.resend is None) != (previous.resend is None):
             new.add("resend")

@@ -18,20 +18,21 @@ from netem.profile import LinkProfile
 class Expectation:
     """Long-run figures; the names are those that `LinkStats` uses for the achieved ones.
 
-    `loss`, `recovered` and `sent_ahead` are shares of the messages offered; `resent` is the number of resends per
-    message offered. `mean_loss_burst` is None without loss, or if it depends on the traffic's pace (``csv``) or on an
-    impairment of `netem.impairments`. `sent_ahead` neglects that losses weaken a correlation beyond a gap. The delays
-    are those of the words `delay`, `csv`, `resend` and `reorder`, and of impairments, including the cut at 0. The delay
-    added by a rate, a trace, a slot or waiting for a resend depends on the traffic and is left out. With `csv`, a
-    message and its resends are assumed to use the same
-    line of the file. `delay_correlation` is that of successive messages; None if the delay is constant, or if the pace,
-    `reorder` or `resend` affects it.
+    `loss`, `recovered` and `sent_ahead` are shares of the messages offered, `duplicated` that of the copies in them;
+    `resent` is the number of resends per message offered. `mean_loss_burst` is None without loss, or if it depends on
+    the traffic's pace (``csv``) or on an impairment of `netem.impairments`. `sent_ahead` neglects that losses weaken a
+    correlation beyond a gap. The delays are those of the words `delay`, `csv`, `resend` and `reorder`, and of
+    impairments, including the cut at 0. The delay added by a rate, a trace, a slot or waiting for a resend depends on
+    the traffic and is left out. With `csv`, a message and its resends are assumed to use the same line of the file.
+    `delay_correlation` is that of successive messages; None if the delay is constant, or if the pace, `reorder` or
+    `resend` affects it.
     """
 
     loss: float
     mean_loss_burst: float | None
     resent: float
     recovered: float
+    duplicated: float
     sent_ahead: float
     delay_mean_ms: float
     delay_std_ms: float
@@ -51,6 +52,7 @@ def expect(profile: LinkProfile) -> Expectation:
     added = [one.expected() for one in profile.others]
     for loses, _, _ in added:
         shares, lost = shares * (1.0 - loses), lost + float(shares.sum()) * loses
+    copies = sum(one.copies for one in profile.others)
     arrived = float(shares.sum())
     ahead = _ahead(profile)
     delays = models.delay_quantiles(profile) * 1e-6
@@ -73,6 +75,7 @@ def expect(profile: LinkProfile) -> Expectation:
         mean_loss_burst=_burst(profile),
         resent=resent,
         recovered=recovered,
+        duplicated=copies / (1.0 + copies),
         sent_ahead=float(shares[0]) * ahead,
         delay_mean_ms=total,
         delay_std_ms=math.sqrt(spread),

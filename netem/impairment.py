@@ -18,6 +18,10 @@ The delay that it adds [ns], 0 or above; None: the message is lost.
 """
 
 
+Twice = Callable[[], bool]
+"""Asked once for each message, before all else: is it offered twice?"""
+
+
 class Impairment(ABC):
     """An impairment with its parameters, as a profile has it: a frozen dataclass, so that profiles compare."""
 
@@ -38,6 +42,15 @@ class Impairment(ABC):
     @abstractmethod
     def acting(self, rng: Generator) -> Acting:
         """What it does to messages, with draws of its own."""
+
+    def twice(self, rng: Generator) -> Twice | None:
+        """Which messages it offers twice, with the same draws as `acting`; None: it never does."""
+        return None
+
+    @property
+    def copies(self) -> float:
+        """In the long run: the share of messages that it offers twice."""
+        return 0.0
 
     @abstractmethod
     def expected(self) -> tuple[float, float, float]:

@@ -14,7 +14,8 @@ The order of effects is tc-netem's: loss (and `netem.impairments`), corruption, 
   conditions adds its delay to the drawn one, and its loss to that of the loss model.
 * An open slot releases the messages that are ready, up to its limits. The next slot is drawn when this one is
   exhausted, or when the next message comes after it.
-* Nothing is ever released twice.
+* A message that `duplicate` offers twice is two messages, as in the kernel: each has its own draws and is counted, the
+  first is always followed by the second, and a copy is not copied again. Nothing else is ever released twice.
 """
 
 from __future__ import annotations
@@ -86,6 +87,7 @@ class Link(Generic[T]):
         self._conditions: tuple[ConditionTrace, int] | None = None  # and when it started
         self._pending_delays = self.counters.delays.pending
         self._up = True
+        self._is_copy = False
         self._awaits_start = False
         self._configure(profile, _LONG_AGO, _LONG_AGO)
         self._start_traces(None, start_ns, _LONG_AGO)
@@ -143,6 +145,8 @@ class Link(Generic[T]):
         """
         if self._needs_size and (size is None or size < 0):
             size = _size_of(item, size)
+        if self.streams.twice and not self._is_copy:
+            self._copy(now_ns, item, size)
         counters = self.counters
         counters.offered = order = counters.offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`, where due messages would wait
@@ -197,6 +201,15 @@ class Link(Generic[T]):
         heappush(queue, (due, order, item, now_ns, size or 0))
         if self._gate is not None:
             self._gate.look(queue, now_ns)
+
+    def _copy(self, now_ns: int, item: T, size: int | None) -> None:
+        """Offer the item once more if an impairment says so; it is itself offered next."""
+        for again in [twice() for twice in self.streams.twice]:
+            if again:
+                self.counters.duplicated += 1
+                self._is_copy = True
+                self.send(now_ns, item, size)
+                self._is_copy = False
 
     def _resend(self, resends: Resends, now_ns: int, lost: bool, luck: float) -> tuple[bool, int]:
         """(is the message lost for good; when is it offered for the last time, waiting for others included [ns])."""

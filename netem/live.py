@@ -102,6 +102,7 @@ _ROWS: Mapping[str, Callable[[LinkStats], str]] = {
     "lost while down": lambda s: str(s.lost_down),
     "dropped over limit": lambda s: str(s.dropped_limit),
     "corrupted": lambda s: str(s.corrupted),
+    "duplicated": lambda s: _share(s.duplicated, s),
     "reordered": lambda s: _share(s.reordered, s),
     "in flight": lambda s: str(s.in_flight),
     "delay mean": lambda s: _ms(s.delay_mean_ms),

@@ -125,8 +125,8 @@ class LinkProfile:
 
         ``delay T [J [C]]``, ``distribution NAME``, ``loss [random] P [C]``, ``loss state P13 [P31 [P32 [P23 [P14]]]]``,
         ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD
-        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order. `duplicate` is refused,
-        because messages may carry energy, and energy that arrives twice breaks passivity.
+        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order; and the words of
+        `netem.impairments`, such as ``duplicate P [C]``.
 
         Beyond tc: ``resend N TIME [unordered]`` offers lost messages again (`netem.effects.Resend`; 0: never).
         ``trace FILE`` replaces a rate by delivery opportunities (`netem.trace.CapacityTrace`). ``csv FILE`` adds a
@@ -336,6 +336,5 @@ _OPTIONS: Mapping[str, _Reader] = {
 }
 _ALIASES = {"latency": "delay", "drop": "loss"}
 _REFUSED = {
-    "duplicate": "no duplication: a message may carry energy, and energy that arrives twice breaks passivity",
     "ecn": "no marking: messages have no ECN field and are lost instead",
 }

@@ -20,15 +20,16 @@ BINS = _PER_OCTAVE * _OCTAVES
 class LinkStats:
     """A snapshot: offered = delivered + lost + lost_down + dropped_limit + in_flight, always.
 
-    `profile` is the active one, in tc's words. `lost` counts the messages lost by the loss model or a trace and not
-    recovered by resends, and `loss_bursts` their runs. `resent` counts the resends, `recovered` the messages that a
-    resend delivers; both count when the message is offered. `lost_down` counts messages offered to a link that was down
-    (these are not resent), `dropped_limit` those that found the link full. `reordered` counts messages delivered after
-    one that was sent later (RFC 4737, section 3.3), whatever the cause. With ``reorder 5%`` and a long queue these are
-    nearly all messages, because nearly all are overtaken; `sent_ahead` counts only the messages that `reorder` itself
-    sent ahead. Delays are from the offer to the release by the profile, None before the first; the percentiles are read
-    from bins 1.1 % wide. `late_max_ms` is the longest time that a message stayed after its release because nobody
-    polled. `netem.expect` computes the figures to expect.
+    `offered` counts the copies that `duplicate` makes too, and `duplicated` only them. `profile` is the active one, in
+    tc's words. `lost` counts the messages lost by the loss model or a trace and not recovered by resends, and
+    `loss_bursts` their runs. `resent` counts the resends, `recovered` the messages that a resend delivers; both count
+    when the message is offered. `lost_down` counts messages offered to a link that was down (these are not resent),
+    `dropped_limit` those that found the link full. `reordered` counts messages delivered after one that was sent later
+    (RFC 4737, section 3.3), whatever the cause. With ``reorder 5%`` and a long queue these are nearly all messages,
+    because nearly all are overtaken; `sent_ahead` counts only the messages that `reorder` itself sent ahead. Delays are
+    from the offer to the release by the profile, None before the first; the percentiles are read from bins 1.1 % wide.
+    `late_max_ms` is the longest time that a message stayed after its release because nobody polled. `netem.expect`
+    computes the figures to expect.
 
     `delay_histogram_ms` is ready to draw, as (edge, count): a bin reaches from the previous edge to its own, and holds
     `count` delays. A count of 0 is a gap; so is the first entry, which only says where the first bin begins.
@@ -44,6 +45,7 @@ class LinkStats:
     lost_down: int
     dropped_limit: int
     corrupted: int
+    duplicated: int
     reordered: int
     sent_ahead: int
     in_flight: int
@@ -169,12 +171,13 @@ class Counters:
     """
 
     __slots__ = (
-        "corrupted", "delays", "dropped_limit", "last_lost", "late_max_ns", "loss_bursts", "lost", "lost_down",
-        "newest", "offered", "recovered", "reordered", "resent", "sent_ahead",
+        "corrupted", "delays", "dropped_limit", "duplicated", "last_lost", "late_max_ns", "loss_bursts", "lost",
+        "lost_down", "newest", "offered", "recovered", "reordered", "resent", "sent_ahead",
     )  # fmt: skip
 
     def __init__(self) -> None:
         self.offered = self.lost = self.lost_down = self.dropped_limit = self.corrupted = 0
+        self.duplicated = 0
         self.loss_bursts, self.last_lost = 0, -1
         self.reordered = self.sent_ahead = self.resent = self.recovered = 0
         self.newest = self.late_max_ns = 0
@@ -201,6 +204,7 @@ class Counters:
             lost_down=self.lost_down,
             dropped_limit=self.dropped_limit,
             corrupted=self.corrupted,
+            duplicated=self.duplicated,
             reordered=self.reordered,
             sent_ahead=self.sent_ahead,
             in_flight=in_flight,

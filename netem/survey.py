@@ -20,8 +20,9 @@ _REPORT_EVERY = 10_000
 class Survey:
     """The link's `stats`, and the delays of the messages in the order in which they were sent.
 
-    `delays_ms` has one value per message sent, NaN if it did not arrive. `counts` is their histogram over the bins
-    between `edges_ms`. A burst of losses is a run of messages that did not arrive, for any reason.
+    `delays_ms` has one value per message sent, its copies left out, NaN if it did not arrive. `counts` is their
+    histogram over the bins between `edges_ms`. A burst of losses is a run of messages that did not arrive, for any
+    reason.
     """
 
     stats: LinkStats
@@ -59,12 +60,17 @@ def run(
         if progress is not None and number % _REPORT_EVERY == 0:
             progress(number / count)
         link.send(number * interval_ns, number, size)
-        for due_ns, arrived in link.poll(number * interval_ns):
-            delays[arrived] = due_ns - arrived * interval_ns
+        _note(link.poll(number * interval_ns), delays, interval_ns)
     while (next_ns := link.next_due_ns) is not None:
-        for due_ns, arrived in link.poll(next_ns):
-            delays[arrived] = due_ns - arrived * interval_ns
+        _note(link.poll(next_ns), delays, interval_ns)
     return _evaluate(link.stats, delays, bins)
+
+
+def _note(arrived: list[tuple[int, int]], delays: NDArray[np.int64], interval_ns: int) -> None:
+    """Of a message that arrives twice the first counts."""
+    for due_ns, number in arrived:
+        if delays[number] < 0:
+            delays[number] = due_ns - number * interval_ns
 
 
 def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
@@ -100,6 +106,9 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
     )
     if profile.resend is not None:
         out.append(f"resent     {stats.resent} times, recovered {stats.recovered} ({stats.recovered * share:.2f} %)")
+    if stats.duplicated:
+        asked_for = f"asked {100 * asked.duplicated:.2f} %"
+        out.append(f"duplicated {stats.duplicated} ({stats.duplicated * share:.2f} % of the offered, {asked_for})")
     if stats.dropped_limit:
         out.append(
             f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}"

@@ -118,11 +118,6 @@ def test_any_text_is_parsed_or_refused_by_netems_error(text: str) -> None:
     assert LinkProfile.parse(str(profile)) == profile
 
 
-def test_duplicate_is_refused_with_the_reason() -> None:
-    with pytest.raises(ProfileError, match=r"duplicate.*energy.*passivity"):
-        LinkProfile.parse("delay 1ms duplicate 1%")
-
-
 @pytest.mark.parametrize(
     "change",
     [

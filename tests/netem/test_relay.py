@@ -95,6 +95,16 @@ async def test_what_is_resent_crosses_once(order: str) -> None:
     assert found.resent >= found.recovered > 50
 
 
+async def test_what_is_duplicated_crosses_twice() -> None:
+    with udp_socket() as server, udp_socket() as client, relay_to(server, "duplicate 100%", "loss 100%") as relay:
+        for number in range(20):
+            client.sendto(bytes([number]), relay.address)
+        got = [(await received(server))[0][0] for _ in range(40)]
+        found = relay.stats.up
+    assert got == [number for number in range(20) for _ in range(2)]
+    assert (found.offered, found.delivered, found.duplicated) == (40, 40, 20)
+
+
 async def test_clients_above_the_limit_are_refused_and_idle_ones_closed() -> None:
     with (
         udp_socket() as server,

@@ -61,7 +61,7 @@ def test_names_of_profiles_and_repetition() -> None:
         ("at 1s: up; at -5s: down", r"entry 2.*'-5s'"),
         ("at 1s: dely 3ms", r"entry 1 \('at 1s: dely 3ms'\).*'dely'.*did you mean delay"),
         ("at 1s: up; at 2s: delay 3", r"entry 2.*delay: '3'"),
-        ("at 1s: up; at 2s: duplicate 3%", r"entry 2.*duplicate.*passivity"),
+        ("at 1s: up; at 2s: duplicate 300%", r"entry 2.*duplicate.*300%"),
         ("at 2s: up; at 1s: down", r"entry 2.*'1s'.*not before"),
         ("at 1s: up; at 2s: repeat; at 3s: down", "entry 3.*after 'repeat'"),
         ("at 1s: repeat", "entry 1.*after at least one entry"),
