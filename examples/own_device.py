@@ -2,7 +2,7 @@
 
 Here a carriage on a tilted rail: it slides into a virtual wall, and comes to rest where the wall carries its weight.
 
-python examples/own_device.py                               # flags of `hapnet run` may follow: --profile 4g
+python examples/own_device.py                               # flags of `hapnet run` may follow: --link 4g
 hapnet run --device examples.own_device:Rail                # the same; or `hapnet device`, with the world elsewhere
 """
 

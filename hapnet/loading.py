@@ -8,9 +8,11 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from itertools import count
+from types import ModuleType
 from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter
+from netem.errors import unknown
 
 
 @cache
@@ -39,10 +41,17 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
         raise InvalidParameter(parameter, name, allowed, known)
+    found: ModuleType | None = None
     try:
-        return getattr(import_module(module), attribute)
+        found = import_module(module)
+        return getattr(found, attribute)
     except HapnetError:  # it says itself what is wrong
         raise
+    except AttributeError as error:
+        nearly = () if found is None else tuple(vars(found))
+        if unknown("", attribute, nearly):
+            raise InvalidParameter(f"{module}: {parameter}", attribute, allowed, nearly) from error
+        raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
     except BaseException as error:  # see `failure`
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
 

@@ -45,13 +45,13 @@ Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="WORDS",
-        help="tc-netem's words, such as 'delay 40ms 10ms loss gemodel 1% 20%', or a profile's name.",
+        help="A profile's name (`netem profiles`), or tc-netem's words, such as 'delay 40ms 10ms loss gemodel 1% 20%'.",
         autocompletion=_profiles,
     ),
 ]
 ProfileOption = Annotated[
     str | None,
-    typer.Option("--profile", help="A named profile; `netem profiles` lists them.", autocompletion=_profiles),
+    typer.Option("--profile", help="As WORDS, for scripts of older versions.", hidden=True, autocompletion=_profiles),
 ]
 Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.")]
 Jitter = Annotated[str | None, typer.Option(help="Jitter [correlation], such as 10ms or '10ms 25%'.")]

@@ -16,7 +16,9 @@ def unknown(what: str, value: object, known: Iterable[str]) -> str:
     """
     from difflib import get_close_matches  # only an error needs it
 
-    *before, last = get_close_matches(str(value), list(known), n=3, cutoff=0.7) or ("",)
+    names = list(known)
+    ends = [name for name in names if name.rpartition(".")[2] == value][:3]  # stiffness: device.stiffness
+    *before, last = ends or get_close_matches(str(value), names, n=3, cutoff=0.7) or ("",)
     where, colon, what = what.rpartition(": ")
     meant = f"{', '.join(before)} or {last}" if before else last
     return f"{where}{colon}unknown {what} {value!r}; did you mean {meant}?" if last else ""

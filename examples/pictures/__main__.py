@@ -49,7 +49,7 @@ RECIPES = (
     Recipe(("examples.pictures.ten_minutes --out DIR",), {"ten-minutes.png": "ten-minutes.png"}),
     scene(
         "mesh.png",
-        "--scene 'mesh:examples/ring.obj?unit=mm&friction=0.3' --operator hand-6 --profile 4g --duration 20 --seed 3",
+        "--scene 'mesh:examples/ring.obj?unit=mm&friction=0.3' --operator hand-6 --link 4g --duration 20 --seed 3",
     ),
     scene("dominoes.png", "--scene mujoco:examples/dominoes.xml --operator press --duration 6 --seed 1"),
     scene("planet.png", "--scene examples.planet:planet --operator hand-6 --duration 12 --seed 1"),

@@ -87,9 +87,8 @@ def make_emulator(device: str, params: Params) -> Emulator:
     target = getattr(made, "emulator", "")
     if not target:
         having = [each for each, (where, _) in known.items() if _has_emulator(where)]
-        raise InvalidParameter(
-            "NAME", name, f"one with an emulator: {', '.join(having)} (a driver names its own in `emulator`)"
-        )
+        allowed = f"one with an emulator: {', '.join(having)} (a driver names its own in `emulator`)"
+        raise InvalidParameter("device", name, allowed, () if name in known else having)
     kind = load("emulator", target, "a class that can be imported")
     given = registry.options(device, kind, behind)
     scene = make_scene("free", dof=kind.dof)

@@ -145,15 +145,15 @@ Link = Annotated[
     str | None,
     typer.Option(
         "--link",
-        metavar="'TC WORDS'",
-        help="The link in tc-netem's words, or a profile's name.",
+        metavar="NAME|'TC WORDS'",
+        help="The link: a profile's name (`netem profiles`), or tc-netem's words.",
         rich_help_panel=_LINK,
         autocompletion=complete.profiles,
     ),
 ]
 Profile = Annotated[
     str | None,
-    typer.Option(help="A named profile (`netem profiles`).", rich_help_panel=_LINK, autocompletion=complete.profiles),
+    typer.Option(help="As --link, for scripts of older versions.", hidden=True, autocompletion=complete.profiles),
 ]
 Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.", rich_help_panel=_LINK)]
 Jitter = Annotated[str | None, typer.Option(help="Jitter, such as 10ms.", rich_help_panel=_LINK)]
@@ -171,13 +171,13 @@ Resend = Annotated[
 Uplink = Annotated[
     str | None,
     typer.Option(
-        help="From the device only: tc words or a profile.", rich_help_panel=_LINK, autocompletion=complete.profiles
+        help="From the device only: a profile or tc words.", rich_help_panel=_LINK, autocompletion=complete.profiles
     ),
 ]
 Downlink = Annotated[
     str | None,
     typer.Option(
-        help="From the world only: tc words or a profile.", rich_help_panel=_LINK, autocompletion=complete.profiles
+        help="From the world only: a profile or tc words.", rich_help_panel=_LINK, autocompletion=complete.profiles
     ),
 ]
 

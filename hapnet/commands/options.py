@@ -106,8 +106,10 @@ class LinkOptions:
         """The words of one direction: the default, changed by the flags."""
         if self.link is None and self.profile is None and all(flag is None for flag in self._effects.values()):
             return default
-        words = None if self.link is None else PRESETS.get(ALIASES.get(self.link, self.link), self.link)
-        return str(compose(words, self.profile, **self._effects, base=LinkProfile.named(default)))
+        words, name = self.link, self.profile
+        if words is not None and name is None and ALIASES.get(words, words) in PRESETS:
+            words, name = None, words  # a profile that one property may be set on top of
+        return str(compose(words, name, **self._effects, base=LinkProfile.named(default)))
 
     @property
     def _effects(self) -> dict[str, str | None]:

@@ -185,6 +185,19 @@ def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_pat
         ("compare --link lossy-wfi", "unknown --link 'lossy-wfi'; did you mean lossy-wifi?"),
         ("compare --bench tap", "unknown --bench 'tap'; did you mean taps?"),
         ("bench --only device_tik", "unknown --only 'device_tik'; did you mean device_tick?"),
+        (
+            "simulate --scene sphere?radis=20mm",
+            "scene sphere?radis=20mm: unknown property 'radis'; did you mean radius?",
+        ),
+        ("emulate seral:link=/tmp/a", "unknown device 'seral'; did you mean serial?"),
+        (
+            "simulate --scene examples.own_world:coridor",
+            "examples.own_world: unknown scene 'coridor'; did you mean corridor?",
+        ),
+        (
+            "simulate --set stiffness=300",
+            "unknown parameter 'stiffness'; did you mean device.stiffness, operator_hand.stiffness or world.stiffness?",
+        ),
         ("simulate --set renderin=paper", "unknown parameter 'renderin'; did you mean rendering?"),
         ("device --mode pear", "unknown mode 'pear'; did you mean peer?"),
     ],
@@ -202,6 +215,9 @@ def test_every_profile_has_the_same_names_everywhere(capsys: Capture) -> None:
             assert cli.main(["simulate", *flags, "--show-params"]) == 0
             table = tomllib.loads(capsys.readouterr().out)["link"]
             assert str(LinkProfile.named(table["up"])) == str(LinkProfile.preset(profile))
+        assert cli.main(["simulate", "--link", name, "--delay", "7ms", "--show-params"]) == 0
+        words = tomllib.loads(capsys.readouterr().out)["link"]["up"]
+        assert LinkProfile.parse(words) == LinkProfile.preset(profile).replace(delay_ns=7_000_000)
         assert links_of([name], ()) == {name: (profile, profile)}
         assert netem_cli.main(["show", name, "--count", "1"]) == 0
         capsys.readouterr()

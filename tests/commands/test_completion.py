@@ -70,10 +70,10 @@ class Tab:
     ("line", "offered"),
     [
         ("si", ["simulate"]),
-        ("simulate --profi", ["--profile"]),
+        ("simulate --lin", ["--link"]),
         ("--vers", ["--version"]),
         ("--version si", ["simulate"]),
-        ("run --profile ", PROFILES),
+        ("run --link ", PROFILES),
         ("run --link l", ["lan", "lossy-wifi", "leo"]),
         ("run --uplink 4", ["4g"]),
         ("simulate --downlink ge", ["geo"]),

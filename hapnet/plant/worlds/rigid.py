@@ -168,7 +168,9 @@ class Properties:
 
     def finish(self) -> None:
         if self._left:
-            raise self.error(next(iter(self._left)), f"a property of this solid: {KINDS[_kind(self.words)[0]].words}")
+            words = KINDS[_kind(self.words)[0]].words
+            name, known = next(iter(self._left)), re.findall(r"(\w+)=", words)
+            raise InvalidParameter(f"scene {self.words}: property", name, f"one of this solid: {words}", known)
 
 
 class Kind:
