@@ -10,6 +10,8 @@ The public names, which stay stable:
 * `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
 * `simulate`, `simulate_batch`: both sides in virtual time, once (a `Result`) or many times. `read_recording`: what a
   run wrote, as numpy's arrays or a table of pandas. An emulated link of your own is `netem.Link`.
+* `compare`, `sweep`, `tune`: many runs measured alike, as the commands of these names make them. They give a
+  `Comparison`, a `SweepResult` and a `Tuning`, whose `rows` are what pandas takes.
 * `connect_device`, `connect_world`: one side in real time, in your asyncio program. ``async with`` gives a
   `ConnectedDevice` or a `ConnectedWorld`: its `SideEvent`s, samples and `SetPosition`s, and its link to be changed.
   What has ended raises `Ended`.
@@ -54,9 +56,13 @@ if TYPE_CHECKING:
     from hapnet.simulation.batch import simulate_batch
     from hapnet.simulation.result import Result
     from hapnet.simulation.simulation import simulate
+    from hapnet.study.comparison import Comparison, compare
+    from hapnet.study.sweep import SweepResult, sweep
+    from hapnet.study.tune import Tuning, tune
     from hapnet.transport.config import ZenohSettings
 
 _HOMES = {
+    "Comparison": "hapnet.study.comparison",
     "ConnectedDevice": "hapnet.realtime.connected",
     "ConnectedWorld": "hapnet.realtime.connected",
     "CouplingSpec": "hapnet.couplings.spec",
@@ -78,8 +84,11 @@ _HOMES = {
     "SetPositionModulator": "hapnet.control.pspm",
     "SideEvent": "hapnet.realtime.side_events",
     "Sphere": "hapnet.plant.worlds.shapes",
+    "SweepResult": "hapnet.study.sweep",
+    "Tuning": "hapnet.study.tune",
     "Wall": "hapnet.plant.worlds.walls",
     "ZenohSettings": "hapnet.transport.config",
+    "compare": "hapnet.study.comparison",
     "connect_device": "hapnet.realtime.connect",
     "connect_world": "hapnet.realtime.connect",
     "held_law": "hapnet.couplings.ends",
@@ -89,9 +98,12 @@ _HOMES = {
     "simulate": "hapnet.simulation.simulation",
     "simulate_batch": "hapnet.simulation.batch",
     "stepped_law": "hapnet.couplings.ends",
+    "sweep": "hapnet.study.sweep",
+    "tune": "hapnet.study.tune",
 }
 
 __all__ = [
+    "Comparison",
     "ConnectedDevice",
     "ConnectedWorld",
     "CouplingSpec",
@@ -113,8 +125,11 @@ __all__ = [
     "SetPositionModulator",
     "SideEvent",
     "Sphere",
+    "SweepResult",
+    "Tuning",
     "Wall",
     "ZenohSettings",
+    "compare",
     "connect_device",
     "connect_world",
     "held_law",
@@ -124,6 +139,8 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "stepped_law",
+    "sweep",
+    "tune",
 ]
 
 

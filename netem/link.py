@@ -87,7 +87,6 @@ class Link(Generic[T]):
         self._conditions: tuple[ConditionTrace, int] | None = None  # and when it started
         self._pending_delays = self.counters.delays.pending
         self._up = True
-        self._is_copy = False
         self._awaits_start = False
         self._configure(profile, _LONG_AGO, _LONG_AGO)
         self._start_traces(None, start_ns, _LONG_AGO)
@@ -145,7 +144,7 @@ class Link(Generic[T]):
         """
         if self._needs_size and (size is None or size < 0):
             size = _size_of(item, size)
-        if self.streams.twice and not self._is_copy:
+        if self.streams.twice:
             self._copy(now_ns, item, size)
         counters = self.counters
         counters.offered = order = counters.offered + 1
@@ -204,12 +203,12 @@ class Link(Generic[T]):
 
     def _copy(self, now_ns: int, item: T, size: int | None) -> None:
         """Offer the item once more if an impairment says so; it is itself offered next."""
-        for again in [twice() for twice in self.streams.twice]:
+        twice, self.streams.twice = self.streams.twice, ()  # a copy is not copied again
+        for again in [one() for one in twice]:
             if again:
                 self.counters.duplicated += 1
-                self._is_copy = True
                 self.send(now_ns, item, size)
-                self._is_copy = False
+        self.streams.twice = twice
 
     def _resend(self, resends: Resends, now_ns: int, lost: bool, luck: float) -> tuple[bool, int]:
         """(is the message lost for good; when is it offered for the last time, waiting for others included [ns])."""

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import named_failures, require_parts
@@ -162,7 +163,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = spec.tune(params, delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))
-    timelines = (_timeline("up", params), _timeline("down", params))
+    timelines = (link_timeline("up", params), link_timeline("down", params))
     return Setup(params, scene, servo, harvest, spec, tuning, up, down, *timelines, tuple(warnings))
 
 
@@ -175,35 +176,6 @@ def _with_stages(params: Params, spec: CouplingSpec[Any]) -> Params:
         )
         raise InvalidParameter("rendering", "hapnet", allowed)
     return params.set({"rendering": "hapnet"}) if params.rendering == "auto" and spec.world_tells else params
-
-
-def link_profile(name: str, text: str) -> LinkProfile:
-    """The emulated link that the parameter `name` describes: tc-netem's words, or a profile's name.
-
-    Raises
-    ------
-    NetemError, InvalidParameter : there is no such link, or it cannot stand between the two sides.
-    """
-    return _between_sides(name, LinkProfile.named(text))
-
-
-def _between_sides(name: str, profile: LinkProfile) -> LinkProfile:
-    if profile.corrupt:
-        allowed = "a link without corrupt: checksums below Zenoh drop what is corrupted, so use loss"
-        raise InvalidParameter(name, str(profile), allowed)
-    if any(one.copies for one in profile.others):
-        allowed = "a link without duplicate: Theorem 1 holds only where no energy arrives twice (netem's relays can)"
-        raise InvalidParameter(name, str(profile), allowed)
-    return profile
-
-
-def _timeline(way: str, params: Params) -> Timeline | None:
-    name = f"link.{way}_timeline"
-    timeline = Timeline.parse(text) if (text := str(params.get(name))) else None
-    for entry in () if timeline is None else timeline.entries:
-        if isinstance(entry.action, LinkProfile):
-            _between_sides(name, entry.action)
-    return timeline
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device", secret: Secret | None = None) -> Session:

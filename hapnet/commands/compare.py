@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapnet.commands import complete, flags, output
-from hapnet.commands.compare_plan import BASE, drawn_case, plans_of
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
@@ -24,7 +23,8 @@ from netem.groups import Without
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hapnet.study.compare import Case, Group, Outcome, Plan
+    from hapnet.study.compare import Case, Outcome, Plan
+    from hapnet.study.comparison import Comparison
     from hapnet.study.spec import Case as SpecCase
 
 _LINKS = "What is compared"
@@ -84,14 +84,15 @@ class CompareOptions:
         typer.Option(
             metavar="NAME[@light][:PARAM=VALUE...]",
             help="rest, sine, press, hand-N (generated) or a recording's path; may be repeated. @light: relaxed. "
-            f"Parameters of its own after colons. Default: {', '.join(QUICK.operators)}.",
+            f"Parameters of its own after colons. Default: {QUICK.operators[0]}; without any list, all of "
+            f"{', '.join(QUICK.operators)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.operators,
         ),
     ] = None
     seeds: Annotated[
         str | None,
-        typer.Option(metavar="A:B", help="Seeds from A to B - 1.", rich_help_panel=_LINKS, show_default=QUICK.seeds),
+        typer.Option(metavar="A:B", help="Seeds from A to B - 1.", rich_help_panel=_LINKS, show_default="0:1"),
     ] = None
     deadband: Annotated[
         str | None,
@@ -99,7 +100,7 @@ class CompareOptions:
             metavar="W[,W]",
             help="Perceptual deadbands, as Weber fractions; each coupling is tried with each. 0: none.",
             rich_help_panel=_LINKS,
-            show_default="0; with --bench quick and all couplings the first one with 0.1 too",
+            show_default="0; without any list the first coupling with 0.1 too",
         ),
     ] = None
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
@@ -142,23 +143,27 @@ def compare(
 ) -> int:
     """Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.
 
-    Prints one table per link. Writes all cases as JSON, the traces of one case and a figure of all cases.
+    Says first how many cases there are. `hapnet compare` alone has a set of its own; as soon as couplings, links,
+    operators, seeds or deadbands are named, it runs these and no others. Prints one table per link. Writes all cases as
+    JSON, the traces of one case and a figure of all cases.
     """
+    from hapnet.study.plans import BASE, drawn_case
+
     chosen = params.over(BASE, model.named())
     if params.show_params:
         return params.show(chosen)
     from hapnet.report.files import save
     from hapnet.study import tables
 
-    words = output.console(json_to)
+    console = output.console(json_to)
     if options.metrics:
-        words.print(tables.definitions())
+        console.print(tables.definitions())
         return 0
-    plans = plans_of(chosen, options)
+    plans = _plans(chosen, options)
     drawn = {name: drawn_case(plan, options.case) for name, plan in plans.items()}
     if not options.dry_run:
         require("report", "hapnet compare")
-    _announce(words, plans, options)
+    _announce(console, plans, options)
     if options.dry_run:
         return 0
     written = output.Written()
@@ -171,9 +176,9 @@ def compare(
         for name, plan in plans.items():
             title = f"{name}: {FULL[name].about}" if name else QUICK.about
             if name:
-                words.print(f"\n{title}", style="bold", markup=False)
+                console.print(f"\n{title}", style="bold", markup=False)
             its = output.run_directory(directory / name, None)
-            code = _compare(words, plan, drawn[name], its, title, options, written, whole.setdefault(name, {}))
+            code = _compare(console, plan, drawn[name], its, title, options, written, whole.setdefault(name, {}))
             if code:
                 return code
         pages = [file for name in plans if name and (file := directory / name / PAGE).exists()]
@@ -196,52 +201,64 @@ def _compare(
     whole: dict[str, Any],
 ) -> int:
     """Run one plan and show it; `whole` gets all of it. Returns the exit code if it was stopped, else 0."""
-    from hapnet.commands.studies import run_missing
+    from hapnet.commands import studies
     from hapnet.processes.pool import usable_cores
-    from hapnet.study import compare, tables, tunings
+    from hapnet.study import tables, tunings
     from hapnet.study.backend import local_workers
-    from hapnet.study.case import kept
-    from hapnet.study.journal import Journal
+    from hapnet.study.comparison import Comparison
+    from hapnet.study.run import journal_in
 
     spec = plan.spec
-    journal = Journal.create_or_resume(directory, spec, spec.cases(), fresh=given.fresh)
-    try:
-        journal.forget_failed()
-        workers = given.workers or usable_cores()
-        ran = run_missing(console, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
+    workers = given.workers or usable_cores()
+    with journal_in(directory, spec, spec.cases(), fresh=given.fresh) as journal:
+        ran = studies.run_missing(console, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
         if ran.stopped is not None:
             top = directory if given.bench == "quick" else directory.parent
             again = f"with --out {top} the same command goes on" if given.files else "nothing is kept"
-            return ran.stop(again)
-        outcomes = plan.outcomes(journal.rows())
-    finally:
-        journal.close()
-    if all(one.error is not None for one in outcomes):
-        raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
-    found = compare.groups(plan, outcomes)
-    whole |= tables.as_dict(plan, outcomes, found)
-    whole["wall_clock"] = {"cases": len(outcomes), "seconds": ran.lasted_s, "workers": workers}
+            return studies.stop(ran, again)
+        found = Comparison.of(plan, journal)
+    whole |= found.as_dict()
+    whole["wall_clock"] = {"cases": len(found), "seconds": ran.lasted_s, "workers": workers}
     there = []
     if given.files:
         with Progress(output.progress_console(), "drawing"):
-            there = _write(directory, title, plan, drawn, outcomes, found, whole, written)
-    for table in tables.tables(plan, found, console.width):
+            there = _write(directory, title, found, drawn, whole, written)
+    for table in tables.tables(plan, found.groups, console.width):
         console.print(table, soft_wrap=False)
-    for line in tables.headline(plan, found):
+    for line in found.headline:
         console.print(line, style="bold", markup=False, soft_wrap=False)
     console.print(tables.note(plan), markup=False, soft_wrap=False)
     if (chosen := tunings.table(plan)).row_count:
         console.print(chosen, soft_wrap=False)
-    for line in tables.failures(outcomes):
+    for line in tables.failures(found.outcomes):
         console.print(line, style="red", markup=False)
     before = f", {ran.before} of them before" if ran.before else ""
-    console.print(f"{len(outcomes)} cases{before}, in {ran.lasted_s:.0f} s")
+    console.print(f"{len(found)} cases{before}, in {ran.lasted_s:.0f} s")
     if there:
         console.print(f"{', '.join(there)} in {directory}", markup=False)
-    for one in outcomes:
-        if one.measures is not None and not kept(one.measures):
-            written.broken.append(f"{one.case}: the coupling claims to be passive, and was not")
+    written.broken += [f"{case}: the coupling claims to be passive, and was not" for case in found.broken]
     return 0
+
+
+def _plans(params: Params, given: CompareOptions) -> dict[str, Plan]:
+    """The plans that the flags describe, by their sections' names."""
+    from hapnet.commands.batch import seed_range
+    from hapnet.commands.studies import deadbands, names_of
+    from hapnet.study.plans import plans
+
+    found = plans(
+        params,
+        bench=given.bench,
+        couplings=names_of(given.coupling) or None,
+        links=given.link,
+        traces=given.trace or (),
+        operators=given.operator,
+        seeds=None if given.seeds is None else seed_range(given.seeds),
+        deadbands=None if given.deadband is None else deadbands(given.deadband),
+    )
+    if given.case is not None and len(found) > 1:
+        raise InvalidParameter("--case", given.case, "one comparison: --bench quick, or one section")
+    return found
 
 
 def _announce(console: Console, plans: Mapping[str, Plan], given: CompareOptions) -> None:
@@ -293,36 +310,29 @@ def _report_time(
 
 
 def _write(
-    directory: Path,
-    title: str,
-    plan: Plan,
-    drawn: Case,
-    outcomes: Sequence[Outcome],
-    found: Sequence[Group],
-    whole: dict[str, Any],
-    written: output.Written,
+    directory: Path, title: str, found: Comparison, drawn: Case, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
     """Write compare.json, compare.csv, compare.md and the figures; returns what was written, in words."""
     from hapnet.report.files import save, save_figure
-    from hapnet.study import figures, markdown, tables
+    from hapnet.study import figures, markdown
 
     there = []
     with written.part():
         output.write_json(whole, str(directory / "compare.json"))
         there.append("compare.json")
     with written.part():
-        output.write_csv(tables.as_rows(found), directory / "compare.csv")
+        output.write_csv(found.medians(), directory / "compare.csv")
         there.append("compare.csv")
     with written.part():
-        save(markdown.page(plan, found, title).encode(), directory / PAGE, "the tables")
+        save(markdown.page(found.plan, found.groups, title).encode(), directory / PAGE, "the tables")
         there.append(PAGE)
-    same = _same(drawn, outcomes)
+    same = _same(drawn, found.outcomes)
     if same:
         with written.part():
-            save_figure(figures.traces(plan, same), directory / "traces.png")
+            save_figure(figures.traces(found.plan, same), directory / "traces.png")
             there.append(f"traces.png ({drawn.operator} over {drawn.link}, seed {drawn.seed})")
     with written.part():
-        save_figure(figures.tradeoff(plan, outcomes), directory / "tradeoff.png")
+        save_figure(found.plot(), directory / "tradeoff.png")
         there.append("tradeoff.png")
     return there
 

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from hapnet.assembly.build import link_profile, prepare
+from hapnet.assembly.build import prepare
+from hapnet.assembly.links import link_profile
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.pair import Pair

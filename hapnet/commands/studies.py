@@ -1,8 +1,7 @@
-"""Runs the cases of a journal that have no result, for `hapnet sweep`, `hapnet compare` and `hapnet tune`."""
+"""What `hapnet sweep`, `hapnet compare` and `hapnet tune` share: bars of progress, checks, estimates, flags."""
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -14,11 +13,13 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
 from hapnet.simulation.compiled import coverage
-from hapnet.study.backend import Backend, local_workers
+from hapnet.study import backend as backends
+from hapnet.study import run as running
+from hapnet.study.backend import Backend
 from hapnet.study.case import check
 from hapnet.study.estimate import mean_seconds, spread
 from hapnet.study.journal import Journal
-from hapnet.study.runner import Sweep
+from hapnet.study.run import Ran
 from hapnet.study.spec import Case, Spec, Values, params_of
 from hapnet.study.task import reason, run_case
 
@@ -33,29 +34,6 @@ REASONS = 3
 """Of many reasons or warnings the most frequent ones are shown."""
 
 
-@dataclass(frozen=True)
-class StudyOutcome:
-    """The state of the cases after a run: their `total`, how many had a result `before`, and how many are `done` now.
-
-    stopped : what ended the run before all were done; None: nothing did.
-    """
-
-    total: int
-    before: int
-    done: int
-    failed: int
-    lasted_s: float
-    stopped: KeyboardInterrupt | HapnetError | None
-
-    def stop(self, how_to_go_on: str) -> int:
-        """The exit code of a stopped study; prints how to continue it. Raises HapnetError if an error stopped it."""
-        line = f"{self.done} of {self.total} cases are done; {how_to_go_on}"
-        if isinstance(self.stopped, HapnetError):
-            raise HapnetError(f"{self.stopped}: {line}") from self.stopped
-        output.complain(f"stopped: {line}")
-        return INTERRUPTED
-
-
 def run_missing(
     console: Console,
     journal: Journal,
@@ -63,40 +41,22 @@ def run_missing(
     backend: Callable[[int], Backend],
     rounds: Iterable[object] = (None,),
     most: int = 0,
-) -> StudyOutcome:
-    """Run the cases of `journal` that have no result, on ``backend(number of these cases)``.
-
-    rounds : each step of it may add cases, which are run before the next step. most : so many there may be in the end.
-
-    Raises
-    ------
-    HapnetError : the backend is not available; no case was run.
-    """
+) -> Ran:
+    """As `hapnet.study.run.run_missing`, with a bar of progress, and a warning if another version began it."""
     if journal.other_version is not None:
         text = f"hapnet {journal.other_version} ran the first of these cases: its results are kept, and may differ"
         output.show_warnings(console, (text,))
-    total, before, _ = journal.count()
-    most = max(most, total)
-    began = time.monotonic()
-    stopped: KeyboardInterrupt | HapnetError | None = None
-    workers: Backend | None = None
-    try:
-        with Progress(output.progress_console(), doing, most, "cases") as progress:
-            for _ in rounds:
-                total, done, _ = journal.count()
-                if done < total:
-                    workers = workers or backend(most - done)
-                    Sweep(journal, workers, progress.update).run()
-    except (KeyboardInterrupt, HapnetError) as ended:
-        if workers is None and isinstance(ended, HapnetError):
-            raise
-        stopped = ended
-    finally:
-        if workers is not None:
-            workers.close()
-    lasted_s = time.monotonic() - began
-    total, done, failed = journal.count()
-    return StudyOutcome(total if stopped is None else most, before, done, failed, lasted_s, stopped)
+    with Progress(output.progress_console(), doing, max(most, journal.count()[0]), "cases") as bar:
+        return running.run_missing(journal, backend, lambda done, _: bar.update(done), rounds, most)
+
+
+def stop(ran: Ran, how_to_go_on: str) -> int:
+    """The exit code of a stopped study; prints how to continue it. Raises HapnetError if an error stopped it."""
+    line = f"{ran.done} of {ran.total} cases are done; {how_to_go_on}"
+    if isinstance(ran.stopped, HapnetError):
+        raise HapnetError(f"{ran.stopped}: {line}") from ran.stopped
+    output.complain(f"stopped: {line}")
+    return INTERRUPTED
 
 
 def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
@@ -107,7 +67,7 @@ def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[in
     InvalidParameter, HapnetError : as `DaskCluster` does, once it is called.
     """
     if dask is None:
-        return lambda cases: local_workers(min(workers or usable_cores(), cases))
+        return lambda cases: backends.local_workers(min(workers or usable_cores(), cases))
     if workers:
         raise InvalidParameter("--workers", workers, "left out with --dask: the cluster has its own")
 
@@ -209,6 +169,22 @@ def estimate(
         at_once = min(workers or usable_cores(), parts)
         reported.append(f"all of them, with {at_once} worker{'s' * (at_once > 1)}: about {duration(sum_s / at_once)}")
     console.print("; ".join(reported))
+
+
+def names_of(given: Sequence[str] | None) -> list[str]:
+    """The names given by a flag that may be repeated, and may name several with commas between them."""
+    return [name.strip() for names in given or () for name in names.split(",")]
+
+
+def deadbands(text: str) -> list[float]:
+    """The Weber fractions of ``0,0.1``."""
+    try:
+        found = [float(word) for word in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or not all(0.0 <= fraction <= 1.0 for fraction in found):
+        raise InvalidParameter("--deadband", text, "Weber fractions from 0 (none) to 1, such as 0,0.1")
+    return found
 
 
 def assigned(flag: str, given: Sequence[str]) -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -84,10 +83,11 @@ def run(
     Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
     from hapnet.commands import studies
-    from hapnet.study import export
+    from hapnet.study.export import formats
     from hapnet.study.journal import NAME, Journal
+    from hapnet.study.sweep import SweepResult
 
-    endings = export.formats(table)
+    endings = formats(table)
     words = output.console(json_to)
     backend = studies.workers_of(words, workers, dask)
     with in_file(spec):
@@ -111,19 +111,18 @@ def run(
             words.print(f"{before} of {total} cases are done{f'; {again} failed and are run again' * bool(again)}")
         ran = studies.run_missing(words, journal, "sweeping", backend)
         written = output.Written()
-        columns = export.table(journal)
+        found = SweepResult.of(journal)
         files: list[Path] = []
         with written.part():
-            files = export.write(columns, directory, endings)
+            files = found.write(directory, endings)
         done, failed, new = ran.done, ran.failed, ran.done - before
         if new:
             words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
-        broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
-        if broken:
+        if found.broken:
             written.broken.append(
-                f"in {broken} of {done} cases (claim_kept) the coupling claims to be passive, and was not"
+                f"in {found.broken} of {done} cases (claim_kept) the coupling claims to be passive, and was not"
             )
-        reasons = Counter(error for error in columns["error"] if error is not None)
+        reasons = found.errors
         if failed:
             words.print(f"{failed} of {total} cases failed:", style="yellow")
             for why, times in reasons.most_common(studies.REASONS):
@@ -135,7 +134,7 @@ def run(
             about = {"cases": total, "done": done, "failed": failed, "run": new, "wall_s": ran.lasted_s}
             output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
         if ran.stopped is not None:
-            return ran.stop("the same command goes on")
+            return studies.stop(ran, "the same command goes on")
         return written.code(output.INCOMPLETE if failed else 0)
 
 

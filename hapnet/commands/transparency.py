@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import complete, flags, output
-from hapnet.commands.compare_plan import links_of, names_of
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
@@ -98,11 +97,13 @@ def transparency(
     if params.show_params:
         return params.show(chosen)
     from hapnet.commands.batch import seed_range
+    from hapnet.commands.studies import names_of
     from hapnet.couplings.registry import coupling
     from hapnet.processes.pool import dealt, usable_cores
     from hapnet.report.files import save_figure
     from hapnet.study import stable_stiffness, transparency
     from hapnet.study.impedance import Transmission, curve
+    from hapnet.study.plans import links_of
     from hapnet.study.transparency import Task
 
     names = names_of(options.coupling) or list(COUPLING_NAMES)

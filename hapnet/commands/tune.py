@@ -95,24 +95,24 @@ def tune(
             reported = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
             output.write_json(reported, json_to)
         if ran.stopped is not None:
-            return ran.stop("the same command goes on")
+            return studies.stop(ran, "the same command goes on")
         return written.code()
 
 
 def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
     """Write the files; returns their names. The values found are written only if the search has `ended`."""
     from hapnet.report.files import save_figure
-    from hapnet.study import export, tune_results
+    from hapnet.study import tune_results
+    from hapnet.study.sweep import SweepResult
     from hapnet.study.tune_figure import draw
 
     files: list[str] = []
     with written.part():
-        columns = export.table(journal)
-        broken = sum(value == 0.0 for value in columns.get("claim_kept", ()))
-        if broken:
-            of = f"in {broken} of {len(columns['case'])} cases (claim_kept)"
+        cases = SweepResult.of(journal)
+        if cases.broken:
+            of = f"in {cases.broken} of {len(cases)} cases (claim_kept)"
             written.broken.append(f"{of} the coupling claims to be passive, and was not")
-        files += [path.name for path in export.write(columns, directory, ("csv",))]
+        files += [path.name for path in cases.write(directory, ("csv",))]
     if not search.trials:
         return files
     with written.part():

@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from hapnet import checks
-from hapnet.assembly.build import LIVE, Setup, link_profile
+from hapnet.assembly.build import LIVE, Setup
+from hapnet.assembly.links import link_profile
 from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter

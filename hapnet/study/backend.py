@@ -36,3 +36,29 @@ def local_workers(count: int) -> Backend:
 
 def _work(task: Task, progress: Progress) -> list[CaseResult]:
     return run(task)
+
+
+class ThisProcess:
+    """One worker, which is this very process: no other is started, and what it needs is loaded already."""
+
+    workers = 1
+
+    def __init__(self) -> None:
+        self._tasks: list[Task] = []
+
+    @property
+    def room(self) -> int:
+        return 1 - len(self._tasks)
+
+    def submit(self, task: Task) -> None:
+        self._tasks.append(task)
+
+    def wait(self, limit_s: float) -> list[TaskOutcome]:
+        return [Outcome(task, run(task)) for task in [self._tasks.pop()]]
+
+    def close(self) -> None: ...
+
+
+def few_workers(count: int) -> Backend:
+    """This process, or `count` others: for a program that may have no guard for its main module."""
+    return ThisProcess() if count == 1 else local_workers(count)

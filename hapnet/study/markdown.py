@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from hapnet.metrics import METRICS
+from hapnet.report.html import element, join, table
 from hapnet.study.compare import Group, Plan
 from hapnet.study.statistics import Spread
 from hapnet.study.tables import OUT, headline, rounded
@@ -44,7 +45,7 @@ def page(plan: Plan, found: Sequence[Group], title: str) -> str:
         "",
         *(f"- {line}" for line in headline(plan, found)),
         "",
-        "Passive cases · rendered stiffness [%] · force error [%] · free motion [mm] · drag [N] (medians over hands):",
+        f"{_CELLS}:",
         "",
         *_table(plan, found, _medians),
         "",
@@ -62,6 +63,18 @@ def page(plan: Plan, found: Sequence[Group], title: str) -> str:
             cells = [_interval(_group(found, variant, link), metric, factor, digits) for link in plan.links]
             lines.append(_row(["" if row else heading, f"`{variant}`", *cells]))
     return "\n".join([*lines, ""])
+
+
+def html(plan: Plan, found: Sequence[Group]) -> str:
+    """The first table, below the headline, for a notebook."""
+    rows = [
+        (str(variant), *(_medians(_group(found, variant, link)) for link in plan.links)) for variant in plan.variants
+    ]
+    lines = [element("p", line) for line in headline(plan, found)]
+    return join(*lines, table(("", *plan.links), rows, caption=_CELLS))
+
+
+_CELLS = "Passive cases · rendered stiffness [%] · force error [%] · free motion [mm] · drag [N] (medians over hands)"
 
 
 def _table(plan: Plan, found: Sequence[Group], cell: Callable[[Group], str]) -> list[str]:

@@ -30,7 +30,7 @@ TAPS = tuple(_tap(start_m, peak_mps) for start_m in (0.0, -0.05, -0.1, -0.15) fo
 class Section:
     """A comparison of the full set, or the quick one.
 
-    about : what it shows. changes : parameters of all its cases. The rest as `Plan`; links by name, seeds as A:B.
+    about : what it shows. changes : parameters of all its cases. The rest as `Plan`; links by name.
     """
 
     about: str
@@ -38,7 +38,7 @@ class Section:
     links: tuple[str, ...]
     operators: tuple[str, ...]
     changes: Mapping[str, object] = field(default_factory=dict)
-    seeds: str = "0:1"
+    seeds: tuple[int, ...] = (0,)
 
 
 QUICK = Section(

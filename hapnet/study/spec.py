@@ -84,10 +84,14 @@ class Spec:
         ------
         InvalidParameter : it cannot be read, or an entry is not allowed; the message names the entry.
         """
-        table = table_of(file)
-        for word in table:
+        return cls.of_tables(file.stem, table_of(file), assignments)
+
+    @classmethod
+    def of_tables(cls, name: str, tables: Values, assignments: Mapping[str, object] | None = None) -> Spec:
+        """The spec in a file's `tables`; raises as `read` does."""
+        for word in tables:
             known("table", word, ("fixed", "vary"), "[fixed], or [vary]")
-        return cls.of(file.stem, table, assignments)
+        return cls.of(name, tables, assignments)
 
     @classmethod
     def of(

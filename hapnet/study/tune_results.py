@@ -55,21 +55,39 @@ def as_dict(search: Search) -> dict[str, Any]:
     return {str(key): value for key, value in plain(whole).items()}
 
 
-def write_trials(search: Search, path: Path) -> None:
-    """Write all trials as CSV, a row each. Raises RecordingError."""
+def trials(search: Search) -> list[dict[str, Any]]:
+    """A row for each set of values that was tried: these, the objective and its terms, and which constraints held."""
     spec = search.spec
     verdicts = search.verdicts() if search.trials else []
-    terms = [f"{term.metric} cost" for term in spec.goal.terms]
-    header = ["trial", "generation", *(one.name for one in spec.space), "objective", *terms]
-    header += [*map(str, spec.goal.constraints), "failed", "allowed", "chosen"]
+    return [
+        {
+            "trial": i,
+            "generation": i // spec.generation,
+            **{one.name: trial.values[one.name] for one in spec.space},
+            "objective": verdict.objective,
+            **{f"{term.metric} cost": cost for term, cost in zip(spec.goal.terms, verdict.terms, strict=True)},
+            **{
+                str(one): f"{held.kept}/{held.cases}"
+                for one, held in zip(spec.goal.constraints, verdict.held, strict=True)
+            },
+            "failed": verdict.failed,
+            "allowed": verdict.allowed,
+            "chosen": i == search.best,
+        }
+        for i, (trial, verdict) in enumerate(zip(search.trials, verdicts, strict=True))
+    ]
+
+
+def write_trials(search: Search, path: Path) -> None:
+    """Write all trials as CSV, a row each. Raises RecordingError."""
+    own = {one.name for one in search.spec.space}
+    rows = trials(search)
     with complete_or_absent(path, "trials") as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        for i, (trial, verdict) in enumerate(zip(search.trials, verdicts, strict=True)):
-            values = [value_words(one.name, trial.values[one.name]) for one in spec.space]
-            kept = [f"{held.kept}/{held.cases}" for held in verdict.held]
-            end = [verdict.failed, str(verdict.allowed).lower(), str(i == search.best).lower()]
-            writer.writerow([i, i // spec.generation, *values, verdict.objective, *verdict.terms, *kept, *end])
+        writer.writerow(rows[0] if rows else [])
+        for row in rows:
+            cells = [value_words(name, value) if name in own else value for name, value in row.items()]
+            writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in cells])
 
 
 def write_found(spec: TuneSpec, values: Values, path: Path) -> None:

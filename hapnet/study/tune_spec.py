@@ -64,7 +64,11 @@ class TuneSpec:
         ------
         InvalidParameter : it cannot be read, or an entry is not allowed, or a case would be tuned and scored on.
         """
-        table = table_of(file)
+        return cls.of_tables(file.stem, table_of(file), assignments)
+
+    @classmethod
+    def of_tables(cls, name: str, table: Values, assignments: Mapping[str, object] | None = None) -> TuneSpec:
+        """The spec in a file's tables; raises as `read` does."""
         for word in table:
             known("table", word, _TABLES, ", ".join(f"[{name}]" for name in _TABLES))
         tune = table.get("tune")
@@ -72,14 +76,14 @@ class TuneSpec:
             raise InvalidParameter("tune", tune, "a table, [tune], with an objective")
         for word in tune:
             known("tune", word, ("objective", "constraints", *_WHOLE), f"objective, constraints, {', '.join(_WHOLE)}")
-        tuning, scoring = (Spec.of(file.stem, table, assignments, section) for section in ("vary", "score"))
+        tuning, scoring = (Spec.of(name, table, assignments, section) for section in ("vary", "score"))
         spec = cls(
-            file.stem,
+            name,
             searched(table.get("search")),
             goal_of(tune.get("objective"), tune.get("constraints", [PASSIVE])),
             tuning,
             scoring,
-            **{name: _whole(name, tune.get(name, default), low, high) for name, (default, low, high) in _WHOLE.items()},
+            **{word: _whole(word, tune.get(word, default), low, high) for word, (default, low, high) in _WHOLE.items()},
         )
         for one in spec.space:
             if one.name in (*tuning.fixed, *tuning.varied, *scoring.varied):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
-from hapnet.commands.compare_plan import links_of
+from hapnet.study.plans import links_of
 from netem import LinkProfile
 from netem import cli as netem_cli
 from netem.presets import ALIASES

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from hapnet.commands import compare_plan
 from hapnet.metrics import METRICS
 from hapnet.params import Params
+from hapnet.study import plans
 from hapnet.study.backend import Backend
 from hapnet.study.case import Measures
 from hapnet.study.compare import Case, Outcome, Plan
 from hapnet.study.journal import Journal
 from hapnet.study.runner import Sweep
 
-QUICK_PARAMS = compare_plan.BASE.set({"duration_s": 0.2})
+QUICK_PARAMS = plans.BASE.set({"duration_s": 0.2})
 LINKS = {"near": ("delay 1ms", "delay 1ms"), "far": ("delay 20ms 5ms loss 5%", "delay 30ms")}
 
 

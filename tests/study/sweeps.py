@@ -15,11 +15,8 @@ from hapnet.errors import HapnetError
 from hapnet.plant.scenes.wall import wall
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import WALL_STIFFNESS
-from hapnet.processes.pool import Outcome
-from hapnet.study.backend import TaskOutcome
 from hapnet.study.journal import Journal
 from hapnet.study.spec import Spec
-from hapnet.study.task import Task, run
 from tests.support.processes import until
 
 DEADLY, BROKEN, FATAL = 666.0, 13.0, 999.0
@@ -56,27 +53,6 @@ def touchy(*, dof: int = 1, stiffness: float = WALL_STIFFNESS) -> Scene:
         _end_it_all(Path("half"))
     made = wall(dof=dof, stiffness=stiffness)
     return Broken("broken", dof, made.walls) if stiffness == BROKEN else made
-
-
-class Here:
-    """A backend that is this very process: for tests that need no other, and see what they put in its place."""
-
-    workers = 1
-
-    def __init__(self) -> None:
-        self._tasks: list[Task] = []
-
-    @property
-    def room(self) -> int:
-        return 1 - len(self._tasks)
-
-    def submit(self, task: Task) -> None:
-        self._tasks.append(task)
-
-    def wait(self, limit_s: float) -> list[TaskOutcome]:
-        return [Outcome(task, run(task)) for task in [self._tasks.pop()]]
-
-    def close(self) -> None: ...
 
 
 def done(directory: Path) -> int:

@@ -16,13 +16,12 @@ from rich.console import Console
 
 from hapnet import cli
 from hapnet.commands import compare as command
-from hapnet.commands import compare_plan
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
-from hapnet.study import backend, compare, tables, task
-from hapnet.study.backend import local_workers
+from hapnet.study import backend, compare, plans, tables, task
+from hapnet.study.backend import ThisProcess, local_workers
 from hapnet.study.case import Measures, measure
 from hapnet.study.compare import Case, Plan, Variant, parted
 from hapnet.study.journal import Row
@@ -30,7 +29,6 @@ from hapnet.study.sections import QUICK
 from hapnet.study.spec import params_of
 from tests.conftest import DATA
 from tests.study.comparisons import LINKS, QUICK_PARAMS, compared, known, outcomes, plan
-from tests.study.sweeps import Here
 from tests.support.processes import started, without_progress
 
 Capture = pytest.CaptureFixture[str]
@@ -133,7 +131,7 @@ def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_same_from_any_number_of_workers(tmp_path: Path) -> None:
     asked = plan(seeds=1)
-    alone = compared(asked, tmp_path, Here())
+    alone = compared(asked, tmp_path, ThisProcess())
     assert [one.case for one in alone] == asked.cases()
     assert all(one.error is None for one in alone)
     (tmp_path / "two").mkdir()
@@ -152,7 +150,7 @@ def test_a_case_that_fails_is_told_and_the_rest_is_measured(monkeypatch: pytest.
 
     monkeypatch.setattr(task, "measure", pretended)
     asked = plan(seeds=3)
-    found = compared(asked, tmp_path, Here())
+    found = compared(asked, tmp_path, ThisProcess())
     assert {one.error for one in found if one.measures is None} == {
         "ZeroDivisionError: somebody's own scene", "no way"
     }  # fmt: skip
@@ -246,7 +244,7 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     couplings = whole["settings"]["couplings"]
     assert {"pspm", "zoh"} <= set(couplings)
     assert whole["settings"]["links"]["slow"] == {"up": "delay 30ms", "down": "delay 5ms"}
-    assert len(whole["cases"]) == 2 * (len(couplings) + 1)  # the first one with a deadband too
+    assert len(whole["cases"]) == 2 * len(couplings)
     assert list(whole["cases"][0]["measures"]) == list(METRICS)
     assert whole["metrics"]["margin_J"]["unit"] == "J"
     K = 200.0  # by the rule: half of 2 (b - B)/T, with b = 0.3 and B = 0.1 Ns/m, T = 1 ms
@@ -315,7 +313,7 @@ def test_a_journal_from_before_a_metric_is_gone_on_with(
 
 def test_a_recorded_link_is_one_more() -> None:
     trace = DATA / "links" / "ATT-LTE-driving-2016"
-    links = compare_plan.links_of(list(QUICK.links), [f"lte={trace}", "other name/x y"])
+    links = plans.links_of(list(QUICK.links), [f"lte={trace}", "other name/x y"])
     assert list(links) == [*QUICK.links, "lte", "x y"]
     assert links["lte"] == (f"trace {trace}.up", f"trace {trace}.down")
     assert links["x y"] == ('trace "other name/x y.up"', 'trace "other name/x y.down"')
@@ -360,7 +358,7 @@ def test_what_makes_no_comparison_is_one_line(flags: tuple[str, ...], said: str,
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command's cases run in this process."""
-    monkeypatch.setattr(backend, "local_workers", lambda count: Here())
+    monkeypatch.setattr(backend, "local_workers", lambda count: ThisProcess())
 
 
 def test_nothing_but_failures_is_an_error(here: None, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
@@ -385,9 +383,9 @@ def test_a_claim_that_was_not_kept_ends_with_4(here: None, monkeypatch: pytest.M
 
 def test_the_case_that_is_drawn() -> None:
     asked = plan()
-    default = compare_plan.drawn_case(asked, None)
+    default = plans.drawn_case(asked, None)
     assert (default.link, default.operator, default.seed) == ("far", "sine@light", 0)  # the slowest
-    chosen = compare_plan.drawn_case(asked, "near, press, 1")
+    chosen = plans.drawn_case(asked, "near, press, 1")
     assert (chosen.link, chosen.operator, chosen.seed) == ("near", "press", 1)
     assert chosen.variant == Variant("pspm")
 
@@ -412,7 +410,7 @@ def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 def test_pspm_is_passive_in_the_whole_default_set(tmp_path: Path) -> None:
-    asked = Plan(compare_plan.BASE, ("pspm",), compare_plan.links_of(QUICK.links, ()), QUICK.operators, (0, 1, 2))
+    asked = Plan(plans.BASE, ("pspm",), plans.links_of(QUICK.links, ()), QUICK.operators, (0, 1, 2))
     for one in compared(asked, tmp_path, local_workers(usable_cores())):
         assert one.error is None
         assert one.measures is not None

@@ -14,11 +14,11 @@ from hapnet.commands import compare as command
 from hapnet.commands import studies
 from hapnet.params import Params
 from hapnet.study import backend, compare, markdown, tables, task
+from hapnet.study.backend import ThisProcess
 from hapnet.study.case import Measures, simulated
 from hapnet.study.compare import Case, Plan, Variant
-from hapnet.study.sections import FULL, HANDS, TAPS
+from hapnet.study.sections import FULL, HANDS, QUICK, TAPS
 from tests.study.comparisons import known, outcomes, plan
-from tests.study.sweeps import Here
 
 Capture = pytest.CaptureFixture[str]
 
@@ -26,7 +26,7 @@ Capture = pytest.CaptureFixture[str]
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command's cases run in this process."""
-    monkeypatch.setattr(backend, "local_workers", lambda count: Here())
+    monkeypatch.setattr(backend, "local_workers", lambda count: ThisProcess())
 
 
 def asked_for(*flags: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Plan]:
@@ -47,6 +47,21 @@ def test_what_is_asked_for_is_run_and_nothing_else(monkeypatch: pytest.MonkeyPat
     assert [str(one) for one in plan.cases()] == [
         f"{coupling} over {link}, press, seed 4" for coupling in ("pspm", "zoh", "pd") for link in ("lan", "4g")
     ]
+
+
+def test_what_is_not_named_is_one_hand_and_seed_0(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three couplings over two links are six cases; nothing named is the quick set."""
+    flags = ("--coupling", "pspm,zoh,pd", "--link", "lan", "--link", "4g")
+    six = [
+        f"{coupling} over {link}, press@light, seed 0" for coupling in ("pspm", "zoh", "pd") for link in ("lan", "4g")
+    ]
+    for more in ((), ("--seeds", "0:1")):
+        assert [str(one) for one in asked_for(*flags, *more, monkeypatch=monkeypatch)[""].cases()] == six
+    whole = asked_for(monkeypatch=monkeypatch)[""]
+    assert (whole.operators, whole.couplings, tuple(whole.links)) == (QUICK.operators, QUICK.couplings, QUICK.links)
+    assert len(whole.cases()) == (len(QUICK.couplings) + 1) * len(QUICK.links) * len(QUICK.operators)
+    one = asked_for("--link", "4g", monkeypatch=monkeypatch)[""]
+    assert len(one.cases()) == len(QUICK.couplings)
 
 
 def test_the_full_set_has_what_ten_seconds_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:

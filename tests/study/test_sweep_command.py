@@ -271,7 +271,7 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
 
         def close(self) -> None: ...
 
-    monkeypatch.setattr("hapnet.commands.studies.local_workers", lambda workers: Gone())
+    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda workers: Gone())
     spec_file(directory, SHORT)
     assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
     assert without_progress(capsys.readouterr().err) == (

@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from hapnet import cli
 from hapnet.params import Params
 from hapnet.study import search_space, tune_figure
-from hapnet.study.backend import TaskOutcome
+from hapnet.study.backend import TaskOutcome, ThisProcess
 from hapnet.study.case import Measures
 from hapnet.study.tune_figure import draw
 from tests.conftest import ROOT
-from tests.study.sweeps import Here, spec_file
+from tests.study.sweeps import spec_file
 from tests.support.processes import without_progress
 
 Capture = pytest.CaptureFixture[str]
@@ -63,7 +63,7 @@ def formula(params: Params, seed: int) -> Measures:
 def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr("hapnet.commands.studies.local_workers", lambda count: Here())
+    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: ThisProcess())
     monkeypatch.setattr("hapnet.study.task.measure", formula)
     monkeypatch.setattr(tune_figure, "draw", lambda search: Figure(figsize=(1, 1)))
     spec_file(tmp_path, SPEC)
@@ -120,7 +120,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     tuned("--out", "whole")
     whole = trials(directory / "whole")
 
-    class Interrupted(Here):
+    class Interrupted(ThisProcess):
         """Ctrl-C comes while a task runs."""
 
         waits = 0
@@ -131,7 +131,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
                 raise KeyboardInterrupt
             return super().wait(limit_s)
 
-    monkeypatch.setattr("hapnet.commands.studies.local_workers", lambda count: Interrupted())
+    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: Interrupted())
     capsys.readouterr()
     cut = tuned("--out", "cut", code=130)
     done = cut["done"]
@@ -142,7 +142,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     begun = trials(directory / "cut")
     assert begun
     assert [{**row, "chosen": ""} for row in begun] == [{**row, "chosen": ""} for row in whole[: len(begun)]]
-    monkeypatch.setattr("hapnet.commands.studies.local_workers", lambda count: Here())
+    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: ThisProcess())
     resumed = tuned("--out", "cut")
     assert resumed["run"] + done == resumed["done"] == tuned("--out", "whole")["done"]
     assert trials(directory / "cut") == whole

@@ -1,26 +1,26 @@
-"""What `hapnet compare` compares, from its flags: a plan, or one for each section of the full set."""
+"""What a comparison compares: a plan from what was asked for, or one for each section of the full set."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from hapnet.study.compare import Case, Plan, Variant, hand, parted
 from hapnet.study.sections import FULL, QUICK, Section
 from netem.presets import ALIASES, PRESETS
 from netem.units import format_path
-
-if TYPE_CHECKING:
-    from hapnet.commands.compare import CompareOptions
-    from hapnet.study.compare import Case, Plan
 
 BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0})
 """All cases have the sampled servo of real hardware, at 1 kHz. The hand holds still at the end, which shows a swing."""
 
 NOTICED = 0.1
 """The first coupling of the quick set is also tried with this Weber fraction: people notice about a tenth."""
+
+Links = Mapping[str, tuple[str, str]]
+"""Links by name, each with its words for the uplink and for the downlink."""
 
 _OWN = {
     "coupling": "--coupling",
@@ -32,10 +32,24 @@ _OWN = {
 """Parameters that a comparison varies, and their flags."""
 
 
-def plans_of(params: Params, given: CompareOptions) -> dict[str, Plan]:
-    """The plans that the flags describe, by their sections' names; that of the quick set has none.
+def plans(
+    params: Params = BASE,
+    *,
+    bench: str = "quick",
+    couplings: Sequence[str] | None = None,
+    links: Links | Sequence[str] | None = None,
+    traces: Sequence[str] = (),
+    operators: Sequence[str] | None = None,
+    seeds: Sequence[int] | None = None,
+    deadbands: Sequence[float] | None = None,
+) -> dict[str, Plan]:
+    """The plans of a bench (quick, full, or some of its sections) by their sections' names; that of quick has none.
 
-    What a flag or a parameter says counts for all sections, in place of what they have by themselves.
+    What is named counts for all sections, in place of what they have by themselves. As soon as anything is named, the
+    quick set is no more than that: every coupling and every link that are named (all of the set where none is), with
+    its first hand and seed 0 where these are not.
+
+    couplings, operators : as `Plan` has them. links, traces : as `links_of` reads them, or links by name.
 
     Raises
     ------
@@ -46,36 +60,38 @@ def plans_of(params: Params, given: CompareOptions) -> dict[str, Plan]:
     for name, flag in _OWN.items():
         if params.get(name) != BASE.get(name):
             raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
-    names = [name.strip() for name in given.bench.split(",")]
+    names = [name.strip() for name in bench.split(",")]
+    asked = [part for part in (couplings, links, traces or None, operators, seeds, deadbands) if part is not None]
+    quick = replace(QUICK, operators=QUICK.operators[:1]) if asked else QUICK
+
+    def plan(section: Section, extra: tuple[Variant, ...] = ()) -> Plan:
+        own = {name: value for name, value in section.changes.items() if params.get(name) == BASE.get(name)}
+        return _checked(
+            Plan(
+                params.set(own),
+                tuple(dict.fromkeys(section.couplings if couplings is None else couplings)),
+                links if isinstance(links, Mapping) else links_of(links or section.links, traces),
+                tuple(dict.fromkeys(section.operators if operators is None else operators)),
+                tuple(section.seeds if seeds is None else seeds),
+                (0.0,) if deadbands is None else tuple(dict.fromkeys(deadbands)),
+                extra,
+            )
+        )
+
     if names == ["quick"]:
-        return {"": _plan(params, given, QUICK, noticed=not given.coupling and given.deadband is None)}
+        return {"": plan(quick, () if asked else (Variant(quick.couplings[0], NOTICED),))}
     names = list(FULL) if names == ["full"] else names
     for name in names:
         if name not in FULL:
             allowed = f"quick, full, or of its sections {', '.join(FULL)}"
             raise InvalidParameter("--bench", name, allowed, ("quick", "full", *FULL))
-    if given.case is not None and len(names) > 1:
-        raise InvalidParameter("--case", given.case, "one comparison: --bench quick, or one section")
-    return {name: _plan(params, given, FULL[name]) for name in dict.fromkeys(names)}
+    return {name: plan(FULL[name]) for name in dict.fromkeys(names)}
 
 
-def _plan(params: Params, given: CompareOptions, section: Section, *, noticed: bool = False) -> Plan:
-    """One plan; each of its links and operators is checked once. `noticed`: with a deadband, too."""
-    from hapnet.commands.batch import seed_range
+def _checked(plan: Plan) -> Plan:
+    """The plan, each of whose links and operators can be run."""
     from hapnet.simulation.simulation import Simulation
-    from hapnet.study.compare import Plan, Variant
 
-    own = {name: value for name, value in section.changes.items() if params.get(name) == BASE.get(name)}
-    couplings = tuple(dict.fromkeys(names_of(given.coupling) or section.couplings))
-    plan = Plan(
-        params.set(own),
-        couplings,
-        links_of(given.link or section.links, given.trace or ()),
-        tuple(dict.fromkeys(given.operator or section.operators)),
-        tuple(seed_range(given.seeds or section.seeds)),
-        (0.0,) if given.deadband is None else tuple(dict.fromkeys(deadbands(given.deadband))),
-        (Variant(couplings[0], NOTICED),) if noticed else (),
-    )
     _check_words(plan)
     first = plan.cases()[0]
     for link in plan.links:
@@ -88,7 +104,6 @@ def _plan(params: Params, given: CompareOptions, section: Section, *, noticed: b
 def _check_words(plan: Plan) -> None:
     """Raises InvalidParameter where a coupling's or an operator's words set what they may not."""
     from hapnet.couplings.registry import coupling
-    from hapnet.study.compare import hand, parted
 
     taken: dict[str, str] = dict(_OWN)
     for flag, words, parts in (
@@ -107,13 +122,11 @@ def _check_words(plan: Plan) -> None:
         taken |= found
 
 
-def names_of(given: Sequence[str] | None) -> list[str]:
-    """The names given by a flag that may be repeated, and may name several with commas between them."""
-    return [name.strip() for names in given or () for name in names.split(",")]
-
-
 def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Links by name, each with its words for the uplink and for the downlink."""
+    """Links by name: profiles, ``NAME=WORDS`` or ``NAME=WORDS|WORDS`` (up|down), and recorded ones.
+
+    traces : each ``[NAME=]PATH`` of the delivery opportunities in PATH.up and PATH.down.
+    """
     links: dict[str, tuple[str, str]] = {}
 
     def add(flag: str, name: str, up: str, down: str) -> None:
@@ -138,20 +151,9 @@ def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str
     return links
 
 
-def deadbands(text: str) -> list[float]:
-    """The Weber fractions of ``0,0.1``."""
-    try:
-        found = [float(word) for word in text.split(",")]
-    except ValueError:
-        found = []
-    if not found or not all(0.0 <= fraction <= 1.0 for fraction in found):
-        raise InvalidParameter("--deadband", text, "Weber fractions from 0 (none) to 1, such as 0,0.1")
-    return found
-
-
 def drawn_case(plan: Plan, text: str | None) -> Case:
     """The case that ``LINK[,OPERATOR[,SEED]]`` names, with the first variant."""
-    from hapnet.assembly.build import link_profile
+    from hapnet.assembly.links import link_profile
 
     def delay_ns(link: str) -> int:
         return sum(link_profile("--link", words).delay_ns for words in plan.links[link])
