@@ -9,7 +9,7 @@ The public names, which stay stable:
 
 * `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
 * `simulate`, `simulate_batch`: both sides in virtual time, once (a `Result`) or many times. `read_recording`: what a
-  run wrote, as numpy's arrays or a table of pandas. An emulated link of your own is `netem.Link`.
+  run wrote, a `Recording`: numpy's arrays, or a table of pandas. An emulated link of your own is `netem.Link`.
 * `compare`, `sweep`, `tune`: many runs measured alike, as the commands of these names make them. They give a
   `Comparison`, a `SweepResult` and a `Tuning`, whose `rows` are what pandas takes.
 * `connect_device`, `connect_world`: one side in real time, in your asyncio program. ``async with`` gives a
@@ -19,7 +19,9 @@ The public names, which stay stable:
   the other side. It reports `Notice`s.
 * `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
   `Plane`: what a device is told of them. `Sphere`, `Cuboid`: how pictures show them.
-  Your own device needs no base class (`hapnet.plant.device.Device`).
+  `World`, and what is in one, `Surroundings`: what hapnet asks of one that is none of these.
+* `Device`: what hapnet asks of your own device. It needs no base class; `Driver` is one, with a default for each part
+  that is optional. `DeviceSilent`: what it raises where there is no reading.
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
   `CouplingStart` (`hapnet.control.coupling` says what a law must do), of `parameter`s its own section.
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.
@@ -37,13 +39,17 @@ if TYPE_CHECKING:
     from hapnet.control.pspm import SetPositionModulator
     from hapnet.couplings.ends import held_law, stepped_law
     from hapnet.couplings.spec import CouplingSpec, CouplingStart
-    from hapnet.errors import Ended, HapnetError, InvalidParameter
+    from hapnet.devices.driver import Driver
+    from hapnet.errors import DeviceSilent, Ended, HapnetError, InvalidParameter
+    from hapnet.mechanics.contacts import Surroundings
     from hapnet.mechanics.plane import Plane
     from hapnet.param_values import parameter
     from hapnet.params import Params
+    from hapnet.plant.device import Device
     from hapnet.plant.integrator import PassiveIntegrator
     from hapnet.plant.worlds.force_world import ForceWorld
     from hapnet.plant.worlds.obstacle import Obstacle
+    from hapnet.plant.worlds.protocol import World
     from hapnet.plant.worlds.scene import Scene
     from hapnet.plant.worlds.shapes import Cuboid, Sphere
     from hapnet.plant.worlds.walls import Wall
@@ -52,6 +58,7 @@ if TYPE_CHECKING:
     from hapnet.realtime.runner import RealtimeSide
     from hapnet.realtime.side_events import SideEvent
     from hapnet.recording.mcap import read_recording
+    from hapnet.recording.samples import Recording
     from hapnet.side.notices import Notice
     from hapnet.simulation.batch import simulate_batch
     from hapnet.simulation.result import Result
@@ -68,6 +75,9 @@ _HOMES = {
     "CouplingSpec": "hapnet.couplings.spec",
     "CouplingStart": "hapnet.couplings.spec",
     "Cuboid": "hapnet.plant.worlds.shapes",
+    "Device": "hapnet.plant.device",
+    "DeviceSilent": "hapnet.errors",
+    "Driver": "hapnet.devices.driver",
     "Ended": "hapnet.errors",
     "ForceWorld": "hapnet.plant.worlds.force_world",
     "HapnetError": "hapnet.errors",
@@ -78,15 +88,18 @@ _HOMES = {
     "PassiveIntegrator": "hapnet.plant.integrator",
     "Plane": "hapnet.mechanics.plane",
     "RealtimeSide": "hapnet.realtime.runner",
+    "Recording": "hapnet.recording.samples",
     "Result": "hapnet.simulation.result",
     "Scene": "hapnet.plant.worlds.scene",
     "SetPosition": "hapnet.realtime.connected",
     "SetPositionModulator": "hapnet.control.pspm",
     "SideEvent": "hapnet.realtime.side_events",
     "Sphere": "hapnet.plant.worlds.shapes",
+    "Surroundings": "hapnet.mechanics.contacts",
     "SweepResult": "hapnet.study.sweep",
     "Tuning": "hapnet.study.tune",
     "Wall": "hapnet.plant.worlds.walls",
+    "World": "hapnet.plant.worlds.protocol",
     "ZenohSettings": "hapnet.transport.config",
     "compare": "hapnet.study.comparison",
     "connect_device": "hapnet.realtime.connect",
@@ -109,6 +122,9 @@ __all__ = [
     "CouplingSpec",
     "CouplingStart",
     "Cuboid",
+    "Device",
+    "DeviceSilent",
+    "Driver",
     "Ended",
     "ForceWorld",
     "HapnetError",
@@ -119,15 +135,18 @@ __all__ = [
     "PassiveIntegrator",
     "Plane",
     "RealtimeSide",
+    "Recording",
     "Result",
     "Scene",
     "SetPosition",
     "SetPositionModulator",
     "SideEvent",
     "Sphere",
+    "Surroundings",
     "SweepResult",
     "Tuning",
     "Wall",
+    "World",
     "ZenohSettings",
     "compare",
     "connect_device",

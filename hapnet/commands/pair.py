@@ -53,6 +53,7 @@ class Pair:
     record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`send`).
     realtime : of the device. session : of both; None: a random one. address : where the world listens for others
         too; the two are connected by a Unix socket.
+    keyboard : the device's class may read standard input.
     place : where device and proxy begin [m], for a hand that is led; None: where the scene and the hand begin.
 
     Attributes
@@ -75,6 +76,7 @@ class Pair:
         realtime: bool = False,
         session: str | None = None,
         address: str | None = None,
+        keyboard: bool = False,
         place: Vector | None = None,
     ) -> None:
         self._address = address
@@ -86,6 +88,7 @@ class Pair:
         self.failed: dict[str, str] = {}
         self.refused = False
         self._params, self._seed, self._directory, self._on_notice = params, seed, directory, on_notice
+        self._keyboard = None if keyboard else NOTHING
         self._record, self._console, self._realtime = record, console, realtime
         self._children: dict[str, ProgramOnLoop] = {}
         self._reports: dict[str, asyncio.Task[bytes]] = {}
@@ -170,7 +173,7 @@ class Pair:
         try:
             child = await started_on_loop(
                 command,
-                stdin=PIPE if self._console else NOTHING,
+                stdin=PIPE if self._console else self._keyboard if role == "device" else NOTHING,
                 keeps=(theirs,),
                 environment=self._environment,
                 own_group=self._console,

@@ -50,7 +50,7 @@ def run(
     from tempfile import TemporaryDirectory
 
     from hapnet.assembly.build import prepare
-    from hapnet.commands import known_devices
+    from hapnet.commands import known_devices, terminal
     from hapnet.commands.log import check_target
     from hapnet.commands.outcome import FILES, of_pair, write_files
     from hapnet.commands.pair import Pair
@@ -97,8 +97,10 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
-            pair = Pair(chosen, seed, directory, on_notice, realtime=realtime)
-            asyncio.run(_run(pair, caught))
+            reads = chosen.hardware != "simulated" and terminal.is_ours()
+            pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)
+            with terminal.left_as_it_was():
+                asyncio.run(_run(pair, caught))
         with held_back(caught):
             for role, text in repeats.rest():
                 words.print(f"{role}: {text}", markup=False)

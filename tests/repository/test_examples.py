@@ -49,9 +49,9 @@ def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_there_are_nine() -> None:
+def test_there_are_ten() -> None:
     programs = {"own_device", "own_world", "own_moving_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
-    assert set(EXAMPLES) == {*programs, "planet", "verdict_of_recordings"}
+    assert set(EXAMPLES) == {*programs, "planet", "keyboard_knob", "verdict_of_recordings"}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -1,0 +1,25 @@
+"""The terminal that a command was started in: a device's class may read its keyboard, and it is left as it was."""
+
+from __future__ import annotations
+
+import os
+import sys
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def is_ours() -> bool:
+    """May a process that this one starts read standard input? A terminal stops whoever reads in the background."""
+    return not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+
+
+@contextmanager
+def left_as_it_was() -> Iterator[None]:
+    """At the end the terminal is in the mode that it had, even if whoever changed it was killed."""
+    before = termios.tcgetattr(sys.stdin.fileno()) if sys.stdin.isatty() and is_ours() else None
+    try:
+        yield
+    finally:
+        if before is not None:
+            termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, before)
