@@ -51,7 +51,7 @@ class Knob(Driver):
 
     def apply(self, force: Vector) -> None:
         """Hold this force [N] until the next call."""
-        self._force = max(-self.force_limit, min(self.force_limit, force[0]))
+        (self._force,) = force
 
     def close(self) -> None:
         """Leave the terminal as it was."""
