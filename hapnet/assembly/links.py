@@ -27,9 +27,9 @@ def _between_sides(name: str, profile: LinkProfile) -> LinkProfile:
     return profile
 
 
-def link_timeline(way: str, params: Params) -> Timeline | None:
+def link_timeline(direction: str, params: Params) -> Timeline | None:
     """What changes the link in a direction while it runs, if anything does; raises as `link_profile` does."""
-    name = f"link.{way}_timeline"
+    name = f"link.{direction}_timeline"
     timeline = Timeline.parse(text) if (text := str(params.get(name))) else None
     for entry in () if timeline is None else timeline.entries:
         if isinstance(entry.action, LinkProfile):

@@ -72,10 +72,10 @@ class SweepResult:
     def _repr_html_(self) -> str:
         from hapnet.report.html import element, join, table
 
-        told = [name for name in self.columns if name not in export.TIMING]
-        rows = [tuple("" if row[name] is None else str(row[name]) for name in told) for row in self.rows()[:_SHOWN]]
+        names = [name for name in self.columns if name not in export.TIMING]
+        rows = [tuple("" if row[name] is None else str(row[name]) for name in names) for row in self.rows()[:_SHOWN]]
         more = f", of which {_SHOWN} are shown" if len(self) > _SHOWN else ""
-        return join(element("p", f"{len(self)} cases{more}"), table(tuple(told), rows))
+        return join(element("p", f"{len(self)} cases{more}"), table(tuple(names), rows))
 
 
 def sweep(

@@ -20,15 +20,15 @@ VARY = {"coupling": ["pspm", "zoh"], "link": ["lan", "4g"], "seed": "0:2"}
 
 
 def test_a_comparison_runs_what_is_named_and_no_more() -> None:
-    told: list[tuple[int, int]] = []
-    found = hapnet.compare(["pspm", "zoh"], ["lan", "4g"], params=SHORT, progress=lambda *done: told.append(done))
+    reported: list[tuple[int, int]] = []
+    found = hapnet.compare(["pspm", "zoh"], ["lan", "4g"], params=SHORT, progress=lambda *done: reported.append(done))
     rows = found.rows()
     assert [(row["coupling"], row["link"], row["operator"], row["seed"]) for row in rows] == [
         (coupling, link, "press@light", 0) for coupling in ("pspm", "zoh") for link in ("lan", "4g")
     ]
     assert len(found) == 4
-    assert told[0] == (0, 4)
-    assert told[-1] == (4, 4)
+    assert reported[0] == (0, 4)
+    assert reported[-1] == (4, 4)
     assert all(set(METRICS) <= set(row) and row["error"] is None for row in rows)
     assert all(row["passive"] is (row["margin_J"] >= -1e-9) for row in rows)
     assert [row["energy_out_J"] for row in found.medians()] == [row["energy_out_J"] for row in rows_by_link(rows)]
@@ -48,9 +48,9 @@ def test_the_command_measures_the_same(tmp_path: Path) -> None:
     flags = ["--coupling", "zoh", "--link", "slow=delay 30ms", "--link", "apart=delay 5ms|delay 9ms"]
     to = tmp_path / "whole.json"
     assert cli.main(["compare", *flags, "--duration", "0.2", "--workers", "1", "--no-files", "--json", str(to)]) == 0
-    told = json.loads(to.read_text("utf-8"))
-    del told["wall_clock"]
-    assert told == json.loads(json.dumps(found.as_dict()))
+    reported = json.loads(to.read_text("utf-8"))
+    del reported["wall_clock"]
+    assert reported == json.loads(json.dumps(found.as_dict()))
 
 
 def test_a_directory_keeps_what_was_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
