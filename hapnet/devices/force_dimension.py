@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
-import math
 from collections.abc import Sequence
 from ctypes import POINTER, byref, c_bool, c_byte, c_char_p, c_double, c_int, c_ubyte, c_uint
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from typing import NamedTuple
 from hapnet.checks import Vector
 from hapnet.devices.axes import Axes
 from hapnet.devices.driver import Driver
+from hapnet.devices.rotation import quaternion
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 
 _NAMES = ("drd", "dhd")
@@ -226,7 +226,7 @@ class ForceDimension(Driver):
             return None
         columns = [_ours((frame[k], frame[3 + k], frame[6 + k])) for k in (1, 0, 2)]
         turned = [columns[0], tuple([-c for c in columns[1]]), columns[2]]  # our axes are their y, -x and z
-        return _quaternion([[turned[column][row] for column in range(3)] for row in range(3)])
+        return quaternion([[turned[column][row] for column in range(3)] for row in range(3)])
 
     def braked(self) -> str:
         """Why its forces were off at the last command; when they are on again the force grows from zero."""
@@ -276,21 +276,6 @@ def _ours(theirs: Vector) -> Vector:
 def _theirs(ours: Vector) -> Vector:
     x, y, z = ours
     return -y, x, z
-
-
-def _quaternion(rows: Sequence[Sequence[float]]) -> Vector:
-    """The unit quaternion w, x, y, z of a rotation matrix: the largest component first, so that nothing cancels."""
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    squares = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
-    table = (
-        (squares[0], h - f, c - g, d - b),
-        (h - f, squares[1], b + d, c + g),
-        (c - g, b + d, squares[2], f + h),
-        (d - b, c + g, f + h, squares[3]),
-    )
-    row = table[max(range(4), key=squares.__getitem__)]
-    length = math.hypot(*row)
-    return tuple([part / length for part in row])
 
 
 def _find() -> str | None:

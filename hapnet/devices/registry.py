@@ -20,6 +20,7 @@ BUILT_IN: Mapping[str, str] = {
     "serial": "hapnet.devices.serial_axis:SerialAxis",
     "inverse3": "hapnet.devices.inverse3:Inverse3",
     "dhd": "hapnet.devices.force_dimension:ForceDimension",
+    "touch": "hapnet.devices.touch:Touch",
     "gamepad": "hapnet.devices.gamepad:Gamepad",
     "3dmouse": "hapnet.devices.space_mouse:SpaceMouse",
 }

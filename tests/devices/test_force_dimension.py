@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.devices.force_dimension import ForceDimension, _quaternion
+from hapnet.devices.force_dimension import ForceDimension
+from hapnet.devices.rotation import quaternion
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from tests.conftest import ROOT
 from tests.support.processes import assert_passive, started
@@ -257,7 +258,7 @@ def test_a_quaternion_is_that_of_its_rotation(axis: tuple[float, float, float], 
         [y * x * (1 - c) + z * s, c + y * y * (1 - c), y * z * (1 - c) - x * s],
         [z * x * (1 - c) - y * s, z * y * (1 - c) + x * s, c + z * z * (1 - c)],
     ]
-    found = _quaternion(rows)
+    found = quaternion(rows)
     expected = (math.cos(angle / 2), *(math.sin(angle / 2) * part for part in axis))
     sign = 1.0 if sum(a * b for a, b in zip(found, expected, strict=True)) > 0.0 else -1.0
     assert [sign * part for part in found] == pytest.approx(expected, abs=1e-12)

@@ -1,0 +1,160 @@
+"""The HD library of OpenHaptics (`libHD.so`, `hd.dll`), as its public headers hd*.h 3.0 and 3.3 declare it.
+
+Errors come on one stack for all threads, the newest first: `OpenHaptics.errors` empties it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from collections.abc import Callable, Iterator
+from ctypes import POINTER, c_char_p, c_double, c_int, c_ubyte, c_uint, c_ulong, c_ushort, c_void_p
+from typing import Any, NamedTuple
+
+from hapnet.errors import HapnetError
+
+NO_DEVICE = 0xFFFFFFFF
+BUTTONS, POSITION, VELOCITY, TRANSFORM = 0x2000, 0x2050, 0x2051, 0x2052
+MODEL, MAX_WORKSPACE, STYLES = 0x2501, 0x2550, 0x2555
+MAX_STIFFNESS, MAX_FORCE, CONTINUOUS_FORCE, TEMPERATURE = 0x2602, 0x2603, 0x2604, 0x2605
+FORCE, FORCE_OUTPUT = 0x2700, 0x4000
+CALIBRATED, NEEDS_UPDATE, NEEDS_INPUT = 0x5000, 0x5001, 0x5002
+ENCODER_RESET, AUTO, INKWELL = 1, 2, 4
+DONE, CONTINUE = 0, 1
+HIGHEST_PRIORITY, DEFAULT_PRIORITY = 65_535, 32_767
+
+SUCCESS = 0
+WARM_MOTORS = 0x0200
+FORCE_ENDED = {0x0201: "its force was too large", 0x0202: "its force jumped", 0x0203: "it went faster than its limit"}
+"""The device's amplifiers go off, and come back by a ramp."""
+LOST = {
+    0x0300: "HD_DEVICE_FAULT",
+    0x0302: "HD_COMM_ERROR: is it connected?",
+    0x0303: "HD_COMM_CONFIG_ERROR",
+    0x0304: "HD_TIMER_ERROR",
+}
+"""Until these end there is no reading."""
+_NAMES = {
+    0x0100: "HD_INVALID_ENUM", 0x0101: "HD_INVALID_VALUE", 0x0102: "HD_INVALID_OPERATION",
+    0x0103: "HD_INVALID_INPUT_TYPE", 0x0104: "HD_BAD_HANDLE", 0x0200: "HD_WARM_MOTORS", 0x0204: "HD_FORCE_ERROR",
+    0x0300: "HD_DEVICE_FAULT: no such device, or it is not connected",
+    0x0301: "HD_DEVICE_ALREADY_INITIATED: something else uses it", 0x0400: "HD_ILLEGAL_BEGIN",
+    0x0401: "HD_ILLEGAL_END", 0x0402: "HD_FRAME_ERROR", 0x0500: "HD_INVALID_PRIORITY", 0x0501: "HD_SCHEDULER_FULL",
+    0x0600: "HD_INVALID_LICENSE: its maker's licence is missing",
+}  # fmt: skip
+
+_MOST_ERRORS = 100
+_WINDOWS_CALLBACK: Any = getattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE)
+CALLBACK = _WINDOWS_CALLBACK(c_uint, c_void_p)
+
+
+class ErrorInfo(ctypes.Structure):
+    """What hdGetError returns, by value."""
+
+    _fields_ = [("code", c_uint), ("internal", c_int), ("device", c_uint)]
+
+
+class Failure(NamedTuple):
+    """One error of the library's stack."""
+
+    code: int
+    internal: int
+
+    def __str__(self) -> str:
+        known = FORCE_ENDED | LOST | _NAMES
+        return f"{known.get(self.code, 'unknown error')} (0x{self.code:04X}, internal {self.internal})"
+
+
+_SLOW: dict[str, tuple[Any, list[Any]]] = {
+    "hdBeginFrame": (None, [c_uint]),
+    "hdCheckCalibration": (c_uint, []),
+    "hdDisableDevice": (None, [c_uint]),
+    "hdEndFrame": (None, [c_uint]),
+    "hdInitDevice": (c_uint, [c_char_p]),
+    "hdScheduleAsynchronous": (c_ulong, [CALLBACK, c_void_p, c_ushort]),
+    "hdScheduleSynchronous": (None, [CALLBACK, c_void_p, c_ushort]),
+    "hdStartScheduler": (None, []),
+    "hdStopScheduler": (None, []),
+    "hdUnschedule": (None, [c_ulong]),
+    "hdUpdateCalibration": (None, [c_uint]),
+}
+_QUICK: dict[str, tuple[Any, list[Any]]] = {
+    "hdDisable": (None, [c_uint]),
+    "hdEnable": (None, [c_uint]),
+    "hdGetDoublev": (None, [c_uint, POINTER(c_double)]),
+    "hdGetError": (ErrorInfo, []),
+    "hdGetIntegerv": (None, [c_uint, POINTER(c_int)]),
+    "hdGetString": (c_char_p, [c_uint]),
+    "hdIsEnabled": (c_ubyte, [c_uint]),
+    "hdSetDoublev": (None, [c_uint, POINTER(c_double)]),
+}
+
+
+class OpenHaptics:
+    """The library at `path`; empty: where the system finds it.
+
+    Attributes
+    ----------
+    slow : functions that may wait, for the device or for the scheduler's thread. Other threads of Python run meanwhile.
+    quick : functions that only copy. To let go of the interpreter for each would cost more, and beside a busy thread up
+        to 0.1 ms.
+
+    Raises
+    ------
+    HapnetError : there is none, or it is another library.
+    """
+
+    def __init__(self, path: str = "") -> None:
+        found = path or find()
+        if not found:
+            raise HapnetError(f"the device needs {NEEDED}")
+        loader: Any = getattr(ctypes, "WinDLL", ctypes.CDLL)
+        try:
+            self.slow = _declared(loader(found), _SLOW)
+            self.quick = _declared(ctypes.PyDLL(found), _QUICK)
+        except (OSError, AttributeError) as error:
+            raise HapnetError(f"{found} cannot be loaded as OpenHaptics' libHD: {error}") from None
+
+    def errors(self) -> Iterator[Failure]:
+        """All errors since the last call, the newest first."""
+        for _ in range(_MOST_ERRORS):
+            info = self.quick.hdGetError()
+            if info.code == SUCCESS:
+                return
+            yield Failure(info.code, info.internal)
+
+    def doubles(self, name: int, count: int) -> list[float]:
+        """The `count` numbers of the parameter `name`; of one that the device does not have they are 0."""
+        values = (c_double * count)()
+        self.quick.hdGetDoublev(name, values)
+        return list(values)
+
+    def integer(self, name: int) -> int:
+        """The parameter `name`; of one that the device does not have 0."""
+        value = c_int()
+        self.quick.hdGetIntegerv(name, ctypes.byref(value))
+        return value.value
+
+    def in_scheduler(self, work: Callable[[], None]) -> None:
+        """Do `work` once in the scheduler's thread, which must run, and wait for it."""
+
+        def once(_: object) -> int:
+            work()
+            return DONE
+
+        self.slow.hdScheduleSynchronous(CALLBACK(once), None, DEFAULT_PRIORITY)
+
+
+NEEDED = "OpenHaptics (libHD) and the device's driver, both from 3D Systems, where the system finds libraries"
+
+
+def _declared(library: Any, functions: dict[str, tuple[Any, list[Any]]]) -> Any:
+    for name, (result, arguments) in functions.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+def find() -> str:
+    """Where the system has the library; empty: nowhere."""
+    return next(filter(None, map(ctypes.util.find_library, ("HD", "hd"))), "")
