@@ -3,73 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import math
 import random
 import shutil
-import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from hapnet.checks import Vector
 from hapnet.devices import open_haptics as oh
 from hapnet.devices.touch import Touch
 from hapnet.errors import DeviceSilent, HapnetError
-from tests.conftest import ROOT
-from tests.processes import assert_passive, started, without_progress
-
-OPEN, RUNNING, OUTPUT, OFF_AT_END, FRAMES, UNSET, ERRORS = range(7)
-NOTHING = (0.0, 0.0, 0.0)
-TICK_S = 0.001
-Three = ctypes.c_double * 3
+from tests.support.hd_stand_in import NOTHING, OFF_AT_END, OPEN, OUTPUT, RUNNING, TICK_S, Stub, Three, built
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")
-
-
-def built(folder: Path) -> str:
-    flags = ["-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
-    source, library = ROOT / "tests" / "sketch" / "hd.c", folder / "libHD.so"
-    subprocess.run(["gcc", *flags, source, "-o", library, "-lm", "-lpthread"], check=True)
-    return str(library)
-
-
-class Stub:
-    """The stand-in, by hand: nothing happens between two ticks, and its clock is the driver's."""
-
-    def __init__(self, library: str) -> None:
-        self.library = library
-        self.c = ctypes.CDLL(library)
-        for name in ("stub_now", "stub_work", "stub_most"):
-            getattr(self.c, name).restype = ctypes.c_double
-        self.c.stub_tick.argtypes = self.c.stub_hot.argtypes = [ctypes.c_double]
-        self.c.hdGetError.restype = oh.ErrorInfo
-        self.c.stub_by_hand(1)
-
-    def now(self) -> float:
-        return float(self.c.stub_now())
-
-    def tick(self, count: int = 1, seconds: float = TICK_S) -> None:
-        for _ in range(count):
-            self.c.stub_tick(seconds)
-
-    def put(self, position: Vector, velocity: Vector = NOTHING) -> None:
-        self.c.stub_put(Three(*position), Three(*velocity))
-
-    @property
-    def force(self) -> Vector:
-        """What the motors make now, in the library's axes [N]."""
-        force = Three()
-        self.c.stub_force(force)
-        return tuple(force)
-
-    @property
-    def work_J(self) -> float:
-        return float(self.c.stub_work())
-
-    def state(self, which: int) -> int:
-        return int(self.c.stub_state(which))
 
 
 @pytest.fixture(scope="module")
@@ -388,41 +336,20 @@ def test_the_names_of_the_makers_setup_are_listed(monkeypatch: pytest.MonkeyPatc
     assert Touch.found() == ("Default Device", "Left Device")
 
 
-# Whole runs, with the stand-in's own thread
+def test_at_the_end_the_force_is_taken_away_and_the_device_closed(device: Touch, stub: Stub) -> None:
+    """A frame must come that sets no force: here it does while the driver waits for it."""
+    device.apply((1.0, 0.0, 0.0))
+    stub.tick()
+    ticking = threading.Timer(0.01, stub.tick)
+    ticking.start()
+    device.close()
+    ticking.join()
+    device.close()
+    assert stub.force == NOTHING
+    assert [stub.state(what) for what in (OPEN, RUNNING, OFF_AT_END)] == [0, 0, 1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fault", "code", "said"),
-    [
-        ("", 0, ""),
-        ("STUB_FAULT=2:0.3:0x0302", 0, "HD_COMM_ERROR: is it connected?"),
-        ("STUB_FAULT=2:0.01:0x0203", 0, "its amplifiers went off: it went faster than its limit"),
-        ("STUB_FAULT=2:0.01:0x0200", 0, "its motors are warm"),
-        ("STUB_FAULT=3:60:0x0302", 3, "the device is silent at the end"),
-        ("STUB_CALIBRATION=0x5001", 0, ""),
-        ("STUB_CALIBRATION=0x5002", 2, "put its stylus into the inkwell, then start again"),
-    ],
-)
-def test_a_run_with_the_stand_in(library: str, fault: str, code: int, said: str, tmp_path: Path) -> None:
-    argv = ("run", "--device", f"touch:library={library}", "--duration", 5, "--json", "-", "--out", tmp_path / "run")
-    with started(*argv, env=dict([fault.split("=")]) if fault else {}) as program:
-        found, stdout, stderr = program.end()
-    assert found == code, stderr
-    assert said in stderr
-    if code:
-        return
-    summary = json.loads(stdout)
-    assert_passive(summary)
-    assert summary["device"]["force"] == "commanded"
-    assert summary["motion"]["peak_force_N"] > 0.3
-
-
-@pytest.mark.slow
-def test_a_run_without_the_library_is_one_line(tmp_path: Path) -> None:
-    with started("run", "--device", "touch", "--out", tmp_path / "run", env={"PATH": ""}) as program:
-        code, _, stderr = program.end()
-    assert code == 2
-    said = without_progress(stderr)
-    assert said.startswith("hapnet: the device touch cannot be made: the device needs OpenHaptics (libHD) and")
-    assert said.count("\n") == 1
+def test_a_dead_scheduler_does_not_hold_the_end_up(device: Touch, stub: Stub) -> None:
+    stub.c.stub_stall(1)
+    device.close()
+    assert [stub.state(what) for what in (OPEN, RUNNING)] == [0, 0]
