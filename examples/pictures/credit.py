@@ -16,7 +16,7 @@ from examples.pictures.lying import lying_planes
 from hapnet.checks import Array
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.recording.samples import Columns
-from hapnet.report.style import DEVICE_COLOR, WORLD_COLOR
+from hapnet.reports.style import DEVICE_COLOR, WORLD_COLOR
 from hapnet.simulation.simulation import Result, Simulation
 
 if TYPE_CHECKING:

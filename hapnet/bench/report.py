@@ -91,9 +91,9 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 def save_figure(rows: Sequence[Row], path: Path) -> Path:
     """Draw the figure and write it; returns the path."""
-    from hapnet import report
+    from hapnet import reports
 
-    report.save_figure(figure(rows), path)
+    reports.save_figure(figure(rows), path)
     return path
 
 

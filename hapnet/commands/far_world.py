@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapnet.assembly.build import link_profile
+from hapnet.assembly.links import link_profile
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.options import PageOptions, ZenohOptions

@@ -264,11 +264,11 @@ def write_line(file: int, line: bytes, name: str) -> None:
 
 def save_figure(recording: Recording, path: Path) -> Path:
     """Draw the run's figure. Raises OutputError if it cannot be written."""
-    from hapnet import report
+    from hapnet import reports
 
-    drawn = report.figure(recording)
+    drawn = reports.figure(recording)
     try:
-        report.save_figure(drawn, path)
+        reports.save_figure(drawn, path)
     except RecordingError as error:
         raise OutputError(str(error)) from None
     return path
@@ -287,9 +287,9 @@ def show_kernel(out: Console, why_not: str | None) -> None:
 
 def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
     """The verdict and what matters most in three lines or, if `verbose`, all tables."""
-    from hapnet import report
+    from hapnet import reports
 
-    out.print(report.summary_text(summary) if verbose else report.brief_text(summary))
+    out.print(reports.summary_text(summary) if verbose else reports.brief_text(summary))
 
 
 def show_files(out: Console, names: Iterable[str], directory: Path, more: str = "") -> None:

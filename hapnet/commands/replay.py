@@ -42,7 +42,7 @@ def replay(
     """
     from dataclasses import replace as changed
 
-    from hapnet import report
+    from hapnet import reports
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
     from hapnet.simulation.simulation import Simulation
@@ -77,7 +77,7 @@ def replay(
         output.save_figure(recording, directory / "figure.png")
     with written.part():
         try:
-            report.save_figure(figure(original.recording, recording), directory / "replay.png")
+            reports.save_figure(figure(original.recording, recording), directory / "replay.png")
         except RecordingError as error:
             raise OutputError(str(error)) from None
     with written.part():

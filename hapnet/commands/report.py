@@ -20,7 +20,7 @@ from hapnet.params import Params
 
 if TYPE_CHECKING:
     from hapnet.recording.samples import Recording
-    from hapnet.report import Source
+    from hapnet.reports import Source
     from hapnet.summary.structure import Motion
 
 
@@ -117,22 +117,22 @@ def write(
 
     names : the pictures' file names. written : collects what cannot be written.
     """
-    from hapnet import report
+    from hapnet import reports
 
-    drawn = report.pictures(recording)
-    files = {page: report.page(recording, drawn, sources).encode("utf-8", errors="replace")}
+    drawn = reports.pictures(recording)
+    files = {page: reports.page(recording, drawn, sources).encode("utf-8", errors="replace")}
     files |= {names[name]: picture.png for name, picture in drawn.items() if name in names}
     there = []
     for name, data in files.items():
         with written.part():
-            report.save(data, directory / name, "figure" if name.endswith(".png") else "report")
+            reports.save(data, directory / name, "figure" if name.endswith(".png") else "report")
             there.append(name)
     return there
 
 
 def source_of(file: Path, recording: Recording) -> Source:
     """What a report says about the file of a recording."""
-    from hapnet.report import Source, legible
+    from hapnet.reports import Source, legible
 
     sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
     role = "both" if len(sides) == 2 else sides[0] if sides else "no samples"
@@ -142,7 +142,7 @@ def source_of(file: Path, recording: Recording) -> Source:
 
 def _legible(recording: Recording) -> Recording:
     """A recording whose texts are safe to show, whoever wrote them."""
-    from hapnet.report import legible
+    from hapnet.reports import legible
 
     events = [event._replace(kind=legible(event.kind), text=legible(event.text)) for event in recording.events]
     return replace(recording, meta=legible(recording.meta), summary=legible(recording.summary), events=events)

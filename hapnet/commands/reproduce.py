@@ -58,7 +58,7 @@ def reproduce(
     if params.show_params:
         return params.show(chosen)
     require("report", "hapnet reproduce")
-    from hapnet import report
+    from hapnet import reports
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 
@@ -76,7 +76,7 @@ def reproduce(
             unfiltered = Simulation(chosen.set({"device.smoothing_s": 0.0}), seed).run(progress.update).recording
         progress.stage("drawing")
         drawn = timesteps(recording) if figure == "fig4" else profiles(recording, chosen, unfiltered)
-        report.save_figure(drawn, directory / f"{figure}.png")
+        reports.save_figure(drawn, directory / f"{figure}.png")
         progress.stage("writing")
         save(recording, directory / f"{figure}.mcap")
     result.summary["reconstructed"] = True

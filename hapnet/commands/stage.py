@@ -20,7 +20,7 @@ from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.report.words import stated
+from hapnet.reports.words import stated
 from hapnet.summary.run import merge
 from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import judge

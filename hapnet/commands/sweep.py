@@ -168,7 +168,7 @@ def plot(
     Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
     from hapnet.commands.studies import assigned
-    from hapnet.report.files import save_figure
+    from hapnet.reports.files import save_figure
     from hapnet.study.grid import grid
     from hapnet.study.heatmap import draw
     from hapnet.study.journal import Journal

@@ -100,7 +100,7 @@ def transparency(
     from hapnet.commands.studies import names_of
     from hapnet.couplings.registry import coupling
     from hapnet.processes.pool import dealt, usable_cores
-    from hapnet.report.files import save_figure
+    from hapnet.reports.files import save_figure
     from hapnet.study import stable_stiffness, transparency
     from hapnet.study.impedance import Transmission, curve
     from hapnet.study.plans import links_of

@@ -101,7 +101,7 @@ def tune(
 
 def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
     """Write the files; returns their names. The values found are written only if the search has `ended`."""
-    from hapnet.report.files import save_figure
+    from hapnet.reports.files import save_figure
     from hapnet.study import tune_results
     from hapnet.study.sweep import SweepResult
     from hapnet.study.tune_figure import draw

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from hapnet.control.two_port import TwoPort
 from hapnet.recording.samples import Recording
-from hapnet.report.words import verdict
+from hapnet.reports.words import verdict
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.summary.run import Summary
@@ -46,7 +46,7 @@ class Result:
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
         """The run's figure, as matplotlib has it; it is written to `file` (.png, .pdf, .svg), if that is given."""
-        from hapnet.report.figures import figure  # here, since it loads matplotlib
+        from hapnet.reports.figures import figure  # here, since it loads matplotlib
 
         drawn = figure(self.recording)
         if file is not None:

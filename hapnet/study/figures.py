@@ -14,7 +14,7 @@ from hapnet.metrics import METRICS
 from hapnet.metrics.contact import pressed_wall
 from hapnet.metrics.obstacles import normal_where_deepest
 from hapnet.plant.worlds.walls import Wall
-from hapnet.report.style import MM, STYLE
+from hapnet.reports.style import MM, STYLE
 from hapnet.study.case import Measured, simulated, was_passive
 from hapnet.study.compare import Case, Outcome, Plan, Variant, by_hand
 from hapnet.study.statistics import spreads

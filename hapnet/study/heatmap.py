@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.report.style import MM, STYLE
+from hapnet.reports.style import MM, STYLE
 from hapnet.study.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
 from hapnet.study.misses import quantile
 from hapnet.summary.verdict import ROUNDING_J

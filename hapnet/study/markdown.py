@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from hapnet.metrics import METRICS
-from hapnet.report.html import element, join, table
+from hapnet.reports.html import element, join, table
 from hapnet.study.compare import Group, Plan
 from hapnet.study.statistics import Spread
 from hapnet.study.tables import OUT, headline, rounded

@@ -24,7 +24,7 @@ from hapnet.metrics.force import limit_cycles
 from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording
-from hapnet.report.style import MM, STYLE
+from hapnet.reports.style import MM, STYLE
 from hapnet.simulation.simulation import Simulation
 from hapnet.study.figures import COLOURS
 from hapnet.study.z_width import ZWidth, maximum

@@ -70,7 +70,7 @@ class SweepResult:
         return export.write(self.columns, Path(directory), endings)
 
     def _repr_html_(self) -> str:
-        from hapnet.report.html import element, join, table
+        from hapnet.reports.html import element, join, table
 
         names = [name for name in self.columns if name not in export.TIMING]
         rows = [tuple("" if row[name] is None else str(row[name]) for name in names) for row in self.rows()[:_SHOWN]]

@@ -10,7 +10,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.report.style import MM, STYLE
+from hapnet.reports.style import MM, STYLE
 from hapnet.study import impedance
 from hapnet.study.figures import COLOURS
 from hapnet.study.impedance import MOST_HZ, Curve, Transmission

@@ -59,7 +59,7 @@ class Tuning:
         return drawn
 
     def _repr_html_(self) -> str:
-        from hapnet.report.html import table
+        from hapnet.reports.html import table
 
         found = self.found or {}
         rows = [(one.name, str(one.default), str(found.get(one.name, "–")), str(one)) for one in self.search.spec.space]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapnet.report.style import MM, STYLE
+from hapnet.reports.style import MM, STYLE
 from hapnet.study.search import Search
 from hapnet.study.search_space import Searched
 from hapnet.study.spec import value_words

@@ -12,7 +12,7 @@ from hapnet.assembly.springs import with_springs
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.report.words import number
+from hapnet.reports.words import number
 from hapnet.study.compare import Plan, Variant
 
 _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping", "world.mass")

@@ -9,7 +9,7 @@ from pathlib import PurePath
 import viser
 
 from hapnet.recording.telemetry import Status
-from hapnet.report.words import felt
+from hapnet.reports.words import felt
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
 from hapnet.view.choices import label_of, words_of

@@ -141,7 +141,7 @@ for package in hapnet, netem:
                 importlib.import_module(found.name)
 """
     found = of_hapnet(code)
-    assert {"hapnet.report.figures", "hapnet.study.heatmap"} <= found
+    assert {"hapnet.reports.figures", "hapnet.study.heatmap"} <= found
     assert "matplotlib" not in found
 
 

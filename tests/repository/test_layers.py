@@ -50,14 +50,14 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "summary": BELOW_ASSEMBLY,
     "metrics": BELOW_ASSEMBLY | {"summary"},
     "transport": {"records", "wire"},
-    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "report", "processes"},  # a result draws itself
+    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "reports", "processes"},  # a result draws itself
     "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport", "processes"},
-    "report": BELOW_ASSEMBLY | {"assembly", "summary"},
-    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "report", "processes"},
+    "reports": BELOW_ASSEMBLY | {"assembly", "summary"},
+    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "reports", "processes"},
     "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
-    "view": BELOW_ASSEMBLY | {"summary", "report", "transport"},  # it subscribes to telemetry
+    "view": BELOW_ASSEMBLY | {"summary", "reports", "transport"},  # it subscribes to telemetry
     "bench": BELOW_ASSEMBLY
-    | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "report", "processes"},
+    | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "reports", "processes"},
 }
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",

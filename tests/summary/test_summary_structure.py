@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapnet.params import Params
-from hapnet.report import brief_text, summary_text, verdict
+from hapnet.reports import brief_text, summary_text, verdict
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import SidePart, Summary, Theorem, known, read, unknown
 from hapnet.summary.verdict import broken, judge

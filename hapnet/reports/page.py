@@ -13,11 +13,11 @@ from typing import Any
 from hapnet.couplings.registry import COUPLINGS, known
 from hapnet.recording import alignment
 from hapnet.recording.samples import Recording
-from hapnet.report import tables
-from hapnet.report.html import Html, element, join, table
-from hapnet.report.pictures import Picture
-from hapnet.report.settings import Setting, commands, of_side, settings
-from hapnet.report.words import get, has_reservoirs, number, outcome, tuning, verdict
+from hapnet.reports import tables
+from hapnet.reports.html import Html, element, join, table
+from hapnet.reports.pictures import Picture
+from hapnet.reports.settings import Setting, commands, of_side, settings
+from hapnet.reports.words import get, has_reservoirs, number, outcome, tuning, verdict
 from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
 
 FOLDED = 12
@@ -91,7 +91,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
         _section("Versions", _versions(recording)),
         _section("Files", _files(sources)),
     )
-    style = Html((files("hapnet.report") / "style.css").read_text("utf-8"))
+    style = Html((files("hapnet.reports") / "style.css").read_text("utf-8"))
     head = element(
         "head",
         element("meta", charset="utf-8"),

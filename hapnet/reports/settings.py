@@ -14,7 +14,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
-from hapnet.report.words import get, known
+from hapnet.reports.words import get, known
 from hapnet.summary.structure import read
 
 

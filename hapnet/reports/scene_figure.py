@@ -17,8 +17,8 @@ from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch
 from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.recording.drawing import SceneSample, unpack
 from hapnet.recording.samples import Columns, Recording
-from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
-from hapnet.report.words import get
+from hapnet.reports.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
+from hapnet.reports.words import get
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

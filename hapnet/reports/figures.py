@@ -13,8 +13,8 @@ from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.registry import known as known_coupling
 from hapnet.extras import require
 from hapnet.recording.samples import Columns, Recording
-from hapnet.report.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
-from hapnet.report.words import get, has_reservoirs, millijoule, verdict
+from hapnet.reports.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
+from hapnet.reports.words import get, has_reservoirs, millijoule, verdict
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read

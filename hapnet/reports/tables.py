@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from hapnet.couplings.registry import jointly_passive
-from hapnet.report.words import (
+from hapnet.reports.words import (
     felt,
     has_reservoirs,
     milli,

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
-from hapnet.report import brief_text, figure, save_figure, summary_text, verdict
+from hapnet.reports import brief_text, figure, save_figure, summary_text, verdict
 from tests.conftest import mostly_slow
 
 ALONE = "passivity not known: of both ports together only, and the world's account is not here"
@@ -378,8 +378,8 @@ def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_no_pyplot_and_nothing_heavy_on_import() -> None:
     code = (
-        "import sys, hapnet.report; print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
-        "from tests.report.test_report import figure, run; "
+        "import sys, hapnet.reports; print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
+        "from tests.reports.test_report import figure, run; "
         "figure(run(seconds=1)); print('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

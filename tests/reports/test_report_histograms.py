@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
 from hapnet.realtime.servo import Histogram
-from hapnet.report import lateness_histogram, link_histogram
+from hapnet.reports import lateness_histogram, link_histogram
 from netem import Link, LinkProfile
 from netem.profile import PRESETS
 

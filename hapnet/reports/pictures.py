@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hapnet.recording.samples import Recording
-from hapnet.report.figures import figure
-from hapnet.report.files import png
-from hapnet.report.histograms import lateness_histogram, link_histogram
-from hapnet.report.scene_figure import scene_figure
-from hapnet.report.words import has_reservoirs, number, verdict
+from hapnet.reports.figures import figure
+from hapnet.reports.files import png
+from hapnet.reports.histograms import lateness_histogram, link_histogram
+from hapnet.reports.scene_figure import scene_figure
+from hapnet.reports.words import has_reservoirs, number, verdict
 from hapnet.summary.structure import DIRECTIONS, read
 
 

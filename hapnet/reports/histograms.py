@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.report.style import MM, STYLE
-from hapnet.report.words import number
+from hapnet.reports.style import MM, STYLE
+from hapnet.reports.words import number
 from hapnet.summary.structure import DIRECTIONS, read
 
 if TYPE_CHECKING:

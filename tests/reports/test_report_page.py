@@ -15,15 +15,15 @@ from hapnet import cli
 from hapnet.commands.play import led
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
-from hapnet.report import Source, legible, page, pictures
-from hapnet.report.html import element, join
-from hapnet.report.page import FOLDED, MOST_EVENTS
-from hapnet.report.settings import commands, settings
-from hapnet.report.tables import links, motion, sides
-from hapnet.report.words import known
+from hapnet.reports import Source, legible, page, pictures
+from hapnet.reports.html import element, join
+from hapnet.reports.page import FOLDED, MOST_EVENTS
+from hapnet.reports.settings import commands, settings
+from hapnet.reports.tables import links, motion, sides
+from hapnet.reports.words import known
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import read
-from tests.report.test_report import run
+from tests.reports.test_report import run
 
 VOID = {"meta", "img"}
 
