@@ -18,10 +18,10 @@ The public names, which stay stable:
 * `RealtimeSide`: what they are made of, from the result of `prepare` and from `ZenohSettings`, which say how to reach
   the other side. It reports `Notice`s.
 * `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
-  `Plane`: what a device is told of them. `Sphere`, `Cuboid`: how pictures show them.
-  `World`, and what is in one, `Surroundings`: what hapnet asks of one that is none of these.
-* `Device`: what hapnet asks of your own device. It needs no base class; `Driver` is one, with a default for each part
-  that is optional. `DeviceSilent`: what it raises where there is no reading.
+  `Plane`: what a device receives of them. `Sphere`, `Cuboid`: how pictures show them.
+  `World`, and what is in one, `Surroundings`: the protocols of any other world.
+* `Device`: the protocol of your own device. It needs no base class; `Driver` is one, with a default for each part
+  that is optional. `DeviceSilent`: what it raises if there is no reading.
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
   `CouplingStart` (`hapnet.control.coupling` says what a law must do), of `parameter`s its own section.
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.

@@ -18,22 +18,22 @@ Array = NDArray[np.float64]
 
 Scalar = str | int | float | bool | None
 Signal = Scalar | tuple[int | float, ...]
-"""What two sides can tell each other beside the stream."""
+"""What two sides can send each other beside the stream."""
 
 MAX_DOF = 64
 """The most axes: a message contains one number for each, and a side refuses longer ones."""
 
 MOST_PLANES = 4
-"""The most planes that a world tells of one place: three make a corner of a room."""
+"""The most planes that a world sends of one place: three make a corner of a room."""
 
 MOST_CURVATURES = 2
-"""The most principal curvatures that are told of a plane: a surface in three dimensions has two."""
+"""The most principal curvatures that are sent of a plane: a surface in three dimensions has two."""
 
 MOST_CURVATURE_PER_M = 1e4
 """Either sign: a radius of 0.1 mm."""
 
 MOST_FRICTION = 10.0
-"""The greatest Coulomb coefficient that is told of a plane; of dry rubber it is some 1."""
+"""The largest Coulomb coefficient that is sent of a plane; that of dry rubber is some 1."""
 
 UNIT_TOLERANCE = 1e-6
 """By how much the square of a normal's length may differ from 1, and by how much a direction may lean to another."""
@@ -61,7 +61,7 @@ def whole(name: str, value: int, *, at_least: int) -> int:
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
-    """`value` if it is one of the words `allowed`."""
+    """`value` if it is one of those `allowed`."""
     if value not in allowed:
         raise InvalidParameter(name, value, "one of " + ", ".join(allowed), allowed)
     return value

@@ -19,7 +19,7 @@ class InvalidParameter(HapnetError, ValueError):
     ----------
     name : the parameter by the user's name (``"stiffness"``, ``"world.wall.stiffness"``).
     value : the given value.
-    allowed : in words, what is accepted.
+    allowed : what is accepted, as text.
     known : the accepted names, where the value is a name: the message has those that are nearly the same.
     """
 

@@ -13,7 +13,7 @@ _LIBRARIES = {  # of an extra: each module, and the library that has it
 
 
 def require(extra: str, what: str) -> None:
-    """Raise MissingLibrary if a library of `extra` is not installed. what : needs it, in words."""
+    """Raise MissingLibrary if a library of `extra` is not installed. what : needs it, as text."""
     missing = [library for module, library in _LIBRARIES[extra].items() if not _is_there(module)]
     if missing:
         raise MissingLibrary(what, " ".join(missing), extra)

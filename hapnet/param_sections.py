@@ -1,4 +1,4 @@
-"""The sections of `hapnet.params.Params`, but for the laws' own: every parameter's default, unit and meaning.
+"""The sections of `hapnet.params.Params`, except the laws' own: every parameter's default, unit and meaning.
 
 This is the only place for these defaults; other modules take them from here. They are those of the paper's Section 4;
 digits that its printing lost are reconstructed (marked "rec.").
@@ -48,7 +48,7 @@ class DeviceParams:
     )  # fmt: skip
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
                       ("auto", "range", "measured"))  # fmt: skip
-    force_limit_N: float = _p(3.3, "greatest force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
+    force_limit_N: float = _p(3.3, "maximum force of the actuators [N]; 0: no limit", _NOT_NEGATIVE)
     spring_share: float = _p(0.9, "share of the force limit at which the spring saturates; the rest is the damper's",
                              Range(above=0.0, at_most=1.0))  # fmt: skip
     step_limit_N: float = _p(
@@ -61,7 +61,7 @@ class DeviceParams:
     )
     silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
     greatest_speed: float = _p(
-        1.0, "greatest speed of the handle [m/s]: it bounds the energy that a held torque can give out", _POSITIVE
+        1.0, "maximum speed of the handle [m/s]: it bounds the energy that a held torque can give out", _POSITIVE
     )
     mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
@@ -76,7 +76,7 @@ class DeviceParams:
         "reach of the device from its origin, in both directions: a number, or one per axis [m]",
         Range(0.0, 1e-3, 10.0),
     )
-    stiffness_range: Matrix = _p((1.0, 1e5), "least and greatest stiffness that the device renders [N/m]")
+    stiffness_range: Matrix = _p((1.0, 1e5), "smallest and largest stiffness that the device renders [N/m]")
     substeps: int = _p(4, "integration substeps of the simulated device per tick", Range(at_least=1, at_most=1000))
     force_ramp_s: float = _p(
         1.0, "a real device's force grows over this time: at the start, after silence, after its dead-man switch [s]",
@@ -142,9 +142,9 @@ class WorldParams:
     damping: Matrix = _p(14.0, "B' [Ns/m]", _POSITIVE)
     ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
     shuffle: str = _p("needed", "what is sent, as device.shuffle", ("needed", "harvested", "all"))
-    step_min_s: float = _p(0.010, "shortest integration step T_k [s] (rec.)", _POSITIVE)
+    step_min_s: float = _p(0.010, "minimum integration step T_k [s] (rec.)", _POSITIVE)
     step_max_s: float = _p(
-        0.050, "longest integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
+        0.050, "maximum integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
     )
     step_limit_N: float = _p(
         25.0, "largest step of the virtual coupling's force per update [N]; 0: no limit", _NOT_NEGATIVE
@@ -161,7 +161,7 @@ class WorldParams:
 @dataclass(frozen=True)
 class ContactModelParams:
     """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
-    but for those that it does not see: `fade_s`, `shift_s`, `reach_m`.
+    except those that do not show in its cases: `fade_s`, `shift_s`, `reach_m`.
 
     hapnet/couplings/rendering.py says which rule each of them enters.
     """
@@ -170,31 +170,31 @@ class ContactModelParams:
     lead: float = _p(0.92, "share of all that drag that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
     lead_s: float = _p(0.012, "time constant of the velocity that cancels it [s]", _POSITIVE)
     fade_s: float = _p(0.005, "time constant with which a change of planes takes effect [s]", _POSITIVE)
-    shift_s: float = _p(0.05, "time constant with which planes move to where the proxy feels them [s]", _POSITIVE)
+    shift_s: float = _p(0.05, "time constant with which planes move to where the proxy touches them [s]", _POSITIVE)
     window_s: float = _p(0.036, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
-    longest_s: float = _p(0.135, "longest prediction [s]", _POSITIVE)
-    curve_s: float = _p(0.075, "longest time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
+    longest_s: float = _p(0.135, "maximum time to predict [s]", _POSITIVE)
+    curve_s: float = _p(0.075, "maximum time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
     reach_m: float = _p(
-        0.05, "planes are told so far, and as far as the device comes in a round trip [m]", _NOT_NEGATIVE
+        0.05, "planes are sent within this distance plus the device's travel in a round trip [m]", _NOT_NEGATIVE
     )
-    remembers: bool = _p(True, "planes that were told stay known until the world says that they are gone")
+    remembers: bool = _p(True, "planes that are no longer sent stay known until the world says that they are gone")
     stop_s: float = _p(
         0.015,
         "behind a plane, the predicted motion dies away with this time constant [s]; 0: it does not",
         _NOT_NEGATIVE,
     )
-    yields_below: float = _p(0.8, "the lead gives way below this level of the world's reservoir; 0: never",
+    yields_below: float = _p(0.8, "the lead yields below this level of the world's reservoir; 0: never",
                              Range(at_least=0.0, at_most=1.0))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LinkParams:
-    """The emulated link, in tc-netem's words. Each side shapes what it sends."""
+    """The emulated link, in tc-netem's syntax. Each side shapes what it sends."""
 
     up: str = _p("delay 40ms 10ms loss 2%", "link from the device to the world")
     down: str = _p("delay 40ms 10ms loss 2%", "link from the world to the device")
     up_timeline: str = _p("", "changes of the uplink, in time from pairing, such as at 5s: down; at 9s: up")
-    down_timeline: str = _p("", "changes of the downlink, in the same words")
+    down_timeline: str = _p("", "changes of the downlink, likewise")
     path_s: float = _p(
         0.0, "round trip of the real network, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
     )
@@ -208,7 +208,7 @@ class WireParams:
         0.1, "time between two hellos until the peer has answered [s]", Range(at_least=0.001, at_most=10.0)
     )
     energy_spacing_s: float = _p(
-        0.010, "least time between two messages with new energy [s]", Range(at_least=0.001, at_most=10.0)
+        0.010, "minimum time between two messages with new energy [s]", Range(at_least=0.001, at_most=10.0)
     )
     admission_W: float = _p(
         5.0, "the most shuffled power that is credited in the long run [W]", Range(at_least=1e-9, at_most=1e9)

@@ -39,7 +39,7 @@ class Range:
 
 
 Allowed = tuple[str, ...] | Range
-"""The words or the numbers that a parameter may have."""
+"""The texts or the numbers that a parameter may have."""
 
 
 NOT_NEGATIVE, POSITIVE = Range(at_least=0.0), Range(above=0.0)
@@ -68,7 +68,7 @@ def check_kind(name: str, value: object, annotation: str) -> None:
 
 
 def check_allowed(name: str, value: object, allowed: Allowed) -> None:
-    """Raise InvalidParameter unless `value` is one of the words or numbers; a vector or matrix always passes."""
+    """Raise InvalidParameter unless `value` is one of the texts or numbers; a vector or matrix always passes."""
     if not isinstance(allowed, Range):
         if value not in allowed:
             raise InvalidParameter(name, value, "one of " + ", ".join(allowed), allowed)

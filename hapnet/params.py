@@ -213,7 +213,7 @@ class Params:
         return plain.set({**_BEFORE, **known})
 
     def set_words(self, assignments: Iterable[str]) -> Params:
-        """`set` from words such as ``world.wall.stiffness=30000``."""
+        """`set` from texts such as ``world.wall.stiffness=30000``."""
         changes = {}
         for word in assignments:
             name, equals, value = word.partition("=")

@@ -168,7 +168,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
 
 
 def _with_stages(params: Params, spec: CouplingSpec[Any]) -> Params:
-    """The parameters with the feel that an "auto" stands for, where the law says it."""
+    """The parameters with the rendering that "auto" stands for with this law."""
     if params.rendering == "hapnet" and not spec.takes_positions:
         sent = " and ".join(sorted({kind.__name__ for kind in (spec.device_sends, spec.world_sends)}))
         allowed = (

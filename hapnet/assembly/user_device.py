@@ -30,7 +30,7 @@ from hapnet.side.force_limiter import ForceLimiter
 
 
 def allowed() -> str:
-    """What can be given as a device, in words."""
+    """What can be given as a device, as text."""
     return f"simulated, {', '.join(known())}, or module:Class with dof, force_limit, resolution, read and apply"
 
 
@@ -102,7 +102,7 @@ def _unless_declared(speed: float) -> float:
 _FIRST_READINGS = 5
 _UNIT = 1e-3
 _MOST_REPORTED = 2.0
-"""A driver may tell a force up to so many times its limit, as currents overshoot. Beyond, the unit is wrong."""
+"""A driver may report a force up to so many times its limit, as currents overshoot. Beyond, the unit is wrong."""
 
 _MOST_REPORTED_N = 1e4
 """No device that a hand holds renders more [N], whatever its limit."""
@@ -220,7 +220,7 @@ class UserDevice:
         return self._force("acted", self._call("acted"), "the force that acted") if self._reports_acted else None
 
     def interval(self) -> float | None:
-        """The time between the last two readings by the device's clock [s], if it tells it; HapnetError if it fails."""
+        """The time between the last two readings by the device's clock [s], if it reports that, or HapnetError."""
         if not self._reports_interval or (reported := self._call("interval")) is None:
             return None
         try:
@@ -368,7 +368,7 @@ class UserDevice:
             return None
         minimum, most = checks.vector("damping_range", value, 2)
         if not 0.0 <= minimum < most:
-            raise InvalidParameter("damping_range", value, "least and greatest damping")
+            raise InvalidParameter("damping_range", value, "smallest and largest damping")
         return minimum, most
 
     def _dead_man(self) -> int | None:

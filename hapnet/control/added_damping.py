@@ -1,17 +1,17 @@
-"""Damping that is added through the set-position, most of it only where something swings.
+"""Damping that is added through the set-position, most of it only where something oscillates.
 
     y' = y - b K^-1 v,      b = the largest of b_0, b_age(age), b_swing(envelope)
 
-* b_0 is there in free motion, where half of it is felt: a hand that nothing drags runs away from its prediction. In
-  contact it would only falsify the wall. The damper B itself is held, so that the reserve must cover B v for as long as
-  the watchdog allows; a spring's force is covered by the energy that it stores (control/reserve.py).
-* b_age: an old answer says little about where the proxy is. From a second of age on, drag grows to 1.5 Ns/m: the hand
-  feels that its world is late, but no more than 0.1 N at 67 mm/s, which no contact is mistaken for.
-* b_swing, only where the world can send no planes: the force's changes above some 2 Hz have an envelope that rises at
-  once and falls in two seconds. In contact and at rest it is zero. In free motion of a hand it is small, since the
-  force is. So it damps a limit cycle, and hardly a motion that the hand leads.
+* b_0 acts in free motion, where half of it is felt: a hand without any drag runs away from its prediction. In contact
+  it would only falsify the wall. The damper B itself is held, so the reserve must cover B v for as long as the watchdog
+  allows; a spring's force is covered by the energy that it stores (control/reserve.py).
+* b_age: an old answer says little about where the proxy is. From a second of age on, drag grows to 1.5 Ns/m. The hand
+  feels that its world is late, but nobody takes 0.1 N at 67 mm/s for a contact.
+* b_swing acts only if the world cannot send planes. It follows the envelope of the force's changes above some 2 Hz,
+  which rises at once and falls in two seconds. It is zero in contact and at rest, and small while a hand moves freely,
+  because the force is small. So it damps a limit cycle, and hardly a motion that the hand leads.
 
-It only removes energy: PSPM harvests it. `most` is what a sampled servo renders stably.
+It only removes energy, which PSPM harvests. `most` is the damping that a sampled servo renders stably.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from hapnet.records.record import Floats, MatrixOfAxes, Record
 from hapnet.records.vectors import inner
 
 VELOCITY_S = 0.005
-"""Time constant of the velocity [s]: encoder counts are smoothed, and a swing of 6 Hz is delayed by a fifth of a
+"""Time constant of the velocity [s]: encoder counts are smoothed, and an oscillation of 6 Hz is delayed by a fifth of a
 radian."""
 
 AGED_S, OLD_S = 1.0, 2.0
@@ -37,10 +37,10 @@ OLD_NS_M = 1.5
 """All of it [Ns/m]."""
 
 SLOW_S = 0.2
-"""Changes of the force that are slower than this are not part of a swing [s]."""
+"""Slower changes of the force are not part of an oscillation [s]."""
 
 CALM_S = 2.0
-"""Time constant with which a swing's envelope falls [s]."""
+"""Time constant with which an oscillation's envelope falls [s]."""
 
 MIN_N, SWING_N = 0.03, 0.1
 """Between these amplitudes of the force, damping grows from none to all of it [N]; below the first it is not felt."""
@@ -51,8 +51,7 @@ class AddedDamping(Record):
 
     Parameters
     ----------
-    stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. least : b_0 [Ns/m]. most : the most
-        damping [Ns/m].
+    stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. least : b_0 [Ns/m]. most : the maximum of b [Ns/m].
     """
 
     minimum: float
@@ -76,7 +75,7 @@ class AddedDamping(Record):
         Parameters
         ----------
         age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
-        swings : no contact model calms the coupling.
+        swings : does b_swing act, as there is no contact model?
         """
         self.velocity.step(dt, x)
         damping = wanted(self, age, freedom)

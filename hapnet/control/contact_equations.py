@@ -36,7 +36,7 @@ class ContactState(Record):
     ----------
     planes : those that are known, `count` of them. shifted : by how much all are moved [m]; goal : the shift that the
         last answer asks for, if it `has_goal`. age : of that answer [s].
-    kept, kept_goal : the share of the lead that has not given way, and where that goes.
+    kept, kept_goal : the share of the lead that has not yielded, and where that goes.
     freedom : 1 in free motion, 0 in contact. fading : what is left of a change of planes [m].
     earlier, earlier_s : the proxy's position in the answer before [m], and when it was sent [s]; `has_earlier`.
     start : where y begins [m], at the first step after a reset (`starts`).
@@ -120,7 +120,7 @@ def answer(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
 
 @equation
 def yield_to(model: ContactState, level: float) -> None:
-    """The world's reservoir has this level; below 0: it does not tell."""
+    """The world's reservoir has this level; below 0: it does not report one."""
     reported = 1.0 if level < 0.0 else level
     model.kept_goal = min(1.0, reported / model.yields_below) if model.yields_below > 0.0 else 1.0
 

@@ -1,31 +1,30 @@
 """The device's local contact model: y at every tick, from the own position and the planes that the world sends.
 
-What a world answers comes a round trip late. So the world sends, beside its proxy's position, the planes that the proxy
+A world's answer comes a round trip late. So the world sends, beside its proxy's position, the planes that the proxy
 touches or is near (`Proxy`), and the device computes at every tick where the proxy rests for the position x now:
 
     s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
     y = s + g K^-1 (B + b) v        only while free of contact: it cancels a part of the dampers' drag
 
-Where the world sends how a surface bends, n_i and w_i are those of its tangent plane as seen from x at this tick
-(`hapnet.mechanics.curvature`): while the device slides over a ball, a flat plane is wrong by the time of the next one.
-Where it tells friction, the proxy sticks to the place where it rested at the last tick. It slides where sticking would
+If the world sends how a surface bends, n_i and w_i are those of its tangent plane as seen from x at this tick
+(`hapnet.mechanics.curvature`): while the device slides over a ball, a flat plane is wrong before the next one comes.
+If it sends friction, the proxy sticks to the place where it rested at the last tick. It slides where sticking would
 take more than mu f_i (`hapnet.control.friction_cone`).
 
 PSPM then pays for y as for any other set-position (end of Section 3). So the model need not be right: a wrong plane
 feels wrong, but creates no energy. Model-mediated teleoperation (Niemeyer, Mitra 2004; Xu et al. 2016) relies on the
 model for stability, and needs it to be right.
 
-Five things keep the model true:
+Five rules keep the model true:
 
-* A new set of planes takes effect over some milliseconds: what y would jump by is added to y and fades.
-* The proxy's own position and force say where its plane really was: w = n . x_p - f/K. While in contact, the difference
-  to the plane that was told shifts all planes (`shift`), filtered. Free of contact, the proxy must be in front.
-* A world that says along a surface where its proxy rests moves the place where the model's sticks, if that is far away.
-* A plane that is told no more is remembered, until the world says that there is none: its answer tells how far around
-  its proxy it has looked. So a wall that was met once is felt at the next touch, however fast that is.
-* A world that can send no planes is felt through its proxy's position, less the device's own motion since the time for
-which
-  that position stands (`SelfMotion`).
+* A new set of planes takes effect over some milliseconds: the jump of y is compensated, and the compensation fades.
+* The proxy's own position and force say where its plane really was: w = n . x_p - f/K. While in contact, the filtered
+  difference to the plane that was sent shifts all planes (`shift`). Free of contact, the proxy must be in front.
+* The world's proxy rests at a place along the surface. If the model's proxy sticks far away from there, it moves there.
+* A plane that is no longer sent is remembered until the world denies it: each answer says how far around the proxy the
+  world has looked. So a wall that was met once is felt at the next touch, however fast that is.
+* A world that cannot send planes is felt through its proxy's position, with compensation of the device's own motion
+  since the time for which that position stands (`SelfMotion`).
 """
 
 from __future__ import annotations
@@ -60,16 +59,16 @@ from hapnet.records.record import PLANES
 _DEFAULTS = ContactModelParams()
 
 SLIP_M = 5e-4
-"""A proxy that rubs and moves by more than this within a tick, beside the device's way, takes some milliseconds."""
+"""A proxy that rubs and moves by more than this within a tick, beside the device's travel, takes some milliseconds."""
 
 ROUNDS = 2
 """How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
 
 
 class ContactModel(ContactState):
-    """Computes y from the own position and the planes that the world told last.
+    """Computes y from the own position and the planes that the world sent last.
 
-    More than twenty attributes: what was told, what follows from it, and three filters each change on their own.
+    More than twenty attributes: what was received, what follows from it, and three filters each change on their own.
 
     Parameters
     ----------
@@ -78,10 +77,10 @@ class ContactModel(ContactState):
     lead : g K^-1 (B + b), (n, n) [s]: y leads the position by this times the velocity, in free motion.
     lead_s : time constant of that velocity [s]. fade_s : time constant with which a change of planes takes effect, and
         the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
-    yields_below : level of the world's reservoir below which the lead gives way, so that the hand pays for what the
-        world's walls dissipate; 0: never. remembers : do planes that are told no more stay known?
-    untold_share : the share of the spring's stiffness with which a world is felt that can send no planes.
-    self_motion : computes y for a world that can send no planes. added : the damping for what is left to swing.
+    yields_below : level of the world's reservoir below which the lead yields, so that the hand pays for what the
+        world's walls dissipate; 0: never. remembers : do planes that are no longer sent stay known?
+    untold_share : the share of the spring's stiffness with which a world without planes is felt.
+    self_motion : computes y for a world that cannot send planes. added : damps the oscillations that remain.
     """
 
     def __init__(
@@ -135,7 +134,7 @@ class ContactModel(ContactState):
         self._self_motion.reset(position)
 
     def release(self, position: Vector) -> None:
-        """y continues at `position` [m]; what the world told stays known, and how far the lead has given way."""
+        """y continues at `position` [m]; what the world sent stays known, and how far the lead has yielded."""
         planes, reports, kept = self.planes, self._reports, (self.kept, self.kept_goal)
         self.reset(position)
         if reports:
@@ -144,7 +143,7 @@ class ContactModel(ContactState):
             self._rubbing.reported(planes, None)
 
     def _know(self, planes: Sequence[ContactPlane] | None) -> None:
-        """These are the planes from now on; None: the world can tell none."""
+        """These are the planes from now on; None: the world cannot send any."""
         self._reports: bool = planes is not None
         self.planes = list(planes or ())
         self.count = len(self.planes)
@@ -152,12 +151,12 @@ class ContactModel(ContactState):
 
     @property
     def shift(self) -> Vector:
-        """By how much all planes are moved, so that they agree with what the proxy feels [m]."""
+        """By how much all planes are moved, so that they agree with the proxy's force [m]."""
         return tuple(self.shifted)
 
     @property
     def planes_share(self) -> Vector:
-        """The part of the last y - x that the planes have made, and what is left of a change of them [m]."""
+        """The part of the last y - x that comes from the planes, and what is left of a change of them [m]."""
         parts = zip(self.made_x, self.made_s, self.made_fading, strict=True)
         return tuple([b - a + c for a, b, c in parts])
 
@@ -212,7 +211,7 @@ class ContactModel(ContactState):
         answer(self, n, dt, x, y)
         return tuple(y)
 
-    # -- what the world told ------------------------------------------------------------------------------------------
+    # -- what the world sent ------------------------------------------------------------------------------------------
 
     def _take(self, reported: Proxy, sent_s: float, age_s: float, x: Vector) -> None:
         self._pending = None
@@ -232,7 +231,7 @@ class ContactModel(ContactState):
             self.fading[:] = map(add, self.fading, map(sub, before, after))
 
     def _remembered(self, planes: Sequence[ContactPlane], reported: Proxy) -> list[ContactPlane]:
-        """The earlier planes that this answer neither tells nor denies; with the told ones as many as can be told."""
+        """The earlier planes that this answer neither has nor denies; with its own as many as one answer may have."""
         if not self.remembers or reported.reach_m is None:
             return []
         kept = [one for one in self.planes if not one.withdrawn(planes, reported.position, reported.reach_m)]
@@ -259,7 +258,7 @@ class ContactModel(ContactState):
         want_shift(self, touched, len(touched), earlier, len(earlier), n, reported.position, reported.force)
 
     def _softened(self, x: Vector, y: Vector) -> Vector:
-        """y for a world that can send no planes: its answer is late, and a stiff spring to it would ring."""
+        """y for a world that cannot send planes: its answer is late, and a stiff spring to it would ring."""
         share = self._untold_share
         return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
 

@@ -1,4 +1,4 @@
-"""A plane that the world told, with what the device's local contact model needs of it."""
+"""A plane that the world sent, with what the device's local contact model needs of it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hapnet.records.record import FloatRows, OfAxes, Reals, Record
 from hapnet.records.vectors import dot, inner, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
-"""Two planes, told one after the other, are the same surface if they differ by less."""
+"""Two planes, sent one after the other, are the same surface if they differ by less."""
 
 MAX_EXTRAPOLATION_S = 0.2
 """For how long a plane is assumed to go on moving [s]."""
 
 
 class ContactPlane(Record):
-    """A plane as told for `position` [m], with what follows from K'.
+    """A plane as sent for `position` [m], with what follows from K'.
 
     Attributes
     ----------
@@ -45,15 +45,15 @@ class ContactPlane(Record):
         understand(self, len(self.normal), compliance)
 
     def depth(self, position: Reals) -> float:
-        """How deep `position` [m] is behind the plane as told [m]."""
+        """How deep `position` [m] is behind the plane as sent [m]."""
         return depth(self, len(self.normal), position)
 
     def withdrawn(self, reported: Sequence[ContactPlane], position: Vector, reach_m: float) -> bool:
-        """Does a proxy at `position` [m] that tells these planes, and no others within `reach_m` [m], deny this one?"""
+        """Does a proxy at `position` [m] with these planes, and no others within `reach_m` [m], deny this one?"""
         return withdrawn(self, reported, len(reported), len(self.normal), position, reach_m)
 
     def given(self, force: Vector) -> Vector:
-        """By how much the virtual coupling gives way to `force` (n,) [N]: K'^-1 times it [m]."""
+        """By how much the virtual coupling yields to `force` (n,) [N]: K'^-1 times it [m]."""
         return tuple([inner(row, force) for row in self._compliance])
 
     def now(self, age: float) -> float:

@@ -32,7 +32,7 @@ class ContinuousServo(Record):
     ----------
     coupling : this side's set-position coupling.
     damping : B's diagonal [Ns/m].
-    period : longest time between two runs of PSPM [s]; it also runs on the first tick after a sample.
+    period : maximum time between two runs of PSPM [s]; it also runs on the first tick after a sample.
     sending : time between two samples sent [s]; 0: each run of PSPM sends one.
     model : the coupling's source, if it is a local contact model, for `parts`.
 

@@ -40,7 +40,7 @@ class ForceParts(NamedTuple):
     damper: Vector
     """-B v."""
     model: Vector
-    """The part of the spring's force that the local contact model's planes have made."""
+    """The part of the spring's force that comes from the local contact model's planes."""
     added_damping: Vector
     """The part of it that is added damping."""
 
@@ -112,7 +112,7 @@ class DeviceCoupling(Protocol):
 
     @property
     def harvest(self) -> str:
-        """ "measured": the dissipation of a force under zero-order hold is measured; "range": it is bounded by (10)."""
+        """ "measured": the dissipation under zero-order hold is measured; "range": it is bounded by (10)."""
 
     @property
     def coupling(self) -> CouplingState: ...
@@ -126,7 +126,7 @@ class DeviceCoupling(Protocol):
 
     @property
     def parts(self) -> ForceParts | None:
-        """What the force of the last tick is made of; None: this coupling does not tell."""
+        """What the force of the last tick is made of; None: this coupling does not know."""
 
     def figures(self) -> dict[str, Any]:
         """What the summary reports about held forces, by the summary's keys; empty if it keeps no such account."""
@@ -286,7 +286,7 @@ class LawServo(HeldForce):
     period : time between the samples sent [s].
     position : the first measured position [m].
     initial_energy : this side's share of d^2 [J].
-    force_limit : greatest force to ask of the actuator [N]; the law gets the force really held.
+    force_limit : maximum force to ask of the actuator [N]; the law gets the force really held.
     stamped : as that of `LawState`.
     """
 
@@ -294,7 +294,7 @@ class LawServo(HeldForce):
     quantisation: ClassVar[float | None] = None
     """None: how far encoders blur a law's account is unknown."""
     parts: ClassVar[ForceParts | None] = None
-    """None: each law makes its force in its own way."""
+    """None: a law's force need not have parts."""
 
     def __init__(
         self,

@@ -32,14 +32,14 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 
 MAX_S = 0.1
-"""Longest time between two samples sent [s], even at rest; the next sample after it is sent. So several samples arrive
+"""Maximum time between two samples sent [s], even at rest; the next sample after it is sent. So several samples arrive
 within the 0.5 s after which a peer counts as silent, and a lost last change is repaired within this time."""
 
 MAX_WAVE_S = 0.02
 """The same for waves: merging over a time delays them by as much, and waves suffer most from delay."""
 
 MIN_N = 0.005
-"""A change of force that nobody feels [N]: the least that people feel is tens of millinewtons."""
+"""A change of force that nobody feels [N]: people feel tens of millinewtons at best."""
 MIN_M = 6e-5
 """The same for a position [m]: with 100 N/m it makes about such a force. A common encoder resolves 0.055 mm, so a
 single count is not sent."""
@@ -55,7 +55,7 @@ class Deadband:
     Parameters
     ----------
     fraction : k, Weber's fraction; above 0, at most 1.
-    longest_s : longest time between two samples sent [s].
+    longest_s : maximum time between two samples sent [s].
     port : what the value of this side's `Port` samples is.
 
     Raises

@@ -4,9 +4,9 @@ Beside the push f_i along its normal each plane holds the proxy with a traction 
 
     s = x - K'^-1 sum (f_i n_i + t_i)
 
-t_i is what keeps s from moving across the normal, away from where it rested before; beyond the cone it is mu_i f_i
-along that way (Coulomb's law, a god-object with a friction cone: Harwin, Melder 2002). The place before is all the
-state: in free motion it is the device's own, so contact begins unstrained, and what sticks stays without drift.
+t_i keeps s from moving across the normal, away from where it rested before; beyond the cone it is mu_i f_i in that
+direction (Coulomb's law, a god-object with a friction cone: Harwin, Melder 2002). The place before is the whole state.
+In free motion it is the device's own, so contact begins without strain, and a proxy that sticks does not drift.
 
 The world's proxy sticks and slides by the same law, but later, and where the hand was predicted to be. So the two may
 stick at places that are a little apart. If they are far apart, as on an object that moves along its surface, the place

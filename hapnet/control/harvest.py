@@ -38,7 +38,7 @@ def by_range(n: int, damping: Reals, low: Reals, high: Reals, interval: float, r
 
 @equation
 def _lost(damping: float, travel: float) -> float:
-    """``b travel^2``; nothing for what is no way."""
+    """``b travel^2``; nothing if there is no travel."""
     return damping * travel * travel if travel > 0.0 else 0.0
 
 

@@ -19,7 +19,7 @@ from hapnet.records.record import Floats, OfAxes, Reals, Record
 from hapnet.records.vectors import copy, dot
 
 UNTOLD = -1.0
-"""The time of an integral that its sender does not tell [s]."""
+"""The time of an integral that its sender does not send [s]."""
 
 
 class Said(Record):
@@ -166,7 +166,7 @@ class HeldForce(Record):
     """The force of a law, held from tick to tick.
 
     held : the force [N]. position : at the last tick [m]. due : a sample is sent in the tick at which so much time has
-    passed [s]; elapsed : since the last one. limit : greatest force to ask of the actuator [N].
+    passed [s]; elapsed : since the last one. limit : maximum force to ask of the actuator [N].
     """
 
     n: int

@@ -7,9 +7,9 @@ aims ahead by the sample's age plus that lag, and the proxy then stands where th
 A parabola is fitted to all positions of the last 36 ms by least squares. One position per step would leave the velocity
 to two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Section 3).
 
-A wall stops the hand, and a parabola does not know that: it runs on into the wall and bounces back out of it, and each
-time the wall takes energy that the hand never paid. So along the normal of a plane that the world sends, motion behind
-the plane is predicted to die away (`depth_ahead`).
+A wall stops the hand, but a parabola runs on into the wall and bounces back out of it, and each time the wall
+dissipates energy that the hand never paid. So along the normal of a plane that the world sends, motion behind the plane
+is predicted to die away (`depth_ahead`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ STEP_GAIN = 0.1
 def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: float) -> float:
     """How deep a hand will be behind a plane that stops it [m]; below 0: in front of it (ours).
 
-    Behind the plane a way v t shrinks to v t / (1 + t/tau), in both directions; in front of it nothing changes. Also
+    Behind the plane a travel v t shrinks to v t / (1 + t/tau), in both directions; in front of it nothing changes. Also
     compiled for the kernel, as it stands.
 
     Parameters
@@ -66,7 +66,7 @@ class MotionPredictor(Record):
     Parameters
     ----------
     window : how far back the fit reaches from the newest position [s].
-    longest : limit of the prediction [s]; a hand may change its mind within its reaction time.
+    longest : maximum time to predict [s]; a hand may change its mind within its reaction time.
     max_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
 
     Attributes

@@ -9,17 +9,17 @@ from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.plane import Plane, checked
 
 MOST_REACH_M = 1.0
-"""Planes that are farther away are never told [m]: no desktop device reaches so far."""
+"""Planes that are farther away are never sent [m]: no desktop device reaches so far."""
 
 
 class Teller:
-    """Tells the device what is around its proxy, and where it will be.
+    """Computes what the world sends the device of its proxy: where it will be, and what is around it.
 
     Parameters
     ----------
     position : of the virtual mass at the start [m]. predicted : aims the proxy.
-    reach : planes within this distance are told [m]. reach_speed : and those that a device so fast [m/s] could reach
-        before it is told of them.
+    reach : planes within this distance are sent [m]. reach_speed : and those that a device so fast [m/s] could reach
+        before it receives them.
     """
 
     def __init__(self, position: Vector, predicted: PredictedDevice, reach: float, reach_speed: float) -> None:

@@ -1,7 +1,7 @@
 """The energy that a held torque can output, the torque that an account can cover, and the reserve needed (ours).
 
 A torque tau, computed at a tick and held until the next, outputs ``tau . dx``. Whatever the hand does, the device moves
-at most ``a = v T + r`` in one tick: v is its greatest speed, T the period, r an encoder count times the root of the
+at most ``a = v T + r`` in one tick: v is its maximum speed, T the period, r an encoder count times the root of the
 number of axes, as each axis is rounded. So a torque costs at most ``|tau| a``; this needs no damping in the device. If
 the force may change by at most D a tick, a force F cannot end at once: reduced by D a tick, it costs at most
 
@@ -23,8 +23,8 @@ stiffness, a spring of force F_s stores at least ``F_s^2 / 2K``, and the damper 
               and of            (v h + r) min(F_s + B v, F_max) - F_s^2 / 2K    held for h = T + watchdog, then dropped
 
 An account that holds less than the reserve covers a smaller force: with P in spring and reservoir together a force of
-P / (v h + r), damper included, may be held (`spendable`). So a nearly empty reservoir renders little, and not nothing:
-the hand pays for what it feels, and the reservoir fills again.
+P / (v h + r), damper included, may be held (`spendable`). So a nearly empty reservoir still renders a small force: the
+hand works against it, and the reservoir fills again.
 
 Software cannot act while it does not run. The second line covers a servo that is away for as long as the watchdog
 allows. Where it was away for longer it may be so again (`HoldTime`), and a device without a watchdog of its own then
@@ -69,9 +69,9 @@ class ForceGuard(Record):
 
     Parameters
     ----------
-    limit : greatest force [N]. step : largest change of the force in a tick [N].
-    reach : longest travel in a tick, a [m]; 0: no account limits the force.
-    speed : greatest speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: unknown.
+    limit : maximum force [N]. step : maximum change of the force in a tick [N].
+    reach : maximum travel in a tick, a [m]; 0: no account limits the force.
+    speed : maximum speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: unknown.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class ForceGuard(Record):
         self.plain = math.inf
 
     def cover(self, held_m: float) -> None:
-        """From now on the account must also pay for a force that is held for a way of `held_m`, A [m]; 0: it need not.
+        """From now on the account must also pay for a force that is held over a travel of `held_m`, A [m]; 0: not.
 
         Nothing changes where no account limits the force, or where A is no longer than the travel in a tick.
         """
@@ -165,7 +165,7 @@ def needed(guard: ForceGuard, force: float) -> float:
 
 @equation
 def _affordable(guard: ForceGuard, energy: float) -> float:
-    """The longest force [N] that costs no more than this energy [J]."""
+    """The largest force [N] that costs no more than this energy [J]."""
     if guard.held_m > 0.0 and energy <= guard.held_m * guard.plain:
         return energy / guard.held_m
     return maximum((energy - guard.more) / guard.reach, guard.step)
@@ -278,7 +278,7 @@ class Holding(NamedTuple):
     """The values from which the guard of a held torque was computed."""
 
     speed: float
-    """Greatest speed of the device, as declared [m/s]."""
+    """Maximum speed of the device, as declared [m/s]."""
     time: float
     """How long a torque may be held before it is dropped, h [s]."""
     needed: float
@@ -331,7 +331,7 @@ def ramp(force: float, step: float) -> float:
 
 @equation
 def maximum(total: float, step: float) -> float:
-    """The longest force [N] with ``S(F) <= total`` [N]."""
+    """The largest force [N] with ``S(F) <= total`` [N]."""
     if step == math.inf or total <= step:
         return total
     steps = math.floor((math.sqrt(1.0 + 8.0 * total / step) - 1.0) / 2.0)
@@ -353,7 +353,7 @@ def reserve(
 
     Parameters
     ----------
-    stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : greatest speed [m/s].
+    stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : maximum speed [m/s].
     period : T [s]. hold : how long a torque may be held before it is dropped, h [s]. rounding : r [m].
     limit, step : of the force [N], as in `ForceGuard`.
     """

@@ -1,21 +1,21 @@
-"""How full a reservoir is, and what it gives to an emptier one (ours).
+"""How full a reservoir is, and how much energy it sends to an emptier one (ours).
 
-Each side reports its level, the share of what its reservoir can spend that is there:
+Each side reports its level, the energy that its reservoir can spend as a share of the most that it can hold for that:
 
     L = (E + injected - reserve) / (ceiling - reserve),    0 <= L <= 1;    0 where the last set-position was modulated
 
-`lent` is the energy in the spring that comes back by itself: at the world ybar moves, and comes back when the hand
+`injected` is the energy in the spring that comes back by itself. At the world ybar moves, and comes back when the hand
 withdraws, so it is phi. At the device x moves, and phi goes back to the hand, so it is 0.
 
-A side whose level, without what is lent, is higher than the other's by more than `MARGIN` sends a part of the
+A side whose level, without what is injected, is higher than the other's by more than `MARGIN` sends a part of the
 difference:
 
     E_x += min(ceiling - reserve, `MOST_J`) (L - L_peer - MARGIN) dt / `SHARING_S`
 
-So the levels approach each other, whichever side harvests, and what is sent is shuffled as any surplus is: exactly
-once. The time constant is longer than most round trips, so that little swings back and forth; what finds a full
-reservoir is discarded. To a peer that is silent nothing is sent. A level that is wrong, late or forged costs this side
-at most what it can spend above its reserve: performance, never passivity.
+So the levels approach each other, whichever side harvests. This energy is shuffled like any surplus, and credited
+exactly once. The time constant is longer than most round trips, so that little goes back and forth. Energy that finds a
+full reservoir is discarded. A silent peer is sent nothing. A level that is wrong, late or forged costs this side at
+most what it can spend above its reserve: performance, never passivity.
 
 Both functions are compiled for the kernel as they stand.
 """
@@ -40,7 +40,7 @@ def level(energy: float, injected: float, reserve: float, ceiling: float, modula
 
     Parameters
     ----------
-    energy, lent, reserve, ceiling : [J]. modulated : did the energy not suffice for the last set-position?
+    energy, injected, reserve, ceiling : [J]. modulated : did the energy not suffice for the last set-position?
     """
     room = ceiling - reserve
     if room <= 0.0:

@@ -33,7 +33,7 @@ class Wave(NamedTuple):
     """A wave variable [sqrt(W)], averaged over a time span [s].
 
     total, total_s : the integral of all waves that its sender sent so far, this one included [sqrt(W) s], and the sum
-        of their spans [s]. Of a received wave only; empty where the sender does not tell it.
+        of their spans [s]. Of a received wave only; empty if its sender does not send it.
     """
 
     value: Vector
@@ -43,7 +43,7 @@ class Wave(NamedTuple):
 
 
 class Proxy(NamedTuple):
-    """The virtual mass's position with what its world knows of the place."""
+    """The virtual mass's position, and what its world knows of the place."""
 
     position: Vector
     """[m]"""
@@ -52,11 +52,11 @@ class Proxy(NamedTuple):
     force: Vector
     """Of the environment on the mass in the last step [N]; zero: it moves freely."""
     planes: tuple[Plane, ...] | None
-    """The planes that it touches or is near; None: this world can send no planes."""
+    """The planes that it touches or is near; None: this world cannot send planes."""
     reach_m: float | None = None
     """There are no other planes within this distance of it [m]; None: not known."""
     level: float | None = None
-    """How full the world's reservoir is (`hapnet.control.reservoir_level`); None: it does not tell."""
+    """How full the world's reservoir is (`hapnet.control.reservoir_level`); None: it does not report that."""
 
 
 CouplingSample = Vector | Position | Motion | Port | Wave | Proxy

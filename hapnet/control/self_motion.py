@@ -1,4 +1,4 @@
-"""y for a world that can send no planes: its answer, plus the device's own motion since the time for which it stands.
+"""y for a world that cannot send planes: its answer, plus the device's own motion since the time for which it stands.
 
     y = y_w + sigma (x(t) - x(t - R)),      sigma = max(0, 1 - |y_w - x(t - R)| / distance)
 
@@ -21,7 +21,7 @@ class SelfMotion:
 
     Parameters
     ----------
-    distance : where sigma is 0 [m]. smoothing : time constant [s]. history : longest R [s].
+    distance : where sigma is 0 [m]. smoothing : time constant [s]. history : maximum of R [s].
     """
 
     def __init__(self, *, distance: float = 0.015, smoothing: float = 0.02, history: float = 2.0) -> None:

@@ -98,7 +98,7 @@ class SetPositionCoupling(Record):
     max_step : how far the set-position may move in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
     kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
-    shares : does it tell how full its reservoir is, and give energy to a side that needs it more?
+    shares : does it report how full its reservoir is, and send energy to a side that needs it more?
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class SetPositionCoupling(Record):
     received : the newest set-position that came [m]; fresh : since the last update, sent at `sent_s` [s].
     waiting : energy that has come and that no update has used yet [J]. has_sample : has a sample or energy come so?
     account : the reservoir's content as the ledger counts it [J]: energy less deficit.
-    peer_level : how full the other side's reservoir is; below 0: it does not tell.
+    peer_level : how full the other side's reservoir is; below 0: it does not report that.
     updates, modulated : how many there were, and of these, how many could not pay for the whole of y.
     shuffled : the energy to send, of the last update [J].
     """
@@ -194,7 +194,7 @@ class SetPositionCoupling(Record):
 
     @property
     def level(self) -> float | None:
-        """How full the reservoir is, to tell the other side; None: it is not told."""
+        """How full the reservoir is, as the other side is to know; None: it is not sent."""
         return self.modulator.level if self.shares else None
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
@@ -371,7 +371,7 @@ class SetPositionSteps:
     Parameters
     ----------
     coupling : this side's set-position coupling.
-    teller : tells the proxy with what is around it; None: only its position is sent.
+    teller : makes the sample of the proxy and of what is around it; None: only its position is sent.
     """
 
     def __init__(self, coupling: SetPositionCoupling, reporter: Teller | None = None) -> None:

@@ -31,7 +31,7 @@ HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 class SampledServo(Record):
     """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
 
-    More than twenty attributes: what a force under zero-order hold may cost follows from the limits, the path since the
+    More than twenty attributes: what a force may cost under zero-order hold follows from the limits, the path since the
     last tick and the account together, and each tick changes all of them.
 
     Parameters
@@ -52,10 +52,9 @@ class SampledServo(Record):
     measured : the harvest since then. ranged : is it (10) instead? potential : phi then [J]. elapsed : since then [s].
     due : PSPM runs in the tick at which so much time has passed [s].
     guarded : number of ticks whose force the guard changed; clipped : has it changed one since PSPM last ran?
-    speed_max : greatest speed measured over one tick [m/s]; `rounding` is taken off the travel.
-    before, torque_path, boundary : for `quantisation`: the force under zero-order hold before, the sum of its changes
-    [N], and its
-        greatest distance from the spring's [N].
+    speed_max : maximum speed measured over one tick [m/s]; `rounding` is taken off the travel.
+    before, torque_path, boundary : for `quantisation`: the force that was held before, the sum of its changes [N], and
+        its maximum distance from the spring's force [N].
     wanted, pull : room for forces while a function of this module runs.
     """
 
@@ -115,8 +114,8 @@ class SampledServo(Record):
         self.overrun_leak: float = 0.0
         """Energy that held torques output beyond the account while the servo was late for too long [J]."""
         self.overrun_risk: float = 0.0
-        """The most that may have been output beyond the account meanwhile and taken back unseen [J]; 0 where the way
-        is known, see `follow`."""
+        """The most that may have been output beyond the account meanwhile and taken back unseen [J]; 0 if the path is
+        known, see `follow`."""
         self.force_ends_s: float = math.inf
         """The device ends the force by itself when no command has come for so long [s]; infinite: it does not."""
         self.guard = guard or ForceGuard()
@@ -224,7 +223,7 @@ class SampledServo(Record):
     def follow(self, dt: float, x: Vector) -> None:
         """The device has come to x [m] in further `dt` seconds, under the force that is held, while the servo is late.
 
-        For a device whose way is known. The next `tick` gets the time since the last tick all the same.
+        For a device whose path is known. The next `tick` gets the time since the last tick all the same.
         """
         coupling = self.coupling
         since, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
@@ -232,7 +231,7 @@ class SampledServo(Record):
         self._followed = since + dt, before, min(minimum, stored(self, coupling))
 
     def _overrun(self, dt: float, x: Vector) -> None:
-        """As `move`, after `dt` seconds of which `follow` told a part; counts what was output beyond the account."""
+        """As `move`, after `dt` seconds, part of which `follow` has counted; counts output beyond the account."""
         coupling = self.coupling
         followed, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
         move(self, coupling, dt - followed, x)
@@ -335,8 +334,7 @@ def render(servo: SampledServo, coupling: SetPositionCoupling, x: Reals, v: Real
 
 @equation
 def blur(servo: SampledServo, coupling: SetPositionCoupling) -> None:
-    """Add up the changes of the force under zero-order hold: they bound how far encoders blur its work, see
-    `quantisation`."""
+    """Add up the changes of the force: they bound how far encoders blur its work, see `quantisation`."""
     path = 0.0
     for i in range(servo.n):
         path += abs(servo.held[i] - servo.before[i])
@@ -347,7 +345,7 @@ def blur(servo: SampledServo, coupling: SetPositionCoupling) -> None:
 
 @equation
 def unsprung(servo: SampledServo, coupling: SetPositionCoupling) -> float:
-    """Distance between the force under zero-order hold and the spring's, summed over the axes [N]."""
+    """Distance between the force that is held and the spring's, summed over the axes [N]."""
     springs.force(coupling.modulator.spring, servo.position, coupling.modulator.ybar, servo.pull)
     total = 0.0
     for i in range(servo.n):

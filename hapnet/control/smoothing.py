@@ -148,7 +148,7 @@ class VelocityPredictor(Record):
     Parameters
     ----------
     horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
-    longest : longest extrapolation [s], however long the silence.
+    longest : maximum extrapolation [s], however long the silence.
 
     Attributes
     ----------

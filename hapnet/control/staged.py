@@ -36,7 +36,7 @@ class StagedDevice:
         return self._law.set_position
 
     def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """What the world told, as `CouplingState.receive`."""
+        """What the world sent, as `CouplingState.receive`."""
         self._model.receive(sample, sent_s, age_s)
 
     def receive(self, sample: CouplingSample) -> None:
@@ -97,7 +97,7 @@ class StagedWorld:
 
 
 class StagedSteps(LawSteps):
-    """A `WorldCoupling` made of such an end; `teller` tells the device what is around its proxy."""
+    """A `WorldCoupling` made of such an end; `teller` makes the sample of what is around its proxy."""
 
     def __init__(self, law: StagedWorld, initial_energy: float, reporter: Teller) -> None:
         super().__init__(law, initial_energy, law.stamped)

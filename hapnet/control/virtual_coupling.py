@@ -77,7 +77,7 @@ def couple(law: VirtualCoupling, x: Reals, v: Reals, out: Floats) -> None:
 
 @equation
 def pass_to(law: VirtualCoupling, x: Reals) -> None:
-    """The way from the last measured position to x [m]; x becomes the last position."""
+    """The path from the last measured position to x [m]; x becomes the last position."""
     for i in range(law.n):
         law.moved[i] = x[i] - law.position[i]
         law.position[i] = x[i]

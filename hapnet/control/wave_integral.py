@@ -5,7 +5,7 @@ apart. G. Niemeyer, J.-J. E. Slotine ("Towards Force-Reflecting Teleoperation ov
 paper of 2004) transmit the integral of the wave. So the receiver knows what it has missed, and lets that out as fast as
 the energy that came with it allows.
 
-Here each message tells the integral U(t) of all waves up to t. The receiver takes the difference to the last message
+Here each message has the integral U(t) of all waves up to t. The receiver takes the difference to the last message
 that arrived as one wave over the whole time between:
 
     u = (U_n - U_m)/(t_n - t_m),      u^2/2 (t_n - t_m) <= what the waves between carried     (Cauchy, Schwarz)
@@ -54,7 +54,7 @@ def take_from(line: Record, dt: float, out: Floats) -> None:
 
 
 class IntegralLine(Record):
-    """A line that makes up for lost waves, where their sender tells integrals; otherwise just that line.
+    """A line that makes up for lost waves, if their sender sends integrals; otherwise just that line.
 
     Parameters
     ----------

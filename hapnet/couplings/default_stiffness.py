@@ -4,15 +4,15 @@ A held spring K on a device with own damping b is passive up to (Colgate and Sch
 
     K < 2 (b - B) / T,      T: the servo's period
 
-Half of that is taken, or half of the greatest stiffness that the device declares: at the bound itself nothing is left
-for late ticks. Of a simulated device b is known, and the lesser of the two counts. Of a real one b is unknown, or a
-lower bound that `hapnet doctor --device --damping` measured. There the bound may only raise what the declaration alone
-gives, at most 350 N/m: whoever measures gets no softer spring.
+The rule takes half of that, or half of the largest stiffness that the device declares, because at the bound itself
+nothing is left for late ticks. A simulated device's b is known, and the smaller of the two counts. A real device's b is
+unknown, or a lower bound that `hapnet doctor --device --damping` measured. The declaration alone gives at most 350 N/m;
+a measured b may only raise that: nobody who measures gets a softer spring.
 
-Encoders: a count of r changes the force by K r, and the device swings where that is much. Half of K r = 0.1 N is the
+Encoders: a count of r changes the force by K r, and the device oscillates if that is large. Half of K r = 0.1 N is the
 limit. (The usual bound, 2 f / r with f the device's dry friction (Abbott, Okamura 2005), needs an f that is not known.)
 
-Measured harvest keeps PSPM passive for any K, so the rule is about feel. A device that says nothing of itself, or too
+Measured harvest keeps PSPM passive for any K, so the rule only concerns the rendering. A device that declares too
 little, and the paper's rendering, get the paper's 100 N/m.
 """
 
@@ -22,7 +22,7 @@ SHARE = 0.5
 """Of the bound, and of the declared stiffness."""
 
 PAPERS = 100.0
-"""K of the paper's Section 4, reconstructed [N/m]. It is also the least that the rule chooses, if the device has it."""
+"""K of the paper's Section 4, reconstructed [N/m]. The rule chooses no less, if the device can render it."""
 
 MOST = 350.0
 """The most where damping or declaration is missing [N/m]: half of what a Phantom Omni renders (700 N/m, from CHAI3D's
@@ -56,7 +56,7 @@ def default_stiffness(
     Parameters
     ----------
     own_damping : the device's own damping [Ns/m]; 0: unknown. damping, servo_hz : as `colgate_bound`.
-    declared : the least and the greatest stiffness that the device renders, as it says [N/m]; None: it does not.
+    declared : the smallest and the largest stiffness that the device renders, as it says [N/m]; None: it does not say.
     resolution_m : of its encoders [m]; 0: unknown, or none. exact : is `own_damping` the damping, not a lower bound?
     """
     bound = SHARE * colgate_bound(own_damping, damping, servo_hz) if own_damping else 0.0

@@ -36,7 +36,7 @@ class Replay(Record):
 
     Parameters
     ----------
-    dof : components of a wave. spread : N [s]; nothing is lost if it is at least the longest time between two arrivals
+    dof : components of a wave. spread : N [s]; nothing is lost if it is at least the maximum time between two arrivals
         and no shorter than a slot.
 
     Attributes
@@ -104,7 +104,7 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    """As that of the wave variables. Waves that arrive are spread over the longest time between two arrivals."""
+    """As that of the wave variables. Waves that arrive are spread over the maximum time between two arrivals."""
     line = wave.tune(params, link)
     spread, recovery_s = params.world.step_max_s + wave.jitter_s(link), params.of(WaveParams).recovery_s
     return Tuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread, recovery_s)

@@ -1,10 +1,9 @@
-"""Energy bounding: a force under zero-order hold is clipped to what the device's own damping can dissipate (Kim, Ryu
-2004).
+"""Energy bounding (Kim, Ryu 2004): the force is clipped to what the device's own damping can dissipate.
 
 This is its least conservative form. If the device damps by at least b, the energy that the hand has put in by the end
 of a tick of length T is at least
 
-    E_n = E_{n-1} + b dx^2 / T - F_{n-1} dx        dx = x_n - x_{n-1},  F: the force on the device that was held
+    E_n = E_{n-1} + b dx^2 / T - F_{n-1} dx        dx = x_n - x_{n-1},  F: the force on the device under zero-order hold
 
 because over any motion from 0 to dx in the time T a damper dissipates at least b dx^2 / T. Whatever dx is in the next
 tick, E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx over dx. So E never falls below zero if

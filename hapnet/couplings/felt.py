@@ -23,7 +23,7 @@ class Felt(TypedDict):
 
 
 def felt(params: Params, scaled: bool, wall: float | None) -> Felt:
-    """What is felt of a wall of this stiffness [N/m]; None: there is none. Springs that are no numbers are not told.
+    """What is felt of a wall of this stiffness [N/m]; None: there is none. Springs that are no scalars are left out.
 
     scaled : has the law the two springs (`CouplingSpec.scaled`)?
     """

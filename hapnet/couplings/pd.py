@@ -68,7 +68,7 @@ class Gains(NamedTuple):
 
 
 def round_trip(link: float, period: float, step: float, tick: float) -> float:
-    """R [s]: the link's round trip plus the device's sending period, the world's longest step and the servo's tick."""
+    """R [s]: the link's round trip plus the device's sending period, the world's maximum step and the servo's tick."""
     return link + period + step + tick
 
 

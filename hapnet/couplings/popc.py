@@ -6,9 +6,9 @@ dissipates the difference:
     W_n = W_{n-1} - F_{n-1} (x_n - x_{n-1})        F: the force on the device, the controller's included
     alpha_n = -W_n / (T v_n^2)   if W_n < 0,       F_n = f_n - alpha_n v_n
 
-The paper's observer takes f_n v_n T as the energy of a tick. But a force under zero-order hold does the work F_{n-1}
-dx, which is known exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So
-W is exact, and energy that could not be dissipated stays in W until it is.
+The paper's observer takes f_n v_n T as the energy of a tick. Under zero-order hold the force does the work F_{n-1} dx,
+which is known exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So W
+is exact, and energy that could not be dissipated stays in W until it is.
 
 A damper dissipates only while the device moves, and a held damper only up to a limit: alpha is at most `damping_cap`,
 and zero below `velocity_floor`. Let L_n >= 0 be the part of -W_n that these limits left. If the device continues at
@@ -45,10 +45,10 @@ from hapnet.records.record import Floats, Reals
 
 
 def damping_cap(mass: float, period: float, rendered: float) -> float:
-    """The greatest damping to hold for `period` [s] on a device of `mass` [kg], in Ns/m.
+    """The largest damping to hold for `period` [s] on a device of `mass` [kg], in Ns/m.
 
-    On a free mass the force under zero-order hold -alpha v dissipates alpha v^2 T (1 - alpha T / 2m): the most at alpha
-    = m/T, which stops the mass by the tick's end, and nothing from 2m/T on (derived here). The result is at most
+    On a free mass the force -alpha v under zero-order hold dissipates alpha v^2 T (1 - alpha T / 2m): the most with
+    alpha = m/T, which stops the mass by the tick's end, and nothing from 2m/T on (derived here). The result is at most
     `rendered`, the damping that the device is known to render stably.
     """
     return min(rendered, mass / period)

@@ -36,8 +36,7 @@ def _modulator(
 
 
 def _covers(params: Params, tuning: RenderingTuning, virtual: bool) -> bool:
-    """True, except with the range harvest of a force under zero-order hold: it relies on own damping
-    (`held_torque.check`)."""
+    """True, except with the range harvest under zero-order hold: that relies on own damping (`held_torque.check`)."""
     device = params.device
     sampled = device.servo == "sampled" or (device.servo == "auto" and (tuning.contact_model or not virtual))
     return not (sampled and device.harvest == "range")

@@ -11,13 +11,13 @@ or adds dissipation, so Theorem 1 holds for both.
 | lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
 | behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |
-| planes told | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
-| planes known | until the world, which says how far it looks, tells them no more | a wall mostly stands still |
+| planes sent | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
+| planes known | until the world, which says how far it looks, no longer sends them | a wall mostly stands still |
 | the lead yields | below the level `contact_model.yields_below` of the world's reservoir | (below) |
 
-A world that can send no planes is felt through its late answers, with 100 N/m at most: a stiffer spring rings.
-A plane must be told before the hand is there, however fast it is. A world that has less energy than it wants lets the
-hand pay for what its walls dissipate: the lead goes in proportion. In contact the hand feels the wall and nothing else.
+A world that cannot send planes is felt through its late answers, with 100 N/m at most: a stiffer spring rings.
+A plane must be sent before the hand is there, however fast it is. If the world's reservoir is low, the hand pays for
+what the walls dissipate: the lead shrinks in proportion. In contact the hand feels the wall and nothing else.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
     "contact_model.curve_s": Between(0.0, 0.2),
     "contact_model.stop_s": Between(0.005, 0.1, log=True),
 }
-"""`CouplingSpec.searched` of both couplings with this feel."""
+"""`CouplingSpec.searched` of both couplings with this rendering."""
 
 PREDICT_S = (
     "the world predicts the device where delay and lag are at most this [s]; 0, or with the paper's rendering: never"
@@ -63,8 +63,8 @@ PREDICT_S = (
 class RenderingTuning:
     """contact_model : does the device compute y from the planes that the world sends? If not, the rest is 0.
 
-    lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are told.
-    reach_speed_mps : and those that a device so fast could reach before it is told.
+    lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are sent.
+    reach_speed_mps : and those that a device so fast could reach before it receives them.
     """
 
     contact_model: bool = False
@@ -121,7 +121,7 @@ def at_device(start: CouplingStart[RenderingTuning]) -> ContactModel | None:
 
 
 def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
-    """How far planes are told [m], and how fast a device is told of those farther away in time [m/s]."""
+    """How far planes are sent [m], and how fast a device receives those farther away in time [m/s]."""
     return start.tuning.reach_m, start.tuning.reach_speed_mps
 
 
@@ -132,7 +132,7 @@ def at_world(start: CouplingStart[Any]) -> PredictedDevice:
 
 
 def predicts(params: Params, link: Delays, longest_s: float) -> bool:
-    """Does the world's end of a law at the device predict it? Where that takes no longer predictions than this [s]."""
+    """Does the world of a law at the device predict the device? Only if no prediction is longer than this [s]."""
     horizon_s = link.one_way_s + lag_s(params) + params.world.step_max_s / 2.0
     return params.rendering != "paper" and horizon_s <= longest_s
 

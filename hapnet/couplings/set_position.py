@@ -101,7 +101,7 @@ def _at_device(
 
 
 def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
-    """The longest times between two runs of PSPM, and between two positions sent [s]; 0: every tick, every run."""
+    """The maximum times between two runs of PSPM, and between two positions sent [s]; 0: every tick, every run."""
     period = start.params.device.pspm_period_s
     return (0.0, period) if start.tuning.contact_model else (period, 0.0)
 
@@ -135,7 +135,7 @@ def _sampled(start: CouplingStart[RenderingTuning], make: MakeModulator, limited
 
 
 def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
-    """The world's end that tells its proxy, unless the rendering is the paper's."""
+    """The world's end, which sends what is around its proxy unless the rendering is the paper's."""
     if not start.tuning.contact_model:
         return SetPositionSteps(_at_world(start, make, limited, None))
     source = rendering.at_world(start)
@@ -147,7 +147,7 @@ def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: 
 def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
     """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
 
-    With ``rendering = "hapnet"`` it tells what is around the proxy. predicted : y is the device's predicted position.
+    With ``rendering = "hapnet"`` it sends what is around the proxy. predicted : y is the device's predicted position.
     Such a law claims nothing for this port, so any y is allowed.
     """
     if start.params.rendering == "hapnet":

@@ -22,7 +22,7 @@ from hapnet.params import Params
 from hapnet.wire.messages import Motion, Position, Proxy, Role, Stream
 
 RENDERED_DAMPING = 5.0
-"""Greatest damping that a desktop device renders stably [Ns/m]: the Phantom Omni's in CHAI3D's device table."""
+"""The largest damping that a desktop device renders stably [Ns/m]: the Phantom Omni's in CHAI3D's device table."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Covers(Protocol[T_contra]):
 
 @dataclass(frozen=True)
 class CouplingSpec(Generic[T]):
-    """One way to couple.
+    """A coupling law.
 
     More than twenty attributes: all that the rest of hapnet asks about a law stands here, and has a default.
 
@@ -85,10 +85,10 @@ class CouplingSpec(Generic[T]):
         class; None: it has none. section : of `Params`, in which they are; "": it has the law's name.
     shared : fields of the tuning that must have the same value at both ends.
     device_sends, world_sends : the messages that carry the ends' samples.
-    world_tells : does the world send its proxy with the planes around it, and do the stages stand before the law, where
-        the feel is left to it?
+    world_tells : does the world send its proxy with the planes around it, and do the stages stand before the law, if
+        the rendering is left to it?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
-    limited : does it limit the set-position's step, and a force under zero-order hold to what the account can cover?
+    limited : does it limit the set-position's step, and the force to what the account covers under zero-order hold?
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
     halves : does each side keep a half of Theorem 1, with its own reservoir?
     joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.

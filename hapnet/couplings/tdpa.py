@@ -25,8 +25,8 @@ Derived here, for steps of any length: within a step beta acts at once. With a =
 
 This is a damper 1/beta in series with the coupling, passive for any T. It dissipates s (1 - s) f_1^2 T/a, the most at
 s = 1/2: a larger beta dissipates no more, so this is its cap. Floors and caps must not let a debt grow: the device's f
-and the world's v_y fade as it grows, and are zero at its limit D. So no port ever owes more than D plus the work of one
-held force, and the energy put in at both ports together never falls below minus the sum of the two debts.
+and the world's v_y fade as it grows, and are zero at its limit D. So no port ever owes more than D plus one tick's work
+under zero-order hold, and the energy put in at both ports together never falls below minus the sum of the two debts.
 
 The controllers stand last at both ports and count what really comes out. So the world may command any displacement
 (Ryu, Artigas, Preusche 2010): with `tdpa.predict` one that leads to where the device will be, delay included. The
@@ -71,7 +71,7 @@ class TdpaParams:
     )
     force_floor: float = parameter(0.05, "the world's controller cannot yield below this force [N]", POSITIVE)
     damping_cap: float = parameter(0.0, "the most damping at the device [Ns/m]; 0: by a rule", NOT_NEGATIVE)
-    speed_limit: float = parameter(0.25, "greatest speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
+    speed_limit: float = parameter(0.25, "maximum speed of the world's set-position [m/s]", Range(0.0, at_most=100.0))
     debt_limit_J: float = parameter(0.02, "a side that owes this much energy gives out no more [J]", POSITIVE)
     predict: bool = parameter(False, "the world predicts the device by the delay, unless rendering is paper")
     recovery_s: float = parameter(
@@ -92,8 +92,7 @@ class TdpaDevice(DeviceEnd):
 
     Attributes
     ----------
-    x : at the last tick [m]. reaction : the world's [N]. damper : the controller's part of the force under zero-order
-    hold [N].
+    x : at the last tick [m]. reaction : the world's [N]. damper : the controller's part of the force [N].
     """
 
     observer: PassivityObserver

@@ -57,7 +57,7 @@ class DelayLine(Record):
     Parameters
     ----------
     dof : components of a wave.
-    longest : longest wait [s]; when the queue grows beyond it, the oldest waves are dropped.
+    longest : maximum wait [s]; when the queue grows beyond it, the oldest waves are dropped.
     hold : a missing wave is replaced by the last one, which is not passive; if false, by zero, which is passive.
     recovery : time constant with which displacement that the queue has lost comes out after all [s]; 0: never.
 
@@ -229,7 +229,7 @@ T = TypeVar("T", bound=PortTuning)
 
 
 def tune(params: Params, link: Delays) -> LineTuning:
-    """Choose the greatest wave impedance b that a device can render.
+    """Choose the largest wave impedance b that a device can render.
 
     In free motion a line of delay d acts as an inertia b d, in contact as a spring b/d (Niemeyer, Slotine 2004). A
     virtual world's slow steps make d so long that this spring is too soft. So the virtual coupling is made as stiff as

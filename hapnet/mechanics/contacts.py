@@ -87,7 +87,7 @@ class Surroundings(Protocol):
         deepest or nearest first. A curved obstacle gives its tangent plane at the nearest point, and how its surface
         bends there, if it is known (`Plane.curvatures`). The device feels these planes and nothing else.
 
-        None: this world can send no planes, or has forces that no plane describes.
+        None: this world cannot send planes, or has forces that no plane describes.
         """
         return None
 

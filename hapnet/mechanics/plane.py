@@ -15,8 +15,8 @@ from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
 from hapnet.records.vectors import added, inner
 
 FOLDED = 0.9
-"""A surface whose centre of curvature is nearly as near as this share of its radius is told as flat: where the nearest
-point is would depend on rounding."""
+"""Deeper in than this share of its radius, a curved surface is sent as flat: the nearest point would depend on
+rounding."""
 
 
 class Plane(NamedTuple):
@@ -25,7 +25,7 @@ class Plane(NamedTuple):
     stiffness, damping : of the solid, along the normal [N/m], [Ns/m].
     velocity_mps : of the plane along its normal [m/s]; 0: it stands still.
     curvatures : how the surface bends that the plane touches. It touches at the point that is nearest to the place for
-        which the plane is told. Empty: it is flat, or not known.
+        which the plane is sent. Empty: it is flat, or not known.
     friction : Coulomb's mu at that point, 0 to 10.
     """
 
@@ -63,7 +63,7 @@ class Plane(NamedTuple):
     ) -> tuple[Plane, ...] | None:
         """Planes from what a message has: their first five fields, and for each its curvatures and its friction.
 
-        None: it tells none of these.
+        None: it has none of these.
         """
         if planes is None or (bends is None and friction is None):
             return None if planes is None else tuple([cls(*plane) for plane in planes])
@@ -98,7 +98,7 @@ def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
         return _all_checked.__wrapped__(few, dof)
 
 
-@lru_cache  # they are told at each step, and walls mostly stand still
+@lru_cache  # they are sent at each step, and walls mostly stand still
 def _all_checked(planes: tuple[Plane, ...], dof: int) -> tuple[Plane, ...]:
     return tuple([_checked(Plane(*plane), dof) for plane in planes])
 

@@ -33,7 +33,7 @@ class Spring(Record):
     ----------
     stiffness : K, symmetric positive definite, [N/m]: a scalar, the n diagonal entries, or (n, n).
     dof : n, the number of axes.
-    force_limit : F_max [N], the longest force (Euclidean norm) the spring may give; None: never saturates.
+    force_limit : F_max [N], the largest force (Euclidean norm) the spring may give; None: never saturates.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How stiff a wall feels, how hard it pushes, and when that is felt. What is said of walls holds for solids too."""
+"""How stiff a wall feels, how hard it pushes, and when that is felt. All this holds for solids too."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _MORE, _MIN_N = 0.1, 0.1
 notice about a tenth (Weber's fraction of force)."""
 
 _LASTING_S = 0.15
-"""And it must exceed that on average for so long [s]: a swing at 4 Hz or more is not felt as a wall."""
+"""And it must exceed that on average for so long [s]: an oscillation at 4 Hz or more is not felt as a wall."""
 
 
 @metric("rendered stiffness", "%", "nearer 100")
 def stiffness_percent(run: Measured) -> float | None:
     """Least-squares slope of the resisting force over the device's penetration, through the wall's surface, after a
-    visit has settled (a round trip and two of the world's longest steps after it began). It is in % of the stiffness of
+    visit has settled (a round trip and two of the world's longest steps after it began), in % of the stiffness of
     the given springs and the wall in series: two springs for pspm, zoh, popc and eba, only device.stiffness for the
     others. If a law's rule makes its spring softer, this shows."""
     if run.walls is None or run.delay_s is None:
@@ -56,7 +56,7 @@ def stiffness_worst_percent(run: Measured) -> float | None:
 def first_contact_ms(run: Measured) -> float | None:
     """Time from the device's first crossing of the wall's surface until the contact is felt, less the median delays of
     both links; below 0: felt before word of it could be back. Felt: the resisting force exceeds, by 10 % and by 0.1 N,
-    the greatest one of the 100 ms before the crossing, also on average over the next 150 ms, as no swing does."""
+    the largest of the 100 ms before the crossing, also on average over the next 150 ms, as no oscillation does."""
     return None if (found := run.once(_latency)) is None else _finite_ms(found.first_s)
 
 
@@ -145,7 +145,7 @@ def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float,
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[Obstacle]) -> Obstacle | None:
-    """The wall or solid where the device's depth, summed over all samples, is greatest; None: it entered none."""
+    """The wall or solid where the device's depth, summed over all samples, is largest; None: it entered none."""
     if device is None or not walls:
         return None
     depths = [float(np.maximum(wall.depths(device["position_m"]), 0.0).sum()) for wall in walls]
@@ -203,7 +203,7 @@ class Touch(NamedTuple):
 def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, round_trip_s: float) -> list[Touch]:
     """Every touch of the wall that was pressed most, in the order of time.
 
-    A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the greatest force
+    A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the largest force
     of the 100 ms before the device crossed the surface, and does so on average over the next 150 ms. That is looked for
     until a round trip after the device left, or until it enters again. A visit too shallow for an ideal local spring of
     `stiffness` [N/m] to take 0.1 N is no touch; nor is one that had begun before the first sample. Empty: no wall was

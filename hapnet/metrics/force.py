@@ -16,10 +16,10 @@ _SEGMENT_S = 1.0
 _OVERLAPS = 4  # segments that cover each instant: with Hann windows all instants then have equal weight
 
 FROM_S, UNTIL_S = 1.0, 3.0
-"""The swing is measured from this long to this long after the hand's reference has stopped [s]."""
+"""The oscillation is measured from this long to this long after the hand's reference has stopped [s]."""
 
 LIMIT_CYCLE_N = 0.02
-"""A swing below this [N] is no limit cycle: nobody feels it."""
+"""An oscillation below this [N] is no limit cycle: nobody feels it."""
 
 _STILL_M = 1e-9
 
@@ -63,10 +63,10 @@ def true_force_error_last_percent(run: Measured) -> float | None:
     return rms_difference(run.device, wanted, last.holds(run.device["time_s"]))[1]
 
 
-@metric("residual swing", "N", "lower")
+@metric("residual oscillation", "N", "lower")
 def swing_N(run: Measured) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped; the
-    greatest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)"""
+    largest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)"""
     return residual_oscillation(run.recording)
 
 
@@ -189,17 +189,17 @@ def residual_oscillation(recording: Recording) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped [N].
 
     All axes count together. A reference that rests from the start has stopped then. If it stops more than once for as
-    long as that, the greatest counts. None if it never does, or if the recording has no reference.
+    long as that, the largest counts. None if it never does, or if the recording has no reference.
     """
     return max((_swing(recording, stop, FROM_S, UNTIL_S) for stop in _stops(recording)), default=None)
 
 
 def limit_cycles(recording: Recording, until_s: float = UNTIL_S) -> bool | None:
-    """Does the force go on to swing after the hand has stopped?
+    """Does the force go on to oscillate after the hand has stopped?
 
     It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) in the last second before `until_s`, which
     counts from a stop, and not less than half of what it was from 1 to 2 s: what decays faster is the end of a
-    transient. The longer, the slower may it decay. None without a stop of `until_s`.
+    transient. The longer `until_s`, the slower it may decay. None without a stop of `until_s`.
     """
     found = None
     for stop in _stops(recording, until_s):

@@ -45,7 +45,8 @@ class Metric:
     ----------
     name : its key in dictionaries and files; it ends in the unit, as in `margin_J` or `packets_per_s`.
     label : its name for people, short enough for a column.
-    unit : of its values; "" for a bare number. better : which way. meaning : how it is defined, in a sentence or two.
+    unit : of its values; "" for a bare number. better : "lower", "higher" or "nearer" a value. meaning : its
+        definition in a sentence or two.
     missed : the metric that counts how often a run missed this one; where it did and there is no value, medians and
         quartiles take it as infinite. "": nothing can be missed.
     find : its value of a run; None if the run does not give one.
@@ -180,7 +181,7 @@ class Measured:
     def wanted(self) -> Array | None:
         """The force of the true environment on the device (N, n) [N]; None: its walls are not known.
 
-        With springs that are no scalars the walls are taken as rigid, which tells no more than where they are.
+        With springs that are no scalars the walls are taken as rigid: then it only shows where they are.
         """
 
         def stiffness(wall: Obstacle) -> float:

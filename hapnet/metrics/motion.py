@@ -53,7 +53,7 @@ def contact_rms_mm(run: Measured) -> float | None:
 @metric("drag at 67 mm/s", "N", "nearer 0")
 def drag_N(run: Measured) -> float | None:
     """Force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; both are means
-    over a third of a second, so that no swing hides it. Not within a round trip and two of the world's longest steps
+    over a third of a second, so that no oscillation hides it. Not within a round trip and two of the longest steps
     after a contact."""
     return None if (found := run.once(_windows)) is None else found.drag()
 
@@ -103,14 +103,14 @@ def _windows(run: Measured) -> FreeWindows | None:
 
 
 DRAG_MPS = 0.067
-"""The speed at which drag is told [m/s]: that of a hand that moves by 30 mm at 0.5 Hz, root mean square."""
+"""The speed at which drag is given [m/s]: that of a hand that moves by 30 mm at 0.5 Hz, root mean square."""
 
 NEAR_MPS = (0.05, 0.09)
-"""Speeds at which the greatest drag is looked for [m/s]."""
+"""Speeds at which the largest drag is looked for [m/s]."""
 
 _WINDOW_S = 1.0 / 3.0
-"""Force and velocity are means over this time [s]: the regression sees the hand's motion, not a swing at 3 Hz or more,
-during which the force and the speed are great and the drag hides."""
+"""Force and velocity are means over this time [s]: the regression sees the hand's motion, not an oscillation at 3 Hz or
+more, whose force and speed are so large that they hide the drag."""
 _MIN_S, _MIN_MPS = 0.3, 0.005
 
 

@@ -77,7 +77,7 @@ def claim_kept(run: Measured) -> float | None:
 
 @metric("slack", "J", "higher")
 def slack_J(run: Measured) -> float | None:
-    """Least value over time of the slack in either side's half of the theorem, for a coupling with energy reservoirs.
+    """Minimum over time of the slack in either side's half of the theorem, for a coupling with energy reservoirs.
     Below 0 by more than rounding: the accounts are wrong."""
     slacks = [side["ledger"]["slack_J"] for side in run.sides]
     if any(side["reservoir_min_J"] is None for side in run.sides):
@@ -85,20 +85,20 @@ def slack_J(run: Measured) -> float | None:
     return min(slack for slack in slacks if slack is not None)
 
 
-@metric("world's reservoir, least", "J", "higher")
+@metric("world's reservoir, min", "J", "higher")
 def world_reservoir_min_J(run: Measured) -> float | None:
-    """Least content of the reservoir at the world's side."""
+    """Minimum content of the reservoir at the world's side."""
     return run.sides[1]["reservoir_min_J"]
 
 
-@metric("device's reservoir, least", "J", "higher")
+@metric("device's reservoir, min", "J", "higher")
 def device_reservoir_min_J(run: Measured) -> float | None:
     """The same at the device's side."""
     return run.sides[0]["reservoir_min_J"]
 
 
 def energy_out(world: Columns, bound_J: float) -> float:
-    """The greatest energy over time that came out at the world's port [J], 0 at least.
+    """The most energy over time that came out at the world's port [J], 0 at least.
 
     The port's work is what is left of the side's account without what was shuffled. `bound_J` : its share of d^2.
     """

@@ -27,7 +27,7 @@ def contacts_ratio(run: Measured) -> float | None:
     """Visits of the proxy to a wall in the world, at its steps, per visit of the device, at each tick of the servo;
     neither is debounced. Above 1 the proxy chatters, and each impact costs energy."""
     if run.inside is None or run.world is None or not (by_hand := visits(run.inside)):
-        return None  # of a world whose proxy's penetration is not told the walls are not known either
+        return None  # if a proxy's penetration is not known, its walls are not either
     return visits(run.world["penetration_m"] > 0.0) / by_hand
 
 

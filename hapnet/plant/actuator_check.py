@@ -1,12 +1,12 @@
 """Do a device's force and its positions agree? Short pulses along each axis, and a fit of what they did.
 
-Each axis is pushed by +F, -F, +F for h, 2h, h seconds, then the other way round: a free handle of mass m moves by up
+Each axis is pushed by +F, -F, +F for h, 2h, h seconds, then in reverse: a free handle of mass m moves by up
 to F h^2 / m and rests again. The law of motion, integrated twice from the first reading, is linear in what is unknown:
 
     x = (1/m) II F(t - d) - (b/m) I x - (k/m) II x + a cubic polynomial in t
 
 with integrals I, and II of them: b and k are what device and hand do to the handle, the polynomial is where the hand
-itself goes. Least squares find 1/m for each delay d; the delay is the one that leaves least. A hand's own motion has
+itself goes. Least squares find 1/m for each delay d; the delay is the one that fits best. A hand's own motion has
 little in common with pulses of 14 to 28 Hz, so the sign is known from a tenth of a millimetre on.
 
 No clock: times are arguments.
@@ -41,7 +41,7 @@ _HEAVIER, _LIGHTER = 1.7, 0.6
 
 class Response(NamedTuple):
     """What an axis did: apparent mass [kg], below zero where it moves against the force; the delay of the force, in
-    readings; how sure the mass is, in standard errors; the told velocity over that of the positions, None: not known.
+    readings; how sure the mass is, in standard errors; reported velocity over that of the positions, None: not known.
     """
 
     mass: float
@@ -108,14 +108,14 @@ class ActuatorCheck:
 
     @property
     def wrong_way(self) -> str:
-        """Which axes move against their force, in words; empty: none."""
+        """Which axes move against their force, as a message; empty: none."""
         wrong = [one.known and one.mass <= -PLAUSIBLE_KG[0] for one in self.responses]
         axes = [_name(i, self._dof) for i, is_wrong in enumerate(wrong) if is_wrong]
         return f"{' and '.join(axes)} moves against its force: motor or encoder is reversed" if axes else ""
 
     @property
     def impossible(self) -> str:
-        """What else no force should be rendered with, in words; empty: nothing."""
+        """Another reason to render no force, as a message; empty: none."""
         minimum, most = PLAUSIBLE_KG
         for i, one in enumerate(self.responses):
             name, mass = _name(i, self._dof), abs(one.mass)
@@ -127,7 +127,7 @@ class ActuatorCheck:
 
     @property
     def doubts(self) -> list[str]:
-        """What makes the account or the feel wrong, a line each."""
+        """What makes the account or the rendering wrong, a line each."""
         found = []
         for i, one in enumerate(self.responses):
             found += [f"{_name(i, self._dof)} {doubt}" for doubt in self._doubts(i, one)]
@@ -144,7 +144,7 @@ class ActuatorCheck:
         if one.late >= LATE_TICKS:
             found.append(f"moves {one.late} readings after its force: the account counts it too early")
         if one.velocity is not None and not _VELOCITY_SHARE[0] <= one.velocity <= _VELOCITY_SHARE[1]:
-            found.append(f"tells {one.velocity:.2g} times the velocity of its positions: is its sign, its unit right?")
+            found.append(f"reports {one.velocity:.2g} times the velocity of its positions: is its sign or unit wrong?")
         return found
 
 
@@ -191,7 +191,7 @@ def _integral(values: Array, dt: Array) -> Array:
 
 
 def _velocity(x: Array, v: Array, dt: Array) -> float | None:
-    """The told velocity over the change of position: from their sums over a pulse, which a filter changes little."""
+    """Reported velocity over the change of position: from their sums over a pulse, which a filter changes little."""
     window = max(1, len(x) // (2 * len(_PULSES)))
     moved = x[window:] - x[:-window]
     reported = _integral(v, dt)

@@ -21,7 +21,7 @@ _BLOCK_S = 0.01
 
 
 class Agreement:
-    """Watches force and position. mass : the handle's, or of several axes the least [kg]; None: not known."""
+    """Watches force and position. mass : the handle's, the smallest of several axes' [kg]; None: not known."""
 
     def __init__(self, mass: float | None) -> None:
         self._mass = mass

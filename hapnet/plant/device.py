@@ -63,7 +63,7 @@ class SimulatedDevice(Record):
     mass : apparent mass on each axis [kg]. damping : own damping b on each axis [Ns/m], 0 or above.
     period : length of a tick [s]. substeps : integration substeps in a tick.
     resolution : encoder resolution [m], 0: exact positions and velocities.
-    force_limit : greatest force of the actuators [N].
+    force_limit : maximum force of the actuators [N].
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class SimulatedDevice(Record):
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
-        """From now on let the coupling (2) act within the ticks, in place of a force under zero-order hold.
+        """From now on let the coupling (2) act continuously within the ticks, in place of a zero-order hold.
 
         Spring and damper together stay within the device's force limit; the damper is reduced.
 
@@ -241,7 +241,7 @@ class SimulatedDevice(Record):
 
 @equation
 def _count(device: SimulatedDevice) -> None:
-    """The position as the encoders tell it."""
+    """The position as the encoders read it."""
     r, x = device.resolution, device.state.position
     for i in range(device.dof):
         device.read_position[i] = x[i] if r == 0.0 else r * round(x[i] / r)
@@ -273,7 +273,7 @@ def hold(device: SimulatedDevice, force: Reals) -> None:
 
 @equation
 def begin_passage(state: DeviceState, n: int) -> None:
-    """From now on count anew what `passage` tells."""
+    """From now on count anew what `passage` returns."""
     for i in range(n):
         state.low[i] = state.high[i] = state.position[i]
         state.dissipated[i] = 0.0

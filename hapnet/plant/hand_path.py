@@ -13,7 +13,7 @@ from hapnet.plant.operator import Operator
 def hand_path(operator: Operator, times: Array) -> Array:
     """Where the hand aims at these times [s], which increase, (N, n) [m]: what `reference` gives, bit by bit.
 
-    A kind of hand that can tell many points at once has a method `path`, with the same arguments and result.
+    A kind of hand that can compute many points at once has a method `path`, with the same arguments and result.
     """
     many: Callable[[Array], Array] | None = getattr(operator, "path", None)
     if many is not None:

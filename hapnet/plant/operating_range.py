@@ -1,7 +1,7 @@
-"""The declared workspace, greatest speed and stiffness range of a device, and the check that its readings keep to them.
+"""The declared workspace, maximum speed and stiffness range of a device; the check that its readings keep to them.
 
 All are in SI units. The defaults are generous: they do not fit one device, but they detect millimetres given as metres.
-Whoever knows a device better declares smaller values with a margin: outside of them no force is rendered any more.
+If you know a device better, declare smaller values with a margin: outside of them no force is rendered any more.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from hapnet.mechanics.encoders import rounding
 WORKSPACE_M = 1e-3, 10.0
 SPEED_MPS = 1e-2, 100.0
 SOFTEST_MOST = 10.0
-"""A smaller greatest stiffness is refused [N/m]: it must have been given in N/mm."""
+"""A smaller maximum stiffness is refused [N/m]: it must have been given in N/mm."""
 
 LATENCY_S = 0.005
 """How old a reading may be [s]: a device that is read often repeats a reading, then jumps."""
@@ -38,7 +38,7 @@ class OperatingRange:
     """The declared range of a device.
 
     workspace : how far the device reaches from its origin, in all directions or on each axis [m].
-    speed : greatest speed of the handle [m/s]. stiffness : least and greatest stiffness that it renders [N/m].
+    speed : maximum speed of the handle [m/s]. stiffness : smallest and largest that it renders [N/m].
     """
 
     workspace: Vector
@@ -118,7 +118,7 @@ class RangeWatch:
         declared = self._declared
         if (where := declared.outside(x)) is not None:
             return where
-        most = f"its greatest speed is {declared.speed:g} m/s"
+        most = f"its maximum speed is {declared.speed:g} m/s"
         travel = math.dist(x, self._last) - self._count
         if travel > declared.speed * (dt + LATENCY_S):
             hint = in_millimetres(travel, declared.speed * (dt + LATENCY_S))
@@ -160,5 +160,5 @@ def _speed(name: str, value: object) -> float:
 def _stiffness(name: str, value: object) -> tuple[float, float]:
     minimum, most = checks.vector(name, cast(ArrayLike, value), 2)
     if not 0.0 <= minimum < most or most < SOFTEST_MOST:
-        raise InvalidParameter(name, value, f"least and greatest stiffness, the greatest {SOFTEST_MOST:g} N/m or more")
+        raise InvalidParameter(name, value, f"smallest and largest stiffness, the largest {SOFTEST_MOST:g} N/m or more")
     return minimum, most

@@ -29,7 +29,7 @@ class DeviceState(Record):
     """The state of a device that rests at `position` [m], as it changes from tick to tick.
 
     position [m], velocity [m/s]. hand_force, actuator_force : on the device, mean over the last substep [N].
-    torque : the force under zero-order hold [N]. coupled : is there a coupling? set_position : of the coupling [m].
+    torque : the force, under zero-order hold [N]. coupled : is there a coupling? set_position : of the coupling [m].
     low, high : extremes of the position on each axis since the last `passage` [m]. dissipated : by the coupling's
     damper since then, in parts [J]. limited : was that damper limited since then?
     at_limit : was the spring saturated or the damper limited at the end of the last tick? It only decides how the next

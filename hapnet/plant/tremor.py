@@ -17,7 +17,7 @@ class Tremor:
 
     Parameters
     ----------
-    hand : the operator. amplitude : greatest distance from its reference, on each axis [m].
+    hand : the operator. amplitude : maximum distance from its reference, on each axis [m].
     """
 
     def __init__(self, hand: Operator, amplitude: float) -> None:

@@ -1,16 +1,16 @@
 """The difference of two hosts' clocks during a run, from what each has recorded of the other's messages.
 
-A message's transit (`DeviceSample.transit_s`) is how long it was under way, plus the receiver's clock less the
-sender's. So in one direction the difference of the clocks is added, in the other it is subtracted:
+A message's transit (`DeviceSample.transit_s`) is its delay plus the receiver's clock less the sender's. So in one
+direction the difference of the clocks is added, in the other it is subtracted:
 
     to the world:  delay + difference        to the device:  delay - difference
 
-Low transits show low delays. As in NTP (RFC 5905, section 8) the two ways are taken to have the same low delay, since
-how a round trip splits cannot be known; so the error is at most half of the round trip. Clocks also run at different
-rates, so low transits lie along lines, one for each direction, of opposite slopes. Moon, Skelly and Towsley,
+Low transits show low delays. As in NTP (RFC 5905, section 8) both directions are assumed to have the same low delay,
+since how a round trip splits cannot be known; so the error is at most half of the round trip. Clocks also run at
+different rates, so low transits lie along lines, one for each direction, of opposite slopes. Moon, Skelly and Towsley,
 "Estimation and Removal of Clock Skew from Network Delay Measurements" (INFOCOM 1999), take the line below all points of
 one direction. Here it is the line below nine tenths of them, by quantile regression (Koenker and Bassett, Econometrica
-46(1), 1978), in both directions together: the least of a few hundred jittery delays is a jittery number itself.
+46(1), 1978), in both directions together: the minimum of a few hundred jittery delays is a jittery number itself.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def _pinball(values: Array) -> float:
 
 
 def _minimum(function: Any, low: float, high: float) -> float:
-    """Where a convex function is least: golden section."""
+    """Where a convex function has its minimum: golden section."""
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_a, at_b = function(a), function(b)
     for _ in range(_HALVINGS):

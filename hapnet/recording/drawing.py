@@ -19,10 +19,10 @@ from hapnet.errors import BadMessage
 from hapnet.plant.worlds.picture import SOFT, Part, Picture, Touch
 
 PERIOD_NS = 16_000_000
-"""The least time between two scene samples [ns]: some 60 a second."""
+"""The minimum time between two scene samples [ns]: some 60 a second."""
 
 LARGEST = 4 * 1024 * 1024
-"""No drawing is larger [bytes]. Of a larger one nothing is told, and who has the scene's files can still draw it."""
+"""No drawing is larger [bytes]. A larger one is not sent; a viewer that has the scene's files can still draw it."""
 
 _UNPACKED = 32 * 1024 * 1024
 _POSE, _TOUCH, _VERTEX = 7, 10, 3  # numbers in each
@@ -79,7 +79,7 @@ def observe(picture: Picture, now_ns: int, position: Vector, force: Vector) -> S
 class SceneWriter:
     """Writes a world's drawing at once, and then scene samples, some 60 a second at most.
 
-    picture : of the world. write : takes what is to be recorded and told. now_ns : when control starts.
+    picture : of the world. write : takes what is to be recorded and sent. now_ns : when control starts.
     """
 
     def __init__(self, picture: Picture, write: Callable[[Drawing | SceneSample], None], now_ns: int) -> None:

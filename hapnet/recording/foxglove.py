@@ -1,6 +1,6 @@
 """Foxglove's own schemas, as protobuf: events as lines of a log, handle and proxy as frames, set-positions as poses.
 
-Viewers know these schemas, so they show the lines, and draw the rest in 3D, without being told how. Names, numbers and
+Viewers know these schemas, so they show the lines, and draw the rest in 3D, without configuration. Names, numbers and
 types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; of one or two axes
 the others are 0. More than three axes are no place in space, so nothing is drawn of them.
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
 PERIOD_NS = 16_000_000
-"""The least time between two poses of a side [ns]: some 60 a second."""
+"""The minimum time between two poses of a side [ns]: some 60 a second."""
 
 FRAME = "scene"
 TEXT_LIMIT = 2000

@@ -35,7 +35,7 @@ def played(spec: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[En
 
     Parameters
     ----------
-    words : the link when the recording began.
+    spec : the link when the recording began.
     changes : time [ns] and text of each, in order. Changes up to time 0 are in force when the run starts.
 
     Returns

@@ -35,7 +35,7 @@ class DeviceSample(NamedTuple):
 
     `spring_force_N` is K (ybar - x) and `damper_force_N` is -B v: they add up to the force, unless a limit took
     something off. `model_force_N` and `added_damping_force_N` are the parts of the spring's force that come from the
-    planes of the local contact model and from added damping. All four are None where a coupling does not tell.
+    planes of the local contact model and from added damping. All four are None if a coupling does not report them.
 
     `work_J` is W, the energy put in since the start at the port of this side's account: the hand's with the continuous
     servo, else the actuator's, by the force really applied. `bound_J` is V(0) + E(0). With them anybody can repeat the

@@ -21,7 +21,7 @@ AXES = 3
 """The most axes that a compiled scenario may have."""
 
 PLANES = 4
-"""The most planes that a world tells of one place."""
+"""The most planes that a world sends of one place."""
 
 Floats = MutableSequence[float]
 Wholes = MutableSequence[int]

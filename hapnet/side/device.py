@@ -190,7 +190,7 @@ class DeviceSide(ABC):
         return 0
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        """Make this many of the `resting` ticks, the first at `now_ns`.
+        """Make this many of the `skippable_ticks`, the first at `now_ns`.
 
         observe : called after these ticks with the smallest, then with the last energies put in.
         then_tick : the next call is the `tick` that follows them.

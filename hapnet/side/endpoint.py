@@ -2,7 +2,7 @@
 
 An endpoint has two halves, each with one owner. The servo (or the world's loop) owns control, which ticks and never
 waits. The code that moves bytes owns wire, which receives, and says what to send. Only whole values go between them
-(`ControlInbox`): set-positions and credited energy one way, shuffled energy the other. In virtual time one loop owns
+(`ControlInbox`): set-positions and credited energy to control, shuffled energy to wire. In virtual time one loop owns
 both halves; in real time two threads do, or two processes.
 """
 
@@ -70,7 +70,7 @@ class ControlInbox(Protocol):
         """The peer reports another value beside the stream."""
 
     def reported(self) -> tuple[str, Signal] | None:
-        """Take a signal that is to be told to the peer; None if there is none."""
+        """Take a signal that is to be sent to the peer; None if there is none."""
 
     def shuffled(self) -> float:
         """Take surplus energy that is to be shuffled [J]; 0 if there is none."""
@@ -250,7 +250,7 @@ class WireHalf:
     def __init__(self, session: Session, control: ControlInbox) -> None:
         self.session = session
         self.planes: tuple[Plane, ...] | None = None
-        """The planes that the peer's newest message tells; None: it tells none."""
+        """The planes in the peer's newest message; None: it has none."""
         self._control = control
         self._echoed: tuple[int, int] | None = None
 

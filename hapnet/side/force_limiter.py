@@ -19,7 +19,7 @@ class ForceLimiter:
     ----------
     ramp_s : the force grows from zero over this time after `restart`, and after the dead-man switch was pressed [s].
     dead_man : number of the button that must be held; None: there is no such switch.
-    peak : longest force of the actuators [N]. continuous : the longest that they can give for ever [N]; None: `peak`.
+    peak : maximum force of the actuators [N]. continuous : the maximum that they can give for ever [N]; None: `peak`.
     thermal_s : time constant with which they heat up [s].
 
     The heat is the mean of the squared force over `thermal_s` (a first-order lag). Where it is above 0.8 of what the

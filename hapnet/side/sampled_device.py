@@ -121,8 +121,8 @@ class SampledDeviceSide(DeviceSide):
         return message
 
     def _live_through(self, simulated: SimulatedDevice, follow: Callable[[float, Vector], None]) -> None:
-        """A period in which the servo was away: the device goes on under the force that is held, and both accounts see
-        what it really puts out on the way."""
+        """A period in which the servo was away: the device goes on under the force that is held, and both accounts
+        count the work that this force really does."""
         before = simulated.position
         hand_work = simulated.advance()
         self.hand_ledger.put_in(hand_work)

@@ -125,7 +125,7 @@ class WorldSide:
         return message
 
     def _drawn(self, now_ns: int) -> SceneWriter | None:
-        """What writes how the scene looks; None: it cannot be drawn. HapnetError with its name if it tells nonsense."""
+        """What writes how the scene looks; None: it cannot be drawn. HapnetError with its name if it is bad."""
         reported: object = None
         try:
             reported = picture = self.scene.picture()
@@ -137,7 +137,7 @@ class WorldSide:
             raise HapnetError(f"the scene {self._name} failed: {wrong}") from error
 
     def _exchange_signals(self, now_ns: int) -> None:
-        """Give the scene the signals that have come, if it takes any, and tell the device those of the scene."""
+        """Give the scene the signals that have come, if it takes any, and send the device those of the scene."""
         try:
             for name, value in self.endpoint.signals():
                 self.scene.signal(name, value)

@@ -120,7 +120,7 @@ def _is_reusable(setup: Setup) -> bool:
 
 def _run(params: Params, seed: int, setup: Setup, report: Progress) -> BatchRun:
     simulation = Simulation(params, seed, setup, motion_only=True)
-    result = simulation.run(None if simulation.not_compiled is None else report)  # which is fast, and tells at its end
+    result = simulation.run(None if simulation.not_compiled is None else report)  # fast, and reports at its end
     mass = result.world.mass
     x, v = result.device.device.read()
     device, world = _state(result.device, x, v), _state(result.world, mass.position, mass.velocity)

@@ -132,7 +132,7 @@ def key_figures(summary: Summary) -> dict[str, float | int | None]:
         f"{side}_margin_J": None if (part := summary[side]) is None else part["ledger"]["margin_J"] for side in SIDES
     }
     known = [margin for margin in sides.values() if margin is not None]
-    # of two processes only the sum of their least margins is known, so it is used for both runs
+    # of two processes only the sum of their minimum margins is known, so it is used for both runs
     margin = sum(known) if len(known) == 2 else None
     theorem, moved = summary["theorem"], cast("dict[str, float | int | None]", summary["motion"])
     if jointly_passive(str(summary["coupling"])):

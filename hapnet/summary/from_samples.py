@@ -1,4 +1,4 @@
-"""What samples tell for a summary: how well the proxy followed, how hard contacts were, the margin of both ports."""
+"""What a summary takes from samples: how well the proxy followed, how hard contacts were, the margin of both ports."""
 
 from __future__ import annotations
 
@@ -77,11 +77,11 @@ def _finite(value: float) -> float | None:
 
 
 class LiveFigures:
-    """The peaks of `motion` and the least of the account, of one side's samples.
+    """The peaks of `motion` and the minima of the account, of one side's samples.
 
     Attributes
     ----------
-    margin_J, slack_J : the least so far. margin_end_J : the newest [J]. All are None before the first sample.
+    margin_J, slack_J : the minimum so far. margin_end_J : the newest [J]. All are None before the first sample.
     """
 
     def __init__(self) -> None:
@@ -146,9 +146,9 @@ def total_margin(recording: Recording) -> Columns | None:
 
 
 def two_port_margin(recording: Recording) -> float | None:
-    """The least of d^2 and the energy put in at both ports, over the recorded time [J]; None: as of `total_margin`.
+    """The minimum of d^2 and the energy put in at both ports, over the recorded time [J]; None: as of `total_margin`.
 
-    The sum of both margins leaves out what is on its way. This has it, also where more was credited than was sent.
+    The sum of both margins leaves out energy in flight. This has it, even if more was credited than was sent.
     """
     total, both = total_margin(recording), _on_one_clock(recording)
     if total is None or both is None:
@@ -162,7 +162,7 @@ def two_port_margin(recording: Recording) -> float | None:
 def credited_early(recording: Recording) -> tuple[float | None, float | None]:
     """The most that was credited before it was sent, from the device and from the world [J]; None: not known.
 
-    The receiver's samples are held against the sender's first ones after the receiver's next, which can only tell more:
+    The receiver's samples are held against the sender's first ones after the receiver's next, which can only be higher:
     a tick whose thread has to wait may still credit what was sent after it began, and comes to its end before the next.
     """
     if (both := _on_one_clock(recording)) is None:
@@ -191,7 +191,7 @@ def _on_one_clock(recording: Recording) -> tuple[Columns, Columns] | None:
 
 
 def min_total_margin(recording: Recording, since_s: float = -math.inf) -> float | None:
-    """The least value of `total_margin` from `since_s` on [J]; None if it is unknown."""
+    """The minimum of `total_margin` from `since_s` on [J]; None if it is unknown."""
     total = total_margin(recording)
     margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]
     known = margin[np.isfinite(margin)]

@@ -142,9 +142,9 @@ def of_parts(
 ) -> Summary:
     """The summary of a run on this machine, whatever has become of its processes.
 
-    told : by role, the summary that a process left at its end. recordings : by role; they count for a side that left
-    none, or whose servo did not. whole : both recordings, or the one that there is. failed : by role, why a side ended
-    before its time. coupling, seed : of the run.
+    reported : by role, the summary that a process left at its end. recordings : by role; they count for a side that
+    left none, or whose servo did not. whole : both recordings, or the one that there is. failed : by role, why a side
+    ended before its time. coupling, seed : of the run.
     """
     parts: dict[Role, Summary] = {}
     for role in SIDES:

@@ -1,7 +1,7 @@
-"""A side's half of a summary as values that it can tell its peer, and both halves as one summary.
+"""A side's half of a summary as values that it reports to its peer, and both halves as one summary.
 
-What the peer reports is a claim of the peer's: `told` in the summary says whose, and as of when, and the verdict says
-so. Which values there are is said in `hapnet/wire/README.md`, under "Accounts".
+A report is a claim of the peer: `told` in the summary says whose it is and when it came, and the verdict names it.
+`hapnet/wire/README.md` lists the values under "Accounts".
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _WALL = ("stiffness_N_m", "springs_N_m")
 
 
 class Claim(NamedTuple):
-    """What a peer told last: its values, and when they came, in seconds after this side's pairing.
+    """What a peer reported last: its values, and when they came, in seconds after this side's pairing.
 
     final : its control had stopped. whole : it covers all of this side's time.
     """
@@ -72,7 +72,7 @@ def joined(own: Summary, role: Role, claim: Claim) -> Summary:
 
 
 def _bring_up(part: SidePart, mine: SidePart) -> None:
-    """Bring the counts of a peer that goes on up to what is known of it since it told them."""
+    """Bring the counts of a peer that goes on up to what is known of it since its report."""
     sent, credited, acked = part["sent_nJ"], part["credited_nJ"], mine["acked_nJ"]
     if sent is not None and mine["credited_nJ"] is not None and sent < mine["credited_nJ"]:
         part["sent_nJ"] = None

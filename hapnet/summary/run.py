@@ -164,14 +164,14 @@ def combine(
     minimum with the simulated hand's port in place of the actuator's. Without one clock the theorem's margin is the sum
     of both sides' margins, a lower bound of the true one. It is None with one side only, after a restart (the energy
     that the ended process put in is not known here), and if energy was credited that nobody sent. `total_later_J` is
-    the least recorded sum of both margins from `START_S` on. `torn` names the sides of which only samples are known.
+    the smallest recorded sum of both margins from `START_S` on. `torn` names the sides of which only samples are known.
 
     `early_J` is the most that was credited up and down before it was sent, as recorded on one clock. Then the sum of
-    the halves bounds nothing, and `two_port_recorded_J`, the least recorded margin of both ports, counts.
+    the halves bounds nothing, and `two_port_recorded_J`, the smallest recorded margin of both ports, counts.
 
-    If a coupling is passive only jointly, both sides' least margins belong to different times, and their sum bounds
-    nothing. Then `total_margin_J` counts: the least sum of both margins while both were recorded on one clock, at the
-    samples' rate, with the start, where it is d^2. Without it the margin is None.
+    If a coupling is passive only jointly, both sides' minimum margins belong to different times, and their sum bounds
+    nothing. Then `total_margin_J` counts: the smallest sum of both margins while both were recorded on one clock, at
+    the samples' rate, with the start, where it is d^2. Without it the margin is None.
 
     The bound d^2 sums the initial energies of all processes that took part; each that ended reported its own.
     """
@@ -233,7 +233,7 @@ def judged(summary: Summary) -> Summary:
 
 
 def _environment(world: SidePart | None, felt: Mapping[str, Any] | None) -> Environment:
-    """The environment's port: the energy that it put in, the least slack of its half of the theorem, its account [J].
+    """The environment's port: the energy that it put in, the minimum slack of its half of the theorem, its account [J].
 
     A summary of an older version has no such account, nor how stiff its walls are felt.
     """
@@ -276,7 +276,7 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
 
 
 def _felt(device: object, world: object) -> Felt:
-    """From what each side told (`Felt`) what it knows for certain: the device its K, the world K' and its walls."""
+    """Of what each side reported (`Felt`) what it knows for certain: the device its K, the world K' and its walls."""
     own, far = _springs(device), _springs(world)
     wall = _positive(world.get("stiffness_N_m")) if isinstance(world, Mapping) else None
     return of_springs([*own[:1], *far[1:]] if own and far else own or far or None, wall)
@@ -334,7 +334,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
 
 
 def _flow(sender: SidePart | None, receiver: SidePart | None, early_J: float | None) -> Flow:
-    """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned.
+    """Shuffled energy in one direction [nJ]: sent = credited + in flight + abandoned.
 
     A sender that leaves abandons what is not acknowledged. The receiver knows how much of that it credited.
     """

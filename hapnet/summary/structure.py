@@ -39,7 +39,7 @@ Shape = TypeVar("Shape")
 
 
 class Verdict(TypedDict):
-    """`passive` : None where it is not known. `reason` : why, in words."""
+    """`passive` : None if it is not known. `reason` : why, as a sentence."""
 
     passive: bool | None
     reason: str
@@ -66,9 +66,9 @@ class Hand(TypedDict):
 class EnvironmentPart(TypedDict):
     """The environment's own account [J], as the world's side keeps it (hapnet/plant/worlds/account.py).
 
-    `env_slack_J` : the least of what it has dissipated; below 0 it gave out energy of its own. `env_supplied_J` : put
+    `env_slack_J` : the minimum of what it has dissipated; below 0 it gave out energy of its own. `env_supplied_J` : put
     in by what moves its obstacles. `env_stored_J` : in its springs and bodies at the end. `env_given_J`, `env_paid_J` :
-    what an observer saw it give beyond its means, and made damping take back; None: nothing had to be observed.
+    what it gave out beyond what it had, and what damping took back; None: there was no observer.
     `env_diverged` : one of these was no finite number.
     """
 
@@ -220,7 +220,7 @@ class SidePart(DevicePart, total=False):
 
 
 class Flow(TypedDict):
-    """Shuffled energy one way [nJ]: sent = credited + in flight + abandoned."""
+    """Shuffled energy in one direction [nJ]: sent = credited + in flight + abandoned."""
 
     sent_nJ: Count
     credited_nJ: Count
@@ -292,7 +292,7 @@ class Links(TypedDict):
 
 
 class Reported(TypedDict):
-    """Whose part is what a peer told, and when it came, in seconds after pairing [s].
+    """Whose part is a peer's report, and when it came, in seconds after pairing [s].
 
     `final` : that side's control had stopped. `whole` : it covers the time of the side that has it.
     """

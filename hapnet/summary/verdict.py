@@ -10,8 +10,8 @@ somebody else sent in a side's name; a deficit, a servo that was away, a speed a
 stopped because a reading was impossible, encoders that blur more than the margin, an energy stream without
 acknowledgements), or the world's own account is no finite number.
 
-Energy that a force under zero-order hold put out while the servo was away is the servo's, not the coupling's: it breaks
-no claim. The port of a simulated device is known through it, so there only the margins count.
+If a force was held too long because the servo was away, the energy that it put out is the servo's, not the coupling's:
+it breaks no claim. The port of a simulated device is known meanwhile, so there only the margins count.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ UNANSWERED_S = 5.0
 """An energy stream is dead if nothing was acknowledged for longer, although positions came [s]."""
 
 START_S = 1.0
-"""The least margin from then on is shown too [s]: at the start it is d^2 in any case."""
+"""The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
 _FLOWS: tuple[tuple[Direction, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
 
@@ -51,7 +51,7 @@ def judge(tree: object) -> Verdict:
         return {"passive": None, "reason": "; ".join(dict.fromkeys([*doubts, *gave]))}
     said = [_kept(summary)]
     if (device := summary["device"]) is not None and device["force"] == "commanded":
-        said.append("as commanded: the device does not tell what it applied")
+        said.append("as commanded: the device does not report what it applied")
     return {"passive": True, "reason": "; ".join([*said, *gave])}
 
 
@@ -277,7 +277,7 @@ def _reporter(summary: Summary) -> Iterator[str]:
 
 
 def untold(tree: object) -> str | None:
-    """One line if one side was there, and the other has not told its account to the end; None if not."""
+    """One line if one side was there, and the other has not reported its account to the end; None if not."""
     summary = read(tree)
     sides = [side for side in SIDES if _half(summary, side) is not None]
     lacking = [f"the {SIDES[1 - SIDES.index(side)]}'s account is not here" for side in sides if len(sides) == 1]
@@ -328,7 +328,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
     if world is not None and world["failed"] is not None and slack is None:
         yield f"the world failed, and its own account is not known: {world['failed']}"
     if summary["environment"]["env_diverged"] is True:
-        yield "the world's own account is no finite number (its stored_J or supplied_J): what it gave is not known"
+        yield "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known"
 
 
 def contradicted(tree: object) -> bool:
@@ -338,7 +338,7 @@ def contradicted(tree: object) -> bool:
 
 _CONTRADICTIONS = {
     "acknowledged": "acknowledged energy that was never announced",
-    "credited": "told of less energy than was credited before",
+    "credited": "reported less energy than was credited before",
     "tellers": "cannot all be of one sender",
 }
 

@@ -1,6 +1,6 @@
-"""A side's account, told to its peer while both run and once more at the end, until the peer has answered. No clock.
+"""A side's account, reported to its peer while both run and at the end, until the peer has answered. No clock.
 
-What it says is the sender's own claim, and nothing in the protocol depends on it. The newest account counts. A side
+An account is the sender's own claim, and nothing in the protocol depends on it. The newest account counts. A side
 whose account is final asks for an answer, and repeats it every `REPEAT_NS` until one comes. An answer is an account
 too, made after what it answers: so it covers all that was before, though the two sides have no common clock.
 """
@@ -53,7 +53,7 @@ class AccountExchange:
     Attributes
     ----------
     heard : the newest of the peer, or of the last one if there is none now; None: none came.
-    owes : the peer asks for an account, and none was told since.
+    owes : the peer asks for an account, and none was sent since.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class AccountExchange:
 
     @property
     def known(self) -> bool:
-        """Has the peer answered the newest account, a final one? Also if it has never told any: it will not answer."""
+        """Has the peer answered the newest account, a final one? Also if it never reported: then it will not answer."""
         return self.heard is None or (self._final and self._answered >= self._number)
 
     @property
@@ -90,7 +90,7 @@ class AccountExchange:
 
         Raises
         ------
-        BadMessage : it is older than one before, or answers one that was never told.
+        BadMessage : it is older than one before, or answers one that was never sent.
         """
         if message.heard > self._number:
             raise BadMessage("range", f"an account that answers {message.heard}; allowed: up to {self._number}")
@@ -121,7 +121,7 @@ class AccountExchange:
         return self._due_ns
 
     def change_pair(self, *, paired: bool) -> None:
-        """There is another peer now, which has reported and heard nothing; or none, and what the last one told
+        """There is another peer now, which has reported and heard nothing; or none, and the last one's account
         stays."""
         self.owes, self._due_ns, self._answered = False, None, 0
         if paired:

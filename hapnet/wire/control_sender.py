@@ -6,7 +6,7 @@ from typing import Any
 
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
 
-PROMPT_NS = 20_000_000  # least time between two hellos, when strangers call for them
+PROMPT_NS = 20_000_000  # minimum time between two hellos, when strangers call for them
 REPLY_SPACING_NS = 10_000_000  # at most MAX_REPLIES replies in this time, however fast strangers send
 MAX_REPLIES = 8
 BYE_COPIES = 3

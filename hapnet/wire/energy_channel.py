@@ -215,7 +215,7 @@ def acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
         _forget_oldest(channel)
     if total_nJ == acked_nJ:
         sample(channel.rto, now_ns - sent_ns)
-    else:  # credited in part: the messages under way would measure the peer's bucket, not the path
+    else:  # credited in part: the messages in flight would measure the peer's bucket, not the path
         channel.timed = 0
     if channel.announced_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
         last_ns = channel.spaced_ns - channel.spacing_ns

@@ -24,7 +24,7 @@ class Paired:
 class PositionReceived(NamedTuple):
     """The peer's set-position [m or rad], its number and its sender's clock [ns].
 
-    took_ns : estimate of how long it was under way [ns]. level : how full the peer's reservoir is; None: not told.
+    took_ns : estimate of its transit time [ns]. level : how full the peer's reservoir is; None: not reported.
     """
 
     sequence: int

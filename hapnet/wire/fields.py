@@ -39,7 +39,7 @@ LEVEL = "level"
 """The further entry of a position or a proxy: how full its sender's reservoir is, 0 to 1."""
 
 REACH = "reach"
-"""The further entry of a proxy: within this distance [m] there are no other planes than those that it tells."""
+"""The further entry of a proxy: within this distance [m] there are no other planes than those that it has."""
 
 ENCRYPTION_BYTES = 16
 """What encryption adds to a frame, besides the message that carries it."""
@@ -245,7 +245,7 @@ def level(value: object) -> None:
 
 
 def level_in(message: Any) -> float | None:
-    """The level in a position's or a proxy's further entries; None: it is not told."""
+    """The level in a position's or a proxy's further entries; None: it is not there."""
     return None if message.more is None else message.more.get(LEVEL)
 
 
@@ -311,7 +311,7 @@ def checks_of(message: type, names: tuple[str, ...]) -> tuple[Callable[[object],
 
 
 def surroundings(position: Any, force: Any, planes: Any, more: dict[str, Any]) -> None:
-    """Of a proxy: its force, its planes and what is told of their surfaces have to fit together."""
+    """Of a proxy: its force, its planes and the entries about their surfaces have to fit together."""
     if any(len(vector) != len(position) for vector in (force, *(plane[0] for plane in planes or ()))):
         raise BadMessage("dimension", f"{len(position)} coordinates with a force or a normal of others")
     if CURVATURES in more:

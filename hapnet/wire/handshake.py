@@ -37,7 +37,7 @@ from hapnet.wire.pairing import Action, Input, State, transition
 from hapnet.wire.secret import Keys, Secret
 
 CANDIDATE_NS = 500_000_000  # several hello periods: one that still looks for a peer is heard meanwhile
-REPORT_SPACING_NS = 100_000_000  # least time between two reports that somebody does not fit
+REPORT_SPACING_NS = 100_000_000  # minimum time between two reports that somebody does not fit
 MAX_PEERS = 4096
 
 COUPLING = "coupling"
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 class Handshake:
     """One side's part in finding and keeping its peer. `peer` is None while unpaired.
 
-    living : called with the time [ns]; tells whether the peer, if there is one, was heard lately.
+    living : called with the time [ns]; returns whether the peer, if there is one, was heard lately.
     secret : what keys are made of; None: neither side's messages are sealed.
     """
 
@@ -85,7 +85,7 @@ class Handshake:
         self.pairs: int = 0
         self.control: ControlSender = ControlSender(identity, hello_period_ns, self.keys.offer)
         self._living = living
-        self._retired: dict[int, str] = {}  # incarnations, with what they are told when they speak
+        self._retired: dict[int, str] = {}  # incarnations, with the refusal that they get when they speak
         self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last
         self._candidate: int | None = None
         self._candidate_ns = 0  # when it was heard last

@@ -1,4 +1,4 @@
-"""The integral of all waves of a stream, which its messages tell."""
+"""The integral of all waves of a stream, which its messages have."""
 
 from __future__ import annotations
 

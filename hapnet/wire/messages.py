@@ -266,7 +266,7 @@ class Bye:
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """The values that the sender tells `addressee` beside the stream, all of them, as of now; the newest frame wins."""
+    """All values that the sender reports to `addressee` beside the stream, as of now; the newest frame wins."""
 
     KIND: ClassVar[int] = 11
     CHANNEL: ClassVar[Channel] = "signals"

@@ -1,7 +1,7 @@
 """Which message of the peer's stream is new, which is late, and which is no part of it.
 
 An honest sender's numbers and time stamps rise together. If a message has a higher number than the newest and an
-earlier stamp, or the other way round, then one of the two is forged or damaged. The same holds for a number that no
+earlier stamp, or the reverse, then one of the two is forged or damaged. The same holds for a number that no
 servo can have reached by then. Such a message is doubtful. It is dropped, but it may be the first of another run of
 numbers. Of two runs the one that goes on is believed:
 
@@ -38,13 +38,13 @@ LATE_RUN, LATE_RUN_NS = 10, 100_000_000
 """An honest sender never has this many late messages in order, over this time, with nothing new between them."""
 
 EARLY_NS = 60_000_000
-"""A message is too early to be true if it beats the least delay so far by this and twice the mean above it."""
+"""A message is too early to be true if it beats the minimum delay so far by this and twice the mean above it."""
 
 WARM = 32
-"""The least delay means something once this many messages have come."""
+"""The minimum delay means something once this many messages have come."""
 
 WINDOW_NS = 10_000_000_000
-"""The least delay is that of the last one to two such windows, since clocks drift."""
+"""The minimum delay is that of the last one to two such windows, since clocks drift."""
 
 
 class Numbering(Record):
@@ -53,9 +53,9 @@ class Numbering(Record):
     Attributes
     ----------
     newest, stamp_ns, heard_ns : the highest number of the run, -1 before the first message; its stamp and arrival.
-    min_ns : the least difference, lately, of the time of arrival and the sender's stamp. It contains the difference
+    min_ns : the smallest difference, lately, of the time of arrival and the sender's stamp. It contains the difference
         of the clocks. mean_ns, count : the mean difference, of so many messages.
-    before_ns, lately_ns, roll_ns : the least of the last window and of the present one, and when that ends.
+    before_ns, lately_ns, roll_ns : the minimum of the last window and of the present one, and when that ends.
     other_number, other_stamp_ns, other_came_ns : of the last doubtful message.
     others, others_ns : how many of those came in a row, 0 if the run goes on, and since when.
     displaced : the last number of the run that this one has displaced; -1: it has displaced none.

@@ -3,8 +3,8 @@
 A side decides here and acts in `hapnet.wire.handshake`. An input says what happened, as far as it matters for pairing:
 the kind of message, who sent it and whether it fits. A row says which state follows, what to do, and why the message
 is dropped, if it is. A pair that has no row cannot be caused by a peer: it is an error of this side's own program and
-raises `LocalProtocolError`. What a peer does wrong is a row with a reason to drop, and becomes a `BadMessage`. (h11
-tells local and remote errors apart in the same way.)
+raises `LocalProtocolError`. A peer's error is a row with a reason to drop, and becomes a `BadMessage`. (h11 likewise
+keeps local and remote errors apart.)
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Action(Enum):
 
 
 class Drop(Enum):
-    """Why a message is dropped: the kind under which it is counted, and the words for people."""
+    """Why a message is dropped: the kind under which it is counted, and the text for people."""
 
     OWN = "own", "this side's own incarnation came back"
     RETIRED = "retired", "incarnation {sender:#x} was the peer once"
@@ -98,7 +98,7 @@ def _row(state: State, *actions: Action, drop: Drop | None = None) -> Transition
 
 
 def _in_any(state: State) -> dict[Input, Transition]:
-    """What every state but the last answers in the same way."""
+    """What every state but the last answers alike."""
     return {
         Input.CLOSE: _row(State.LEFT),
         Input.OWN: _row(state, drop=Drop.OWN),

@@ -7,8 +7,8 @@ a round trip of
     (now_ns - echo_ns) - (sent_ns - came_ns)                                   (RFC 5905, section 8)
 
 This contains neither the difference of the clocks nor the time for which the other side held the stamp. How it splits
-into the way there and the way back cannot be known. Of the way to this side only the variation is known: now_ns -
-sent_ns, less the least such difference lately. So an age is that variation plus half of the least round trip.
+into the two directions cannot be known. Of the direction to this side only the variation is known: now_ns - sent_ns,
+less the minimum of that lately. So an age is that variation plus half of the minimum round trip.
 
 The numbers show what has not come, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less
 those that came, late or not. A transport may drop what was overtaken, and then that is not lost on the path. Such a
@@ -44,7 +44,7 @@ class PathFigures:
 
     jitter : how much longer the messages to this side took than the fastest lately.
     age : the age of what this side used, at its oldest: just before the next took its place. A message without jitter
-        is assumed to take half of the least round trip.
+        is assumed to take half of the minimum round trip.
     """
 
     round_trip_min_ns: int | None
@@ -117,7 +117,7 @@ class Path(Record):
     Attributes
     ----------
     all : the counts since the start.
-    min_trip_ns : the least round trip; `NEVER`: none was measured.
+    min_trip_ns : the minimum round trip; `NEVER`: none was measured.
     since_ns, every : see `begin`.
     echo_ns, came_ns : stamp and arrival of the sampled message that came last, late or not: what to echo.
     last_ns, last_stamp_ns : arrival and stamp of the newest; `NEVER`: there is none.
@@ -197,7 +197,7 @@ class Path(Record):
 
     @equation
     def took_ns(self, now_ns: int, sent_ns: int, min_ns: int) -> int:
-        """Estimate of how long a message that comes now was under way, without a common clock [ns]."""
+        """Estimate of the transit time of a message that comes now, without a common clock [ns]."""
         half_ns = 0 if self.min_trip_ns == NEVER else self.min_trip_ns // 2
         return min(max(0, now_ns - sent_ns - min_ns), MAX_NS) + half_ns
 
@@ -206,7 +206,7 @@ class Path(Record):
         return self.all.copy()
 
     def figures(self, since: Counts | None = None) -> PathFigures:
-        """The figures of all messages, or of those since then. The least round trip and the longest stall are of all.
+        """The figures of all messages, or of those since then. Minimum round trip and longest stall are those of all.
 
         This needs no lock: a message that comes meanwhile may be counted in only some of the figures.
         """
@@ -253,8 +253,8 @@ on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns
 
 
 class InUse(Record):
-    """The newest of the peer's samples in use: when it was sent, on the peer's clock, when it came, and how long it was
-    under way [ns]; took_ns is below 0 where there is none."""
+    """The newest of the peer's samples in use: when it was sent, on the peer's clock, when it came, and its transit
+    time [ns]; took_ns is below 0 if there is none."""
 
     sent_ns: int
     came_ns: int

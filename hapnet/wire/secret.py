@@ -156,7 +156,7 @@ class Keys:
     def require_seal(self, message: Message, data: bytes) -> None:
         """Check that a message of someone who shares a key with this side is sealed with it.
 
-        Streams are not sealed: a set-position costs what it costs, whoever tells it. Nor are hellos, which are to
+        Streams are not sealed: a set-position costs what it costs, whoever sends it. Nor are hellos, which are to
         nobody; and welcomes are judged by `prove`. Of a pair that encrypts only byes and refusals come so.
 
         Raises

@@ -19,7 +19,7 @@ class SessionSettings:
         Otherwise the newest wins, as motions and ports always do.
     admission_W, admission_burst_J : the energy credited to the peer in the long run [W] and at once [J].
     hello_period_ns : time between two hellos while unpaired.
-    spacing_ns : least time between two messages with new energy.
+    spacing_ns : minimum time between two messages with new energy.
     silence_ns : after this time without a new position the peer counts as silent.
     expects : the kind of message in the peer's stream. Waves are handed out even if they are late, but once each.
     sends_sums : do energy messages hold what shows that all of them are of one sender (`hapnet.wire.sums`)?

@@ -15,7 +15,7 @@ STOP = "stop"
 """This signal, a text with the reason, takes the device's force away for good."""
 
 SPACING_NS = 10_000_000
-"""The least time between two frames [ns]."""
+"""The minimum time between two frames [ns]."""
 
 REPEAT_NS = 200_000_000
 MOST_CHARACTERS = 1024
@@ -27,7 +27,7 @@ class SignalExchange:
 
     Attributes
     ----------
-    told : this side's own. heard : the peer's.
+    reported : this side's own. heard : the peer's.
     """
 
     def __init__(self) -> None:

@@ -41,7 +41,7 @@ class PositionStream:
     def position(self, now_ns: int, position: Sequence[float], level: float | None = None) -> bytes:
         """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here).
 
-        level : how full this side's reservoir is, 0 to 1; None: that is not told.
+        level : how full this side's reservoir is, 0 to 1; None: that is not sent.
         """
         sequence = self.next_sequence
         self.next_sequence = sequence + 1
@@ -78,7 +78,7 @@ class PositionStream:
         """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it.
 
         A plane's sixth and seventh elements, if it has them, are its curvatures and its friction. reach_m : within it
-        there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not told.
+        there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not sent.
         """
         reported = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
         values = (_floats(position), aimed_ns, _floats(force), reported)

@@ -61,8 +61,8 @@ class Sums:
         return self._number, sent_nJ, 0 if self._newest is None else self._newest[0]
 
     def take(self, message: Energy, announced_nJ: int) -> tuple[Event, ...]:
-        """What contradicts in the peer's message; each kind is told once for each pair. Nothing else depends on it."""
-        reported = f"it tells that {message.total_nJ} nJ were sent, and {message.acked_nJ} nJ credited"
+        """What contradicts in the peer's message; each kind is reported once a pair. Nothing else depends on it."""
+        reported = f"it reports {message.total_nJ} nJ sent, and {message.acked_nJ} nJ credited"
         found = self._found(self._contradiction(message), reported)
         return found + self.acknowledged(message.acked_nJ, announced_nJ)
 

@@ -270,7 +270,7 @@ def test_one_that_jumps_is_stopped() -> None:
     arm.x = 0.026
     tick(side, 2)
     assert side.stopped is not None
-    assert "it reads a displacement of 0.02009 m in 1 ms, its greatest speed is 1 m/s" in side.stopped[1]
+    assert "it reads a displacement of 0.02009 m in 1 ms, its maximum speed is 1 m/s" in side.stopped[1]
 
 
 def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_spike_is_not() -> None:
@@ -282,7 +282,7 @@ def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_s
     tick(side, 6)
     assert side.stopped == (
         6 * MS,
-        "it reads a velocity of 50 m/s, its greatest speed is 1 m/s (are these millimetres?)",
+        "it reads a velocity of 50 m/s, its maximum speed is 1 m/s (are these millimetres?)",
         False,
     )
 

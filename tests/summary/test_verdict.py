@@ -186,7 +186,7 @@ def test_what_is_no_fault(changes: dict[str, Any]) -> None:
 def test_a_device_that_tells_only_what_it_was_commanded() -> None:
     found = judge(but({"device.force": "commanded"}))
     assert found["passive"] is True
-    assert found["reason"].endswith("; as commanded: the device does not tell what it applied")
+    assert found["reason"].endswith("; as commanded: the device does not report what it applied")
 
 
 def test_of_a_sender_that_is_torn_or_began_anew_what_it_sent_is_not_known() -> None:

@@ -92,5 +92,5 @@ FAULTS: tuple[tuple[type[Handle], str], ...] = (
     (DeadEncoder, "reads the same while 0.3 N push it to and fro: is its encoder connected?"),
     (Doubled, "moves as 0.05 kg would, and 0.1 kg are declared: is its force larger?"),
     (Late, "moves 3 readings after its force"),
-    (Backwards, "tells -1 times the velocity of its positions"),
+    (Backwards, "reports -1 times the velocity of its positions"),
 )

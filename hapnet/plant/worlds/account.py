@@ -5,7 +5,7 @@ With f the force that was really applied, U = `stored_J` and S = `supplied_J` of
     slack = -sum f . vhat T + S - (U - U(0))
 
 is what they have dissipated. Below 0: the environment is active, it gave out energy that nobody had put in. Theorem 1
-holds in either case (hapnet/plant/integrator.py, (13)); this tells who gave the energy.
+holds in either case (hapnet/plant/integrator.py, (13)); this account shows who gave the energy.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class EnvironmentAccount(Record):
     """The account of `surroundings` from now on, with the proxy at `position` (n,) [m].
 
     start_J : U(0). supplied_at_start_J : what had been supplied before. supplied_J : S, work put in since then by
-    obstacles that are moved from outside. slack_min : the least slack so far, infinite before the first step.
+    obstacles that are moved from outside. slack_min : the minimum of slack so far, infinite before the first step.
     """
 
     start_J: float

@@ -1,6 +1,6 @@
 """A world of the user's own: obstacles with any force law, which promise nothing.
 
-A force is averaged over the way of a step, and solved together with it: with the relative positions q and mean
+A force is averaged over the displacement of a step, and solved together with it: with the relative positions q and mean
 velocities w
 
     f = int_0^1 F(q + s T w, w, t + s T) ds,     w = w_0 + G f
@@ -60,7 +60,7 @@ class ForceWorld(ObservedWorld):
         return added(body.kinetic_J for body in self.obstacles)
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """Those of all obstacles; None if one of them can tell none: the device would not feel it."""
+        """Those of all obstacles; None if one of them cannot send any: the device would not feel it."""
         reported = [body.planes(position, self.time_s) for body in self.obstacles]
         if None in reported:
             return None

@@ -1,12 +1,12 @@
 """Coulomb's friction as a damper across the contact's normal, chosen anew each step.
 
 With ``D = sum c_i P_i``, ``P_i = I - n_i n_i' / |n_i|^2``, the step is ``(A + D) vhat = c + sum n_i f_i``. What D
-takes, ``vhat' D vhat T``, is never negative, whatever c_i >= 0 is: so friction is passive, and how c_i is chosen is a
-matter of feel. With s the tangential speed without friction and a = A along it, c = mu |F| / (s - mu |F|/a) makes the
-friction mu |F| where it slides. Where it sticks, a mass that began the step with the tangential velocity v0 would end
+dissipates, ``vhat' D vhat T``, is never negative for any c_i >= 0: so friction is passive, and the choice of c_i only
+decides how it feels. With s the tangential speed without friction and a = A along it, c = mu |F| / (s - mu |F|/a) makes
+the friction mu |F| while it slides. If it sticks, a mass that began the step with the tangential velocity v0 would end
 it with -v0 if vhat became 0, and would chatter: so no c is greater than what makes it end at rest, |vhat| = |v0|/2.
 
-mu may vary over the surface: a step takes that of the place where it begins. That is as passive, for the same reason.
+mu may vary over the surface: a step takes its value where the step begins. That is passive for the same reason.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Friction = Callable[[Vector], float]
 """Coulomb's mu at a place (3,) [m]; what is not above 0 there counts as 0."""
 
 _STUCK = 1e3
-"""The greatest c, in units of a."""
+"""The largest c, in units of a."""
 
 
 def at(friction: float | Friction, place: Vector) -> float:

@@ -25,7 +25,7 @@ from hapnet.records.vectors import inner
 Triangles = NDArray[np.int64]
 
 _FLAT = 1e-9
-"""The nearest point is inside its triangle if the way there differs from the normal's by less, as a share."""
+"""The nearest point is inside its triangle if the direction to it differs from the normal by less, as a share."""
 
 _ON_EDGE = 1e-7
 """A barycentric coordinate below this is zero."""

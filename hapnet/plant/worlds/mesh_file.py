@@ -17,7 +17,7 @@ FORMATS = (".stl", ".obj", ".ply")
 LARGEST_BYTES = 200_000_000
 MOST_TRIANGLES = 1_000_000
 SMALLEST_M, LARGEST_M = 0.001, 2.0
-"""The greatest extent that a solid may have: a hand with a desktop device reaches some 0.1 m."""
+"""The smallest and the largest extent of a solid: a hand with a desktop device reaches some 0.1 m."""
 
 _SAME = 1e-7
 """Vertices that are nearer than this share of the extent are one."""

@@ -110,7 +110,7 @@ class Schedule:
         return float(shifting - turning * inner(along_surface[:2], arm))
 
     def rests_until(self, t: float) -> float:
-        """When the wall next differs from what it is at `t` [s]: `t` itself while a change is under way."""
+        """When the wall next differs from what it is at `t` [s]: `t` itself during a change."""
         if any(t < change.at_s + change.over_s for change in self._last(t)):
             return t
         return min((change.at_s for change in self.changes if change.at_s > t), default=inf)

@@ -1,6 +1,6 @@
 """MuJoCo's steps with the environment's account: what the engine is given, what it stores, what it must pay back.
 
-An observer sums what goes into the engine: the exact work F . (x_{k+1} - x_k) of the coupling's held force, and that
+An observer sums what goes into the engine: the exact work F . (x_{k+1} - x_k) of the coupling's force, and that
 of the model's actuators, the S of `hapnet.plant.worlds.account`. With U the kinetic and potential energy
 
     account += F . (x_{k+1} - x_k) + S_{k+1} - S_k - (U_{k+1} - U_k)
@@ -180,7 +180,7 @@ class Engine:
         return none, 0.0
 
     def _advance(self, force: Vector) -> tuple[Vector, float]:
-        """One substep of the engine: the proxy's way [m], and the actuators' work [J]."""
+        """One substep of the engine: the proxy's displacement [m], and the actuators' work [J]."""
         before, data = self.position(), self._data
         self._apply(force)
         self._engine.mj_step2(self._model, data)

@@ -2,8 +2,8 @@
 
 ``mujoco:FILE.xml`` loads any model as it is. A sphere is added that only the virtual coupling moves: on slide joints,
 without weight. ``?proxy=NAME`` makes a body of the model the proxy, at its centre of mass, or a site, at its place.
-``?at=X,Y,Z`` [m] says where the added sphere begins, ``?radius=`` [m] how large it is, ``?planes=`` of what the device
-is told (`hapnet.plant.worlds.mujoco_planes`); several with &.
+``?at=X,Y,Z`` [m] is where the added sphere begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes
+are sent (`hapnet.plant.worlds.mujoco_planes`); several with &.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from hapnet.plant.worlds.walls import check_number
 
 PREFIX = "mujoco:"
 PLANES = ("auto", "all", "none")
-"""What the device is told as planes: what they describe well, all that the sphere meets, nothing."""
+"""What is sent as planes: what they describe well, all that the sphere meets, nothing."""
 SHORTEST_S, MAX_S = 1e-5, 1.0
 """Of a model's timestep. Shorter ones take so many substeps that a run makes no progress."""
 

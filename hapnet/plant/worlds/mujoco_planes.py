@@ -1,7 +1,7 @@
 """The planes around an added sphere in a MuJoCo model, for the device's local contact model.
 
-Of a geom that the sphere touches the engine's contact says the normal and how deep it is; of one nearby, the shortest
-way. The sphere's radius is taken off: planes are those of its centre, so a ball of radius R bends by 1/(R + r).
+For a geom that the sphere touches, the engine's contact has normal and depth; for one nearby the shortest line between
+them has them. Planes are those of the sphere's centre, so its radius r is taken off, and a ball bends by 1/(R + r).
 
 The stiffness is that of the engine's soft contact at rest, where a force f lets the sphere in by f/K. With the
 impedance d, the reference stiffness k of `solref` and the inverse weights w of both bodies ("Computation" in MuJoCo's
@@ -11,9 +11,9 @@ documentation)
 
 and likewise the damping. The velocity is that of the touched body's point.
 
-A plane has Coulomb's friction, and does not give way. So by default it is told only of what has little friction and is
-fixed or heavy. While the sphere touches anything else no planes are told, and the device feels the sphere's own
-position.
+A plane has Coulomb's friction, and does not yield. So by default planes are sent only for geoms with little friction
+that are fixed or heavy. While the sphere touches anything else no planes are sent, and the device feels the sphere's
+own position.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ _ALIKE = 0.99
 """The cosine of two normals above which two contacts with one geom are one surface."""
 
 _RUBS = 0.1
-"""More friction than this is not told, as the engine's is no Coulomb friction: it is a damper of b/R up to mu times the
+"""Geoms with more friction are not sent, as the engine's is not Coulomb's: it is a damper of b/R up to mu times the
 push. With the default `solref` a sphere of 20 g that slides at 50 mm/s feels a fifth of what mu = 1 allows."""
 
 _LIGHT_PER_KG = 1.0
-"""What gives way more easily feels wrong as a plane, also one that moves."""
+"""A lighter body feels wrong as a plane, even as one that moves."""
 
 _STRAIGHT = 1e-6
 _PRESSED_M = 1e-3
-"""What is nearer to the surface is told with the stiffness that it has so deep, where a hand that presses will be."""
+"""Nearer to the surface, the stiffness is that at this depth, where a hand that presses will be."""
 _SOFTEST, _STIFFEST = 1.0, 1e6
-"""What is told of a stiffness [N/m]."""
+"""Stiffnesses are sent within these limits [N/m]."""
 
 
 class _Touch(NamedTuple):
@@ -60,11 +60,11 @@ class _Touch(NamedTuple):
 
 
 class SpherePlanes:
-    """Tells the planes around the sphere that was added to a model.
+    """The planes around the sphere that was added to a model.
 
     Parameters
     ----------
-    found : the model. dof : axes of the hand. everything : tell it also of what rubs and gives way?
+    found : the model. dof : axes of the hand. everything : also those of what rubs or yields?
     """
 
     def __init__(self, found: Model, dof: int, *, everything: bool = False) -> None:
@@ -84,7 +84,7 @@ class SpherePlanes:
 
     @property
     def any_fits(self) -> bool:
-        """Is there anything that may be told?"""
+        """Is there anything that a plane describes well?"""
         return any(self._fits[geom] for geom in self._others)
 
     def _fits_a_plane(self, geom: int) -> bool:

@@ -86,12 +86,12 @@ def nearest(planes: Iterable[Plane], position: Sequence[float], reach_m: float) 
 
 
 def contact_planes(scene: str, reported: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
-    """The first four planes that a user's scene tells. HapnetError with its name if they are none, or not valid."""
+    """The first four planes that a user's scene returns. HapnetError with its name if they are none, or not valid."""
     try:
         return checked(reported, dof)
     except BaseException as error:  # see `loading.failure`
         why = str(error) if isinstance(error, InvalidParameter) else failure(error)
-        raise HapnetError(f"the scene {scene} failed: it told {reported!r:.120}, not hapnet.Planes ({why})") from error
+        raise HapnetError(f"the scene {scene} failed: it gave {reported!r:.120}, not hapnet.Planes ({why})") from error
 
 
 def compliance_of(inverse: Inverse, dof: int) -> Array:

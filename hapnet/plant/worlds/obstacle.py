@@ -40,7 +40,7 @@ Motion = Callable[[float], Sequence[float] | float]
 
 _points, _weights = np.polynomial.legendre.leggauss(8)
 _RULE = tuple(zip((0.5 + 0.5 * _points).tolist(), (0.5 * _weights).tolist(), strict=True))
-"""Gauss's rule on the way of a step: shares of it, and their weights."""
+"""Gauss's rule on the path of a step: shares of it, and their weights."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Obstacle:
     motion : the obstacle's position, by a script; None: it rests at the origin, or is driven.
     mass : of a driven obstacle [kg], which starts at rest at the origin; 0: it is not driven.
     drive : the force on a driven obstacle, a `Law` of its own position and velocity.
-    planes : what the device is told, so that it feels the surface without delay: a plane, or a function of the proxy's
+    planes : what is sent, so that the surface is felt without delay: a plane, or a function of the proxy's
         position and of time that gives planes; all as seen from the obstacle. None: no plane describes the force.
     shape : what pictures show, as seen from the obstacle (`hapnet.plant.worlds.shapes`); it does not act on anything.
 
@@ -92,7 +92,7 @@ class Body:
         return 0.5 * self.obstacle.mass * float(self.velocity @ self.velocity)
 
     def compliance(self, dt: float) -> float:
-        """How much uhat gives way to the proxy's push [m/s per N]."""
+        """How much uhat yields to the proxy's push [m/s per N]."""
         return 0.5 * dt / self.obstacle.mass if self.obstacle.mass else 0.0
 
     def begin(self, dt: float, time: float) -> None:
@@ -121,7 +121,7 @@ class Body:
         return float(self.drive @ moved)
 
     def planes(self, position: Sequence[float], time: float) -> tuple[Plane, ...] | None:
-        """The planes around `position` [m] at `time` [s], moved with the obstacle; None: it can tell none."""
+        """The planes around `position` [m] at `time` [s], moved with the obstacle; None: it has none."""
         report = self.obstacle.planes
         if report is None:
             return None

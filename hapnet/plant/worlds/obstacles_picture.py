@@ -48,7 +48,7 @@ class ObstaclesPicture:
         return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """Where the proxy is in an obstacle's shape; a force law tells no friction."""
+        """Where the proxy is in an obstacle's shape; a force law has no friction to show."""
         found = []
         for body in self._shaped:
             shape, place = body.obstacle.shape, np.array(padded(body.position.tolist()))

@@ -150,7 +150,7 @@ class SteppedWorld(ObservedWorld):
         return self._energy("stored_J")
 
     def _energy(self, part: str) -> float:
-        """What the object tells of its energy; 0 if it does not tell [J]."""
+        """The energy that the object reports; 0 if it reports none [J]."""
         try:
             reported = getattr(self._stepping, part, 0.0)
             energy = float(reported)
@@ -161,7 +161,7 @@ class SteppedWorld(ObservedWorld):
         return energy
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """What the object tells; None if it has no method `planes`."""
+        """What the object returns; None if it has no method `planes`."""
         report: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
         if report is None:
             return None

@@ -18,7 +18,7 @@ Color: TypeAlias = tuple[int, int, int, int]
 """Red, green, blue and opacity, 0 to 255."""
 
 RESTS, SOFT = -1, -2
-"""In place of a body's number: a part that rests; one whose vertices are told anew each time."""
+"""In place of a body's number: a part that rests; one whose vertices are sent anew each time."""
 
 GREY: Color = (148, 163, 184, 153)
 
@@ -80,7 +80,7 @@ def shared(force: Vector, found: Sequence[tuple[Vector, Vector, float]]) -> list
 
     One contact has all of it. Of several, each pushes along its normal so that together they come as close to the force
     as pushes can (non-negative least squares, by coordinates), and what is across is shared in proportion to mu times
-    the push. With more contacts than axes many ways are possible: then it is one of them.
+    the push. With more contacts than axes many solutions are possible: this is one of them.
     """
     if len(found) == 1:
         return [Touch(*found[0], force)]

@@ -26,7 +26,7 @@ class Surface(NamedTuple):
 
     axis: int  #: index of the coordinate
     position_m: float
-    solid: int  #: +1: solid at greater coordinates, -1: at smaller ones
+    solid: int  #: +1: solid at larger coordinates, -1: at smaller ones
 
 
 class WorldDefaults(Protocol):
@@ -66,7 +66,7 @@ class WorldDefaults(Protocol):
         return
 
     def signals(self) -> Mapping[str, Signal]:
-        """What it tells the device's side beside the stream."""
+        """What it reports to the device's side beside the stream."""
         return {}
 
 

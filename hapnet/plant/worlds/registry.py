@@ -1,4 +1,4 @@
-"""The worlds by name, and the words behind a name.
+"""The worlds by name, and the text behind a name.
 
 A world is given as one of these:
 
@@ -44,7 +44,7 @@ def is_own(name: str) -> bool:
 def scene_parameters(name: str) -> dict[str, Any]:
     """The keywords and defaults that `make_scene` accepts for scene `name` (`inspect.Parameter.empty`: no default).
 
-    Those that the words behind the name set are left out.
+    Those that the text behind the name sets are left out.
     """
     builder = _builder(name)
     given = builder.keywords if isinstance(builder, partial) else {}
@@ -86,7 +86,7 @@ def _builder(name: str) -> Callable[..., Any]:
 
 
 def _given(name: str, spec: str, world: Callable[..., World]) -> dict[str, object]:
-    """The parameters that the words behind a world's name set, each of the type of its default."""
+    """The parameters that the text behind a world's name sets, each of the type of its default."""
     known = {p.name: p.default for p in inspect.signature(world).parameters.values()}
     found: dict[str, object] = {}
     for entry in spec.split("&"):

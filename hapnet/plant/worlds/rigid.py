@@ -1,6 +1,6 @@
-"""Rigid scenes: solids around the proxy, from words such as ``sphere?radius=20mm + plane?normal=0,0,-1``.
+"""Rigid scenes: solids around the proxy, from text such as ``sphere?radius=20mm + plane?normal=0,0,-1``.
 
-The words are solids, joined by `` + ``. Each is a kind and, after ``?``, its properties, joined by ``&``. Every length
+The text is solids, joined by `` + ``. Each is a kind and, after ``?``, its properties, joined by ``&``. Every length
 has a unit. What is not given has a default; by default a solid begins 20 mm in front of the start, as the wall of the
 scene `wall` does.
 """
@@ -99,7 +99,7 @@ def rigid(
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
 ) -> RigidScene:
-    """The scene that `words` describe (see above); `stiffness` and `damping` are those of solids that name none."""
+    """The scene that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
     given = {"stiffness": stiffness, "damping": damping}
     solids = [_solid(part, given) for part in _parts(text)]
     try:
@@ -111,12 +111,12 @@ def rigid(
 
 
 def builder(text: str) -> Callable[..., RigidScene] | None:
-    """A function that makes the scene with these words; None: they are not those of a rigid scene."""
+    """A function that makes the scene that `text` describes; None: it describes no rigid scene."""
     return partial(rigid, text) if _kind(_parts(text)[0])[0] in KINDS else None
 
 
 def parts_of_words(scene: object) -> tuple[Part, ...]:
-    """The parts of the scene with these words; none if it is no rigid scene, or its files are not here."""
+    """The parts of the scene that this text describes; none if it is no rigid scene, or its files are not here."""
     build = builder(scene) if isinstance(scene, str) else None
     try:
         return () if build is None else build().picture().parts
@@ -174,7 +174,7 @@ class Properties:
 
 
 class Kind:
-    """A kind of solid: how it is made, and the words for its properties."""
+    """A kind of solid: how it is made, and the help on its properties."""
 
     def __init__(self, make: Callable[[Properties, str], Shape], text: str) -> None:
         self.make: Callable[[Properties, str], Shape] = make

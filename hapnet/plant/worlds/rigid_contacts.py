@@ -3,9 +3,9 @@
 A solid is a signed distance d(x) and a one-sided potential ``U = 1/2 K_w max(0, -d)^2`` with a damper. A step replaces
 it by a plane with the depth ``p = p0 - g . (x - x_k)`` and the law of `hapnet.plant.worlds.walls`, which is exact for
 any step. g is a secant: the gradient of d, changed so that ``g . Delta = d(x_k + Delta) - d(x_k)`` holds for the
-step's way Delta. As Delta depends on g, the two are found in a few rounds.
+step's displacement Delta. As Delta depends on g, the two are found in a few rounds.
 
-How good the plane is decides how the contact feels. It does not decide whether it is passive, as the energy is
+A better plane makes the contact feel better. Whether it is passive does not depend on the plane, as the energy is
 accounted for (an anchored energy: PSPM inside the world). With e the energy that the planes of the last step ended with
 and E_c a small reservoir,
 
@@ -141,7 +141,7 @@ class RigidContacts(Surroundings):
     def _touch(
         self, dt: float, x: Vector, met: list[Secant], w: Vector, inverse: Inverse
     ) -> tuple[Vector, Vector, Vector]:
-        """The step's force, vhat and way, with planes that fit the way. Solids that it meets too are added to `met`."""
+        """The step's force, vhat and displacement, with planes that fit. Other solids that it meets go into `met`."""
         for left in range(CORRECTIONS, -1, -1):
             force, vhat = self._step(dt, x, met, w, inverse)
             delta = (dt * vhat[0], dt * vhat[1], dt * vhat[2])
@@ -273,7 +273,7 @@ class RigidContacts(Surroundings):
         return sorted(found, reverse=True)
 
     def _bends(self, shape: Shape, x: Vector, gradient: Vector, length: float) -> Curvatures:
-        """How the solid's surface bends, as it is cut by the axes: with two, along the one way across the normal.
+        """How the solid's surface bends, as it is cut by the axes: with two, along the one direction across the normal.
 
         Empty: it does not say so; or the front is what counts, and the back is nearer; or the cut is oblique.
         """

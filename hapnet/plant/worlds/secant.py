@@ -16,7 +16,7 @@ GOOD_MPS = 5e-5
 for errors, so what counts is how much a second: 5 N times this is 0.25 mW."""
 
 _MOST_TURN = 0.7
-"""The longest correction of a gradient."""
+"""The largest correction of a gradient."""
 
 _AGAINST = -0.5
 """A cosine below this: the gradient is that of the back."""
@@ -120,7 +120,7 @@ class Secant:
     # -- its plane in a step ------------------------------------------------------------------------------------------
 
     def meets(self, x: Vector, delta: Vector, length: float) -> bool:
-        """Is `x` inside, or does the straight way `delta` from there enter? Then the plane is made.
+        """Is `x` inside, or does the straight path `delta` from there enter? Then the plane is made.
 
         length : of `delta` [m].
         """
@@ -151,7 +151,7 @@ class Secant:
         return self._half * self.depth * self.depth if self.depth > 0.0 else 0.0
 
     def end_J(self, delta: Vector) -> float:
-        """U of the plane at the end of the way `delta` (3,) [m]."""
+        """U of the plane at the end of the displacement `delta` (3,) [m]."""
         a, b, c = self.normal
         depth = self.depth + a * delta[0] + b * delta[1] + c * delta[2]
         return self._half * depth * depth if depth > 0.0 else 0.0
@@ -159,8 +159,8 @@ class Secant:
     def correct(self, x: Vector, delta: Vector, end: Vector, good: float) -> bool:
         """Turn the plane to what is true at the step's end; False: it is so within `good` [m] already.
 
-        Where the surface turns much within the step, planes would alternate without an end. So round k takes the mean
-        of all k: it goes by 1/k of the way.
+        If the surface turns much within the step, planes would alternate without an end. So round k takes the mean
+        of all k: it corrects 1/k of the error.
         """
         distance, gradient = self.near(end)
         a, b, c = self.normal
@@ -199,7 +199,7 @@ class Secant:
         self.depth = min(0.0, a * (at[0] - x[0]) + b * (at[1] - x[1]) + c * (at[2] - x[2]) - distance)
 
     def _hit(self, x: Vector, direction: Vector, length: float) -> Hit | None:
-        """Where the straight `way` from `x`, which is outside, enters, roughly; None: nowhere."""
+        """Where the straight path from `x`, which is outside, in `direction` enters, roughly; None: nowhere."""
         before = self._start
         end = _along(x, direction, 1.0)
         after = self.near(end)

@@ -25,7 +25,7 @@ class Shape(Protocol):
 
     @property
     def slope(self) -> float:
-        """The most that the distance changes per metre of way; 1 but for a textured shape."""
+        """The most that the distance changes per metre of path; 1, except for a textured shape."""
 
     @property
     def flat_m(self) -> float:
@@ -162,7 +162,7 @@ class Textured:
         self._height = checks.non_negative("height", height) / 3.0
         steepness = self._height * self._wave * sqrt(3.0)
         if not steepness <= _STEEPEST:
-            raise InvalidParameter("height", height, f"a relief that rises by {_STEEPEST:g} per metre of way at most")
+            raise InvalidParameter("height", height, f"a relief that rises by {_STEEPEST:g} per metre at most")
         self.slope: float = shape.slope + steepness
         self.flat_m: float = 0.0
 

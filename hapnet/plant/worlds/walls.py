@@ -13,7 +13,7 @@ outweighed its spring on the way out. Then it is left out of the step and the re
 wall faster still, so U does not grow and the step stays passive.
 
 Two walls are independent iff ``n_i' A^-1 n_j = 0``. Opposite faces of one axis share one potential; a fast mass may
-cross the whole gap between them in one step. Walls that are coupled in any other way are solved together
+cross the whole gap between them in one step. Walls with any other coupling are solved together
 (`hapnet.plant.worlds.coupled`).
 
 D. J. Lee and K. Huang (World Haptics 2009) take their wall from a companion paper. The law here is not theirs: it is
@@ -281,7 +281,7 @@ class Contacts(Record, Surroundings):
 
     @equation
     def nearest(self, position: Reals, reach_m: float) -> int:
-        """How many walls `planes` tells; their numbers are in `near`."""
+        """How many walls `planes` has; their numbers are in `near`."""
         found = 0
         for k in range(self.faces):
             self.taken[k] = 0

@@ -106,7 +106,7 @@ def _reasons(setup: Setup) -> Iterator[str]:
         before = "the stages before " if known(params.coupling) and params.rendering == "hapnet" else ""
         yield f"{before}the coupling {params.coupling}"
     if setup.servo == "sampled" and setup.harvest != "measured":
-        yield f"the harvest {setup.harvest} of a held force"
+        yield f"the harvest {setup.harvest} of a sampled servo"
     yield from _of_scene(setup)
     for name, profile, timeline in (
         ("uplink", setup.up, setup.up_timeline), ("downlink", setup.down, setup.down_timeline)

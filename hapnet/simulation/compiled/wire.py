@@ -70,7 +70,7 @@ def _parts(wire: endpoints.Wire, session: Session) -> list[tuple[Record, Record]
 
 
 def _or_none(reported: float | None) -> float:
-    """As the kernel has what may not be told."""
+    """A value that may be missing, as the kernel has it."""
     return -1.0 if reported is None else reported
 
 
@@ -104,7 +104,7 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
 
 
 def _sizes(record: endpoints.Endpoint, session: Session) -> None:
-    """The least sizes of the messages, with all headers [bytes]."""
+    """The smallest sizes of the messages, with all headers [bytes]."""
     assert session.peer is not None
     me, peer = session.identity.incarnation, session.peer.incarnation
     sizes = _min_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, record.kind)

@@ -83,7 +83,7 @@ def test_what_fails_names_the_scene() -> None:
     stepping.planes = fails  # type: ignore[attr-defined]  # as a user's object has it
     with pytest.raises(HapnetError, match=r"planes\(\) raised KeyError"):
         SteppedWorld(stepping, name="own").planes((0.0,), 1.0)
-    with pytest.raises(HapnetError, match=r"the scene own failed: it told .*a plane's normal"):
+    with pytest.raises(HapnetError, match=r"the scene own failed: it gave .*a plane's normal"):
         ForceWorld([Obstacle(wall, planes=FACE)], dof=2).planes((0.0, 0.0), 1.0)
 
 
