@@ -167,11 +167,12 @@ class UserDevice:
             self.dead_man: int | None = self._dead_man()
             self.knows_force: bool = bool(getattr(self.device, "knows_force", True))
             self.declared: OperatingRange = declared_range(params, dof, self.device)
-            rate_hz = self._positive("rate_hz")
+            self.rate_hz: float | None = self._positive("rate_hz")
         except InvalidParameter as error:
             raise InvalidParameter("hardware", name, f"a device whose limits are numbers ({error})") from error
-        if is_run and rate_hz is not None and rate_hz < params.servo_hz * (1.0 - 1e-9):
-            raise InvalidParameter("device.servo_hz", params.servo_hz, f"at most {rate_hz:g}, as this device")
+        if is_run and self.rate_hz is not None and self.rate_hz < params.servo_hz * (1.0 - 1e-9):
+            most = f"at most {self.rate_hz:g}, as this device: --servo-hz {math.floor(self.rate_hz)}"
+            raise InvalidParameter("device.servo_hz", params.servo_hz, most)
         if self._can("home"):
             self._make_ready()
         try:

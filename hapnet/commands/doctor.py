@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated
@@ -58,9 +59,8 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
 
     if hardware == "simulated":
         raise InvalidParameter("--device", hardware, "a real device (`hapnet devices`), or module:Class")
-    params = Params().set({"hardware": hardware})
-    rate_hz = servo_rate(params)
-    device = UserDevice(hardware, dof, params.set({"device.servo_hz": rate_hz}).device)
+    device = UserDevice(hardware, dof)
+    rate_hz = min(servo_rate(Params().set({"hardware": hardware})), device.rate_hz or math.inf)
     most_N = device.force_limit
     try:
         for flag, force_N in (("--ramp", ramp_N), ("--damping", damping_N)):

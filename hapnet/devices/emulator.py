@@ -54,10 +54,14 @@ class Handle:
         self._advance(now_ns)
         return self.device.position, self.device.velocity
 
+    def age_ns(self, now_ns: int) -> int:
+        """How long ago the handle was where the last `read` saw it: it moves in steps."""
+        assert self._start_ns is not None, "not read yet"
+        return now_ns - self._start_ns - self.device.ticks * self._period_ns
+
     def impulse_at(self, now_ns: int) -> Vector:
         """The integral of the force up to `now_ns` [Ns], after a `read` at that time."""
-        assert self._start_ns is not None, "not read yet"
-        since_s = (now_ns - self._start_ns - self.device.ticks * self._period_ns) * NANO
+        since_s = self.age_ns(now_ns) * NANO
         return tuple([impulse + since_s * force for impulse, force in zip(self.impulse_Ns, self.force, strict=True)])
 
     def hold(self, now_ns: int, force: Vector) -> Vector:

@@ -12,13 +12,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
-from hapnet.devices import serial_line as wire
+from hapnet.devices import serial_frames as wire
 from hapnet.devices.emulator import NANO, Emulator, Handle
 from hapnet.errors import InvalidParameter
 
 _PERIOD_NS = 1_000_000
 _STALLED_NS = 500_000_000
-_LIMIT_MN, _CONTINUOUS_MN, _RESOLUTION_NM, _REACH_UM, _WATCHDOG_MS = 3000, 0, 1000, 80_000, 20
+_LIMIT_N, _COUNT_NM, _REACH_UM, _WATCHDOG_MS = 3.0, 1000, 80_000, 20
 
 
 class SerialEmulator(Emulator):
@@ -32,8 +32,8 @@ class SerialEmulator(Emulator):
     """
 
     dof = 1
-    resolution_m: float = _RESOLUTION_NM * 1e-9
-    force_limit: ClassVar[float] = _LIMIT_MN * 1e-3
+    resolution_m: float = _COUNT_NM * 1e-9
+    force_limit: ClassVar[float] = _LIMIT_N
     watchdog_s: ClassVar[float] = _WATCHDOG_MS * 1e-3
 
     def __init__(
@@ -66,7 +66,7 @@ class SerialEmulator(Emulator):
                 raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
         self._unread = b""
         self._first_ns: int | None = None  # when the first command came
-        self._sequence = 0
+        self._number = 0
 
     def run(self, stop: threading.Event) -> None:
         start_ns = due_ns = self._clock()
@@ -82,7 +82,8 @@ class SerialEmulator(Emulator):
                 stop.wait((due_ns - self._clock()) * NANO)
                 continue
             self._send_state(start_ns)
-            due_ns += _PERIOD_NS
+            now_ns = self._clock()
+            due_ns = (now_ns if now_ns - due_ns > _PERIOD_NS // 2 else due_ns) + _PERIOD_NS  # it does not hurry
         with suppress(OSError):
             if self._link is not None:
                 self._link.unlink()
@@ -91,40 +92,42 @@ class SerialEmulator(Emulator):
 
     def _send_state(self, start_ns: int) -> None:
         now_ns = self._clock()
-        (x,), (v,) = self.handle.read(now_ns)
-        impulse = round(self.handle.impulse_at(now_ns)[0] * 1e9)
-        line = wire.line(
-            "S",
+        (x,), _ = self.handle.read(now_ns)
+        impulse = self.handle.impulse_at(now_ns)[0] / _LIMIT_N * wire.FULL * 1e6 / wire.IMPULSE_US
+        state = wire.State(
+            wire.flags(int(self._button), homed=True),
+            self._number,
             (now_ns - start_ns) // 1000 % wire.WRAP,
-            round(x * self._units / self.resolution_m) * _RESOLUTION_NM,
-            round(v * self._units * 1e6),
-            impulse % wire.WRAP,
-            self._sequence,
-            int(self._button),
+            round(x * self._units / self.resolution_m) * _COUNT_NM,
+            min(self.handle.age_ns(now_ns) // 1000, wire.OLDEST_US),
+            round(impulse) % wire.WRAP,
         )
+        frame = wire.state(state)
         if self._rubbish and self._random.random() < self._rubbish:
-            line = self._random.randbytes(len(line))
-        self._send(line)
+            frame = self._random.randbytes(len(frame))
+        self._send(frame)
 
     def _receive(self) -> None:
         try:
             came = os.read(self._device, 4096)
         except OSError:
             return
-        *lines, self._unread = (self._unread + self._lossy(came)).split(b"\n")
-        for raw in lines:
-            if (command := wire.command(raw)) is not None:
-                self._sequence = command.sequence
+        commands, self._unread = wire.commands(self._unread + self._lossy(came))
+        for command in commands:
+            if command.mark == b"F":
+                self._number = command.number
                 self._first_ns = self._first_ns or self._clock()
-                self.handle.hold(self._clock(), (command.force_uN * 1e-6,))
-            elif raw == wire.line("I").rstrip():
-                self._send(wire.line(
-                    "I", 1, 1000, _LIMIT_MN, _CONTINUOUS_MN, _RESOLUTION_NM, _REACH_UM, _WATCHDOG_MS, 1, 1, 0
-                ))  # fmt: skip
+                self.handle.hold(self._clock(), (command.force / wire.FULL * _LIMIT_N,))
+            elif command.mark == b"Q":
+                period_us = _PERIOD_NS // 1000
+                limit_uN = round(_LIMIT_N * 1e6)
+                self._send(wire.about(wire.About(
+                    wire.VERSION, period_us, 0, _WATCHDOG_MS, limit_uN, 0, _COUNT_NM, _COUNT_NM, _REACH_UM, 1, 0
+                )))  # fmt: skip
 
-    def _send(self, line: bytes) -> None:
+    def _send(self, frame: bytes) -> None:
         with suppress(OSError):  # nobody reads: what does not fit is lost, as on a wire
-            os.write(self._device, self._lossy(line))
+            os.write(self._device, self._lossy(frame))
 
     def _lossy(self, data: bytes) -> bytes:
         if not self._noise:

@@ -1,36 +1,39 @@
-"""A serial port as lines: it never blocks for longer than it is told, and is opened again when it comes back."""
+"""A serial port as bytes: it never blocks for longer than it is told, and is opened again when it comes back."""
 
 from __future__ import annotations
 
 import os
 import select
 import time
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hapnet.errors import DeviceSilent, InvalidParameter
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 
 if TYPE_CHECKING:
     from serial import Serial
 
 _AGAIN_S = 0.1
 _MOST_UNREAD = 4096
+_ADAPTERS = Path("/sys/bus/usb-serial/devices")
+_LONGEST_HELD_MS = 2
 
 
 class SerialPort:
-    """The port at `path`, open.
+    """The port at `path`, open, in the low-latency mode of Linux where it has one.
 
-    path : such as /dev/ttyACM0. baud : bits a second.
+    path : such as /dev/ttyACM0. baud : bits a second. adapters : where Linux tells how long USB adapters hold bytes.
 
     Raises
     ------
-    InvalidParameter : it cannot be opened.
+    InvalidParameter : it cannot be opened. HapnetError : its adapter holds bytes for long.
     """
 
-    def __init__(self, path: str, baud: int) -> None:
+    def __init__(self, path: str, baud: int, adapters: Path = _ADAPTERS) -> None:
         self.path: str = path
-        self._baud = baud
+        self._baud, self._adapters = baud, adapters
         self._port: Serial | None = None
-        self._unread = b""
         self._next_try_s = 0.0
         self._open()
 
@@ -54,28 +57,26 @@ class SerialPort:
             raise DeviceSilent(f"{self.path} has gone") from error
         return True
 
-    def lines(self, seconds: float) -> list[bytes]:
-        """The whole lines that have come, without their newlines, waiting for bytes as long as `seconds`.
+    def read(self, seconds: float) -> bytes:
+        """What has come, waiting for it as long as `seconds`.
 
         Raises
         ------
         DeviceSilent : the port has gone.
         """
         if self._port is None or seconds <= 0.0:
-            return []
+            return b""
         try:
             readable, _, _ = select.select([self._port.fileno()], [], [], seconds)
             if not readable:
-                return []
+                return b""
             came = os.read(self._port.fileno(), _MOST_UNREAD)
         except (OSError, ValueError):
             came = b""
         if not came:
             self.close()
             raise DeviceSilent(f"{self.path} has gone")
-        *lines, self._unread = (self._unread + came).split(b"\n")
-        self._unread = self._unread[-_MOST_UNREAD:]
-        return lines
+        return came
 
     def write(self, data: bytes) -> None:
         """Send bytes now, or not at all. Raises DeviceSilent if that is not possible."""
@@ -95,6 +96,16 @@ class SerialPort:
         if port is not None:
             port.close()
 
+    def remedy(self) -> str:
+        """What to do where bytes wait in the port's adapter, in words."""
+        timer = self._timer()
+        if timer.exists():
+            return f"echo 1 | sudo tee {timer}"
+        return "set the adapter's latency timer to 1 ms, or use a board with USB of its own"
+
+    def _timer(self) -> Path:
+        return self._adapters / Path(self.path).resolve().name / "latency_timer"
+
     def _open(self) -> None:
         from serial import Serial, SerialException
 
@@ -104,4 +115,12 @@ class SerialPort:
             number = getattr(error, "errno", None)
             reason = error if number is None else os.strerror(number)
             raise InvalidParameter("port", self.path, f"a serial port that can be opened ({reason})") from None
-        self._unread = b""
+        with suppress(ValueError, NotImplementedError):  # a port that has no such mode
+            self._port.set_low_latency_mode(True)
+        try:
+            held_ms = int(self._timer().read_text("ascii"))
+        except (OSError, ValueError):
+            return  # no such adapter
+        if held_ms > _LONGEST_HELD_MS:
+            self.close()
+            raise HapnetError(f"the adapter of {self.path} holds bytes for {held_ms} ms: {self.remedy()}")

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapnet.devices import serial_line as wire
+from hapnet.devices import serial_frames as wire
 from hapnet.devices.force_dimension import ForceDimension
 from hapnet.devices.serial_axis import SerialAxis
 from hapnet.errors import DeviceSilent
@@ -26,6 +26,7 @@ from tests.conftest import ROOT
 from tests.support.processes import HAPNET, until
 
 ROUNDS, CYCLES = 5, 2000
+STATE_SIZE = len(wire.state(wire.State(0, 0, 0, 0, 0, 0)))
 Measured = tuple[list[float], float]
 """Round trips [us], and CPU time a cycle [us]."""
 
@@ -40,19 +41,18 @@ def cpu_us(cycle: Callable[[], None], cycles: int) -> float:
 def bare_serial(path: str) -> Measured:
     port = os.open(path, os.O_RDWR | os.O_NOCTTY)
     took: list[float] = []
-    unread, number, sent_s = b"", 0, 0.0
+    number, sent_s = 0, 0.0
 
     def cycle() -> None:
-        nonlocal unread, number, sent_s
+        nonlocal number, sent_s
         select.select([port], [], [], 0.01)
-        *lines, unread = (unread + os.read(port, 4096)).split(b"\n")
-        for line in lines:
-            if int(line.split(b" ")[5]) == number and sent_s:
-                took.append((time.perf_counter() - sent_s) * 1e6)
-                sent_s = 0.0
+        state = os.read(port, 4096)[-STATE_SIZE:]
+        if int.from_bytes(state[2:4], "little") == number and sent_s:
+            took.append((time.perf_counter() - sent_s) * 1e6)
+            sent_s = 0.0
         if not sent_s:
             number += 1
-            command = wire.line("F", number, 0)
+            command = wire.command(wire.Command(b"F", number))
             sent_s = time.perf_counter()
             os.write(port, command)
 
@@ -73,7 +73,7 @@ def driven_serial(path: str) -> Measured:
         except DeviceSilent:  # a busy machine
             return
         assert axis._last is not None
-        if axis._last.sequence == axis._sequence and sent_s:
+        if axis._last.command == axis._number and sent_s:
             took.append((time.perf_counter() - sent_s) * 1e6)
             sent_s = 0.0
         if not sent_s:

@@ -1,0 +1,74 @@
+// A 32-bit board (Teensy, RP2040, ESP32) with a quadrature encoder on two interrupt pins, and a motor driver with a PWM
+// pin and a direction pin. Each count keeps its time, so that slow motion is not lost.
+
+#ifndef IRAM_ATTR
+#define IRAM_ATTR  // only an ESP32 wants its interrupts in RAM
+#endif
+
+const uint16_t PERIOD_US = 1000;         // of the states: 1 kHz
+const uint16_t WATCHDOG_MS = 20;         // no command for so long: no force
+const uint32_t LIMIT_uN = 3000000;       // the longest force that the motor makes
+const uint32_t CONTINUOUS_uN = 1000000;  // the one that it makes for ever; 0: not known
+const uint32_t REACH_um = 40000;         // of the handle from its centre, either way
+const uint32_t COUNT_nm = 15000;         // the handle moves by so much in one count, four counts a line
+const uint32_t NOISE_nm = COUNT_nm / 4;  // by so much a count is early or late: the phases of encoders are not even
+const bool ABSOLUTE = false;             // an encoder that knows its place when it is switched on
+const uint8_t BUTTONS = 1;               // how many, 4 at most
+const int8_t DEAD_MAN = 0;               // which of them must be held; -1: none
+
+const int PIN_PWM = 5, PIN_DIRECTION = 8, PIN_A = 2, PIN_B = 3, PIN_BUTTON = 4;
+const float PWM_AT_LIMIT = 255.0f;       // measure it: hang a weight on the handle
+
+volatile int32_t counts = 0;
+volatile uint32_t counted_at_us = 0;
+volatile int8_t counted_by = 0;
+
+void IRAM_ATTR on_encoder() {
+  static const int8_t STEP[16] = {0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0};
+  static uint8_t phases = 0;
+  phases = (phases << 2 | digitalRead(PIN_A) << 1 | digitalRead(PIN_B)) & 15;
+  int8_t step = STEP[phases];
+  if (step == 0) return;
+  counts = counts + step;
+  counted_by = step;
+  counted_at_us = micros();
+}
+
+uint32_t clock_us() { return micros(); }
+
+void prepare() {
+  pinMode(PIN_PWM, OUTPUT);
+  pinMode(PIN_DIRECTION, OUTPUT);
+  pinMode(PIN_A, INPUT_PULLUP);
+  pinMode(PIN_B, INPUT_PULLUP);
+  pinMode(PIN_BUTTON, INPUT_PULLUP);
+  on_encoder();
+  attachInterrupt(digitalPinToInterrupt(PIN_A), on_encoder, CHANGE);
+  attachInterrupt(digitalPinToInterrupt(PIN_B), on_encoder, CHANGE);
+}
+
+void run() {}  // called as often as it can be
+
+// Where the handle is [nm], since when, and by which count it came there: 1 or -1; 0: the place was sampled then.
+int32_t position_nm(uint32_t *at_us, int8_t *by) {
+  noInterrupts();
+  int32_t now = counts;
+  *at_us = counted_at_us;
+  *by = counted_by;
+  interrupts();
+  return now * (int32_t)COUNT_nm;
+}
+
+void zero() {
+  noInterrupts();
+  counts = 0;
+  interrupts();
+}
+
+// A force in 32767ths of LIMIT_uN.
+void set_force(int16_t force) {
+  digitalWrite(PIN_DIRECTION, force < 0 ? HIGH : LOW);
+  analogWrite(PIN_PWM, (int)(abs((int)force) * (PWM_AT_LIMIT / 32767.0f)));
+}
+
+uint8_t buttons() { return digitalRead(PIN_BUTTON) == LOW ? 1 : 0; }

@@ -1,0 +1,167 @@
+"""The frames of the serial axis, version 2. serial_axis.md beside it is its page, examples/serial_axis the other end.
+
+A frame begins with a letter that says what it is and how long, and ends in a CRC-16, high byte first: so the CRC of a
+whole frame is 0. All else is little-endian. What is damaged on the way is dropped; nothing is sent twice.
+"""
+
+from __future__ import annotations
+
+from binascii import crc_hqx
+from struct import Struct
+from typing import NamedTuple
+
+VERSION = 2
+WRAP = 2**32
+"""Times and impulses are counted modulo this, as a small processor does."""
+
+FULL = 32767
+"""Forces are in so many parts of the longest one."""
+
+IMPULSE_US = 256
+"""An impulse is counted in so many microseconds of a part of the longest force."""
+
+OLDEST_US = 0xFFFF
+"""The age of a position that is as old, or older."""
+
+_STATE, _ABOUT, _COMMAND = Struct("<cBHIiHI"), Struct("<cBHHHIIIIIBb"), Struct("<cHh")
+_SIZE = {ord(b"S"): _STATE.size + 2, ord(b"A"): _ABOUT.size + 2}
+COMMAND_SIZE = _COMMAND.size + 2
+_START = 0xFFFF
+_BUTTONS, _HOMED, _UP, _DOWN = 0x0F, 0x10, 0x20, 0x40
+
+
+class State(NamedTuple):
+    """What the board sends once a period."""
+
+    flags: int
+    command: int
+    """Number of the last command that arrived whole, modulo 2^16."""
+    time_us: int
+    """The board's clock, modulo `WRAP`."""
+    position_nm: int
+    age_us: int
+    """The handle came there so long ago, or was seen there then; `OLDEST_US`: or longer."""
+    impulse: int
+    """The integral of the actuator's force since the board's start, modulo `WRAP`."""
+
+    @property
+    def homed(self) -> bool:
+        """Is the position counted from the centre of the axis?"""
+        return bool(self.flags & _HOMED)
+
+    @property
+    def buttons(self) -> int:
+        """Bit k: button k is pressed."""
+        return self.flags & _BUTTONS
+
+    @property
+    def counted(self) -> int:
+        """The last count of the encoder: 1 it was up, -1 it was down; 0: the position was sampled."""
+        return bool(self.flags & _UP) - bool(self.flags & _DOWN)
+
+
+class About(NamedTuple):
+    """What the board is, sent when it is asked."""
+
+    version: int
+    period_us: int
+    """Between its states, as its sketch promises."""
+    made_us: int
+    """The same, as the board measured it; 0: not known yet."""
+    watchdog_ms: int
+    limit_uN: int
+    continuous_uN: int
+    """0: not known."""
+    count_nm: int
+    noise_nm: int
+    """A position may be off by so much at its time."""
+    reach_um: int
+    """How far the handle goes from its centre, either way."""
+    buttons: int
+    """How many it has."""
+    dead_man: int
+    """The number of the button that must be held; -1: none."""
+
+
+class Command(NamedTuple):
+    """What hapnet sends: ``F`` a force, ``Q`` the question what the board is, ``H`` the handle is at its centre."""
+
+    mark: bytes
+    number: int = 0
+    force: int = 0
+    """In parts of the longest, `FULL` of them."""
+
+
+def state(found: State) -> bytes:
+    """The frame of a state."""
+    return _whole(_STATE.pack(b"S", *found))
+
+
+def about(found: About) -> bytes:
+    """The frame of a description."""
+    return _whole(_ABOUT.pack(b"A", *found))
+
+
+def command(found: Command) -> bytes:
+    """The frame of a command."""
+    return _whole(_COMMAND.pack(*found))
+
+
+def flags(buttons: int, *, homed: bool, counted: int = 0) -> int:
+    """The flags of a state."""
+    return buttons & _BUTTONS | (_HOMED if homed else 0) | (_UP if counted > 0 else _DOWN if counted < 0 else 0)
+
+
+def _whole(body: bytes) -> bytes:
+    return body + crc_hqx(body, _START).to_bytes(2, "big")
+
+
+class Frames:
+    """Finds the frames of a board in the bytes as they come, whatever is lost, changed or put between them."""
+
+    def __init__(self) -> None:
+        self._unread = b""
+        self.damaged: int = 0
+        """How many bytes belonged to no whole frame."""
+
+    def feed(self, came: bytes) -> list[State | About]:
+        """The frames that are whole now."""
+        data = self._unread + came
+        found: list[State | About] = []
+        at = 0
+        while at < len(data):
+            size = _SIZE.get(data[at], 0)
+            if size > len(data) - at:
+                break
+            frame = data[at : at + size]
+            if size == 0 or crc_hqx(frame, _START):
+                self.damaged += 1
+                at += 1
+            elif data[at] == _STATE_MARK:
+                found.append(State._make(_STATE.unpack_from(frame)[1:]))
+                at += size
+            else:
+                found.append(About._make(_ABOUT.unpack_from(frame)[1:]))
+                at += size
+        self._unread = data[at:]
+        return found
+
+
+_STATE_MARK = ord(b"S")
+
+
+def commands(unread: bytes) -> tuple[list[Command], bytes]:
+    """The whole commands in what a board has heard, and the bytes that are left for later."""
+    found = []
+    while len(unread) >= COMMAND_SIZE:
+        if crc_hqx(unread[:COMMAND_SIZE], _START):
+            unread = unread[1:]
+        else:
+            found.append(Command(*_COMMAND.unpack_from(unread)))
+            unread = unread[COMMAND_SIZE:]
+    return found, unread
+
+
+def signed(difference: int) -> int:
+    """A difference of two numbers that wrap, between -2^31 and 2^31."""
+    return (difference + WRAP // 2) % WRAP - WRAP // 2
