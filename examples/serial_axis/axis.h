@@ -65,8 +65,8 @@ void send(void *frame, uint8_t size) {
 
 void count_impulse() {
   uint32_t now_us = clock_us(), since_us = now_us - counted_us;
-  for (; since_us > 0xFFFF; since_us -= 0xFFFF) impulse += (int32_t)force * 0xFFFF;
-  impulse += (int32_t)force * (int32_t)since_us;
+  for (; since_us > 0x7FFF; since_us -= 0x7FFF) impulse += (int32_t)force * 0x7FFF;
+  impulse += (int32_t)force * (int16_t)since_us;
   counted_us = now_us;
 }
 

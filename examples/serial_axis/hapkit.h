@@ -27,21 +27,16 @@ const uint8_t PIN_PWM = 5, PIN_DIRECTION = 8, CHANNEL = 2;
 const uint8_t TOGETHER = 4;              // readings for a state: their mean is finer than one reading
 const int16_t FURTHEST = 100;            // a handle goes no further between two readings: the sensor was in its jump
 
-volatile uint32_t turns = 0;
 int32_t place = 0;                       // in readings, over all half turns
 int32_t summed = 0, centre = 0;          // TOGETHER of them, now and at the centre
 int16_t before = 0;
 
-ISR(TIMER1_OVF_vect) { turns = turns + 1; }
-
-uint32_t clock_us() {  // timer 1 counts half microseconds
-  uint8_t interrupts_on = SREG;
-  cli();
-  uint16_t low = TCNT1;
-  uint32_t high = turns;
-  if ((TIFR1 & _BV(TOV1)) && low < 0x8000) high++;
-  SREG = interrupts_on;
-  return high << 15 | low >> 1;
+uint32_t clock_us() {  // timer 1 counts half microseconds; asked more often than each 32 ms
+  static uint16_t asked = 0;
+  static uint32_t now_us = 0;
+  uint16_t halves = (TCNT1 - asked) & 0xFFFE;
+  asked += halves;
+  return now_us += halves >> 1;
 }
 
 int16_t reading() {
@@ -57,7 +52,6 @@ void prepare() {
   TCCR0B = (TCCR0B & 0xF8) | _BV(CS00);                // 62.5 kHz
   TCCR1A = 0;
   TCCR1B = _BV(CS11);                                  // 2 MHz
-  TIMSK1 = _BV(TOIE1);
   ADMUX = _BV(REFS0) | CHANNEL;
   ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1);        // 250 kHz: 52 us a reading
   before = reading();

@@ -69,8 +69,7 @@ class SerialAxis(Driver):
         self._port = SerialPort(port, baud)
         self._frames = wire.Frames()
         self._last: wire.State | None = None
-        self._acted: Vector | None = None
-        self._interval: float | None = None
+        self._before: wire.State | None = None  # as of the reading before the last one
         self._number = 0
         self._must_be_homed = False
         self._now_us, self._speed = 0, 0.0
@@ -139,28 +138,26 @@ class SerialAxis(Driver):
         states = self._states(self._patience_s)
         if not states:
             raise DeviceSilent(f"no whole state for {self._patience_s * 1e3:g} ms at {self._port.path}")
-        before, newest = self._last, states[-1]
+        self._before = self._last
         for state in states:
             if self._must_be_homed and not state.homed:
-                raise HapnetError(
-                    f"the board at {self._port.path} has started anew and lost its zero: centre the handle"
-                )
+                lost = "has started anew and lost its zero: centre the handle, and start the run again"
+                raise HapnetError(f"the board at {self._port.path} {lost}")
             self._follow(state)
-        elapsed_us = _elapsed_us(before, newest)
-        self._interval = self._acted = None
-        if before is not None and elapsed_us is not None:
-            self._interval = elapsed_us * MICRO
-            impulse_us = wire.signed(newest.impulse - before.impulse) * wire.IMPULSE_US
-            self._acted = (impulse_us / elapsed_us * self.force_limit / wire.FULL,)
-        return (newest.position_nm * 1e-9,), (self._speed,)
+        return (states[-1].position_nm * 1e-9,), (self._speed,)
 
     def acted(self) -> Vector | None:
         """The mean force between the last two readings [N]; None: not known."""
-        return self._acted
+        before, last = self._before, self._last
+        if before is None or last is None or (elapsed_us := _elapsed_us(before, last)) is None:
+            return None
+        impulse_us = wire.signed(last.impulse - before.impulse) * wire.IMPULSE_US
+        return (impulse_us / elapsed_us * self.force_limit / wire.FULL,)
 
     def interval(self) -> float | None:
         """The time between the last two readings by the board's clock [s]; None: not known."""
-        return self._interval
+        elapsed_us = None if self._last is None else _elapsed_us(self._before, self._last)
+        return None if elapsed_us is None else elapsed_us * MICRO
 
     def apply(self, force: Vector) -> None:
         """Send the force; the board reports later when it acted."""

@@ -29,7 +29,7 @@ class Untimely(Exception):
 
 
 def period_us(arrivals: Sequence[tuple[float, Sequence[int]]]) -> float:
-    """The time between states as the board makes them [us].
+    """The time between states as the board makes them [us]: a quarter come as soon or sooner, as some may be lost.
 
     arrivals : by our clock [s], and the times of the states that came then, by the board's clock [us].
 
@@ -44,7 +44,7 @@ def period_us(arrivals: Sequence[tuple[float, Sequence[int]]]) -> float:
     clock = (arrivals[-1][1][-1] - arrivals[0][1][-1]) % WRAP * MICRO / took_s if took_s > 0.0 else 0.0
     if abs(clock - 1.0) > _CLOCK:
         raise Untimely(f"the board's clock goes {clock:.2g} times as fast as it should: does a PWM use its timer?")
-    made_us = float(statistics.median((b - a) % WRAP for a, b in pairwise(times_us)))
+    made_us = statistics.quantiles([(b - a) % WRAP for a, b in pairwise(times_us)])[0]
     apart_us = statistics.median(b - a for (a, _), (b, _) in pairwise(arrivals)) / MICRO
     if apart_us > _LATE_PERIODS * made_us:
         together = f"one each {made_us * 1e-3:.2g} ms, but arrive {apart_us * 1e-3:.2g} ms apart, several together"
