@@ -13,7 +13,7 @@ _ONE = re.compile(r"(-?)([xyz])")
 class Axes:
     """The choice of axes `words` of a device with `native` axes, for a scene with `dof` of them.
 
-    words : one letter for each axis of the scene, with a minus where it points the other way; empty: the first ones.
+    words : one letter for each axis of the scene, with a minus if its direction is reversed; empty: the first ones.
 
     Raises
     ------

@@ -20,7 +20,7 @@ class Driver(ABC):
     """
 
     about: ClassVar[str] = ""
-    """The device in a few words, for `hapnet devices`."""
+    """A short description of the device, for `hapnet devices`."""
     tested: ClassVar[str] = "untested"
     """How far this driver was tested: ``emulator-tested``, or on which hardware."""
     udev: ClassVar[str] = ""
@@ -35,23 +35,23 @@ class Driver(ABC):
 
     dof: int
     force_limit: float | None = None
-    """The longest force of the actuators [N]."""
+    """The maximum force of the actuators [N]."""
     resolution: float = 0.0
     """Of the encoders [m]; 0: exact."""
     continuous_force: float | None = None
-    """The force that the actuators can give for ever [N]; longer ones only for `thermal_s`."""
+    """The force that the actuators can give for ever [N]; larger ones only for `thermal_s`."""
     thermal_s: float = 10.0
     """Time constant with which the actuators heat up [s]."""
     greatest_speed: float | None = None
     """The handle is never faster [m/s]."""
     workspace: float | Vector | None = None
-    """How far the handle reaches from its origin [m], or on each axis, either way."""
+    """How far the handle reaches from its origin in both directions [m], or on each axis."""
     stiffness_range: tuple[float, float] | None = None
-    """Least and greatest stiffness that the device renders [N/m]."""
+    """Smallest and largest stiffness that the device renders [N/m]."""
     damping_range: tuple[float, float] | None = None
-    """Least and greatest damping that the device renders [Ns/m]."""
+    """Smallest and largest damping that the device renders [Ns/m]."""
     smallest_mass: float | None = None
-    """Least apparent mass in any direction [kg]."""
+    """Smallest apparent mass in any direction [kg]."""
     watchdog_s: float | None = None
     """The device itself takes the force away when no command has come for so long [s]; None: it does not."""
     dead_man: int | None = None
@@ -61,12 +61,12 @@ class Driver(ABC):
 
     @classmethod
     def missing(cls) -> str:
-        """What must be installed before the driver can be made, in words; empty: nothing."""
+        """A text that says what must be installed before the driver can be made; empty: nothing."""
         return ""
 
     @classmethod
     def found(cls) -> Sequence[str]:
-        """The devices that are connected to this machine, each in words that can follow ``NAME:``."""
+        """The devices that are connected to this machine, each as a text that can follow ``NAME:``."""
         return ()
 
     def home(self) -> None:
@@ -103,7 +103,7 @@ class Driver(ABC):
     def acted(self) -> Vector | None:
         """The mean force that really acted between the last two readings [N]; None: what `apply` returned.
 
-        A device whose commands arrive late, or not at all, tells it here: the account counts this force.
+        A device whose commands arrive late, or not at all, reports it here: the account counts this force.
         """
         return None
 
@@ -115,17 +115,17 @@ class Driver(ABC):
         return None
 
     def orientation(self) -> Vector | None:
-        """How the handle is turned, as of the last reading: a unit quaternion w, x, y, z; None: it does not tell."""
+        """How the handle is turned, as of the last reading: a unit quaternion w, x, y, z; None: not known."""
         return None
 
     def signal(self, name: str, value: object) -> None:
-        """The world tells this value beside the stream: a light, a sound, a vibration. It must return at once."""
+        """The world sends this value beside the stream: a light, a sound, a vibration. It must return at once."""
         return
 
     def braked(self) -> str:
-        """Why the device renders no force now, in words: a brake, no power. Empty: it does.
+        """A text that says why the device renders no force now: a brake, no power. Empty: it does.
 
-        Meanwhile it is told no force, and afterwards the force grows from zero.
+        Meanwhile it gets no force, and afterwards the force grows from zero.
         """
         return ""
 

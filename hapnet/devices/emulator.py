@@ -107,7 +107,7 @@ class Emulator(ABC):
         self.handle: Handle = handle
         self._clock = clock
         self.address = ""
-        """Where it can be reached, in words that can follow ``NAME:``."""
+        """Where it can be reached, as a text that can follow ``NAME:``."""
 
     @abstractmethod
     def run(self, stop: threading.Event) -> None:

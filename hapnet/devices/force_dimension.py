@@ -26,7 +26,7 @@ _WATCHDOG_TICKS = 160
 
 _ON, _OFF = 1, 0
 _ROOM = 64
-"""`dhdGetStatus` is not told how much room there is, and writes what the library knows: 12 to 17 numbers so far."""
+"""`dhdGetStatus` has no argument for its room, and writes what the library knows: 12 to 17 numbers so far."""
 
 _POWER, _RESET, _FORCE, _CAUSE, _LOCKS = 0, 3, 5, 14, 15
 _CAUSES = {
@@ -72,7 +72,7 @@ _OPTIONAL: dict[str, tuple[type, list[type]]] = {
 
 
 class Limits(NamedTuple):
-    """What the maker's data sheet says: force [N], reach either way [m], stiffness [N/m]."""
+    """From the maker's data sheet: force [N], reach in both directions [m], stiffness [N/m]."""
 
     force_N: float
     reach_m: float
@@ -214,7 +214,7 @@ class ForceDimension(Driver):
                 self._dhd.dhdEnableForce(_ON, self._id)
             return (0.0,) * self.dof
         self._off = ""
-        # motors that saturate make another force than the one asked for: the library tells it
+        # motors that saturate make another force than the one asked for: the library reports it
         return self._axes.take(_ours(self._three("dhdGetForce")))
 
     def orientation(self) -> Vector | None:
@@ -248,10 +248,10 @@ class ForceDimension(Driver):
         return x.value, y.value, z.value
 
     def _status(self) -> list[int]:
-        """What an older library does not tell is -1."""
+        """What an older library does not report is -1."""
         status = (c_int * _ROOM)(*[-1] * _ROOM)
         if self._dhd.dhdGetStatus(byref(status), self._id) < 0:
-            raise DeviceSilent(f"{self.name} does not tell its state: {self._why()}")
+            raise DeviceSilent(f"{self.name} does not report its state: {self._why()}")
         return list(status)
 
     def _require(self, result: int) -> None:

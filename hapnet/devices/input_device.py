@@ -1,4 +1,4 @@
-"""Devices that only tell a motion: a gamepad's stick, a 3D mouse. They have no motors, so the account counts no force.
+"""Devices that only read a motion: a gamepad's stick, a 3D mouse. They have no motors, so the account counts no force.
 
 The deflection of the stick is the position: fully deflected it is `reach` away from the origin, released it is back. A
 low-pass filter of 20 ms makes a motion of the steps in which such devices report. The kernel's files are read without

@@ -33,7 +33,7 @@ UNKNOWN_S = 0.02
 """After a longer time without a reading nobody knows which force acted."""
 
 MINVERSE_REACH_M = 0.04
-"""Either way. Its force is not documented."""
+"""In both directions. Its force is not documented."""
 
 _UNFELT = 50
 _START_S = 2.0
@@ -48,7 +48,7 @@ class Inverse3(Driver):
 
     address : host and port of the service. device : the arm's id; empty: the only one. axes : as in `Axes`. preset : of
     the arm, which sets its origin. spelling : what a command calls its force, ``vector`` or ``values``; auto: as the
-    service's inventory tells. events : port of the event socket; 0: do without, and without seeing the brake.
+    service's inventory shows. events : port of the event socket; 0: do without, and without seeing the brake.
     watchdog_ms : after how long without a command the arm was measured to take its force away; 0: not measured.
     More than twenty attributes: nine of them are what it declares of itself.
 
@@ -95,7 +95,7 @@ class Inverse3(Driver):
         self._preset, self._spelling, self._kind = preset, spelling, ""
         self._is_asked = spelling != "auto"
         self._frame: str | None = None
-        """The preset that the service says the arm has; None: not told yet."""
+        """The preset that the service says the arm has; None: not known yet."""
         self._unfelt = 0
         self.workspace: float = 0.35 if preset.endswith("_centered") else 0.7
         self.watchdog_s: float | None = watchdog_ms * 1e-3 or None
@@ -134,7 +134,7 @@ class Inverse3(Driver):
     def home(self) -> None:
         assert self._last is not None, "it was read when it was made"
         if self._frame != self._preset:
-            said = "tells no preset" if self._frame is None else f"has it at {self._frame}"
+            said = "reports no preset" if self._frame is None else f"has it at {self._frame}"
             raise HapnetError(
                 f"the service did not put the arm {self._device} at {self._preset}: it {said}; a service before 3.5 has"
                 f" only preset={wire.NO_FRAME}"
@@ -174,14 +174,14 @@ class Inverse3(Driver):
         return self._axes.take(newest.position), self._axes.take(newest.velocity)
 
     def apply(self, force: Vector) -> None:
-        """Send the force. What the arm makes of it the service does not tell."""
+        """Send the force. The service does not report what the arm makes of it."""
         if not self._device:
             raise DeviceSilent(f"the session at {self._service.url} has not begun")
         whole = _NO_FORCE if self.braked() else self._axes.spread(force)
         if len(self._unanswered) >= _MOST_UNANSWERED:
             if any(whole) or any(self._unanswered[-1]):
                 raise DeviceSilent(f"{self._service.url} has not answered the last {_MOST_UNANSWERED} commands")
-            return  # no force is on its way already
+            return  # a command without force is in flight already
         self._send(whole)
 
     def acted(self) -> Vector | None:
@@ -195,7 +195,7 @@ class Inverse3(Driver):
         return (False,) * len(self._last.buttons) if is_away else self._last.buttons
 
     def orientation(self) -> Vector | None:
-        """Of the grip, as of the last reading: a unit quaternion (w, x, y, z); None: it tells none."""
+        """Of the grip, as of the last reading: a unit quaternion (w, x, y, z); None: not known."""
         return None if self._last is None else self._last.orientation
 
     def braked(self) -> str:
@@ -292,11 +292,11 @@ class Inverse3(Driver):
         self._frame = said
 
     def _hear_of_force(self, newest: wire.State) -> None:
-        """Does the service take the forces? It tells the one that acts now.
+        """Does the service take the forces? It reports the one that acts now.
 
         Raises
         ------
-        HapnetError : it told no force for `_UNFELT` readings with one.
+        HapnetError : it reported no force for `_UNFELT` readings with one.
         """
         if newest.force is None or not any(self._acting):
             return

@@ -73,7 +73,7 @@ class Inverse3Emulator(Emulator):
         super().__init__(handle, clock)
         if spelling not in ("both", *wire.SPELLINGS):
             raise InvalidParameter("spelling", spelling, "both, vector or values")
-        self._is_old = spelling == "values"  # a service before 3.5: no presets, no session's number, no force told
+        self._is_old = spelling == "values"  # a service before 3.5: no presets, no session's number, no force reported
         self._ignores, self._deaf, self._asleep = ignores or self._is_old, deaf, asleep
         self._preset = wire.NO_FRAME
         self._spellings = wire.SPELLINGS if spelling == "both" else (spelling,)

@@ -39,7 +39,7 @@ class State(NamedTuple):
     orientation: Vector | None
     """Of the grip: a unit quaternion (w, x, y, z); None: not known."""
     force: Vector | None
-    """The one that acts now, as the service believes [N]; None: it does not tell."""
+    """The one that acts now, as the service believes [N]; None: not reported."""
     grip: str
     """The id of the grip; empty: there is none."""
 
@@ -70,7 +70,7 @@ def kind_of(message: dict[str, Any], device: str) -> str:
 
 
 def preset_of(message: dict[str, Any], device: str) -> str | None:
-    """The preset of an arm in a message with its configuration; None: it tells none."""
+    """The preset of an arm in a message with its configuration; None: it has none."""
     for arm in _entries(message, kind_of(message, device)):
         if arm.get("device_id") == device and isinstance(config := arm.get("config"), dict):
             reported = config.get("preset")
@@ -90,7 +90,7 @@ def arms(message: dict[str, Any]) -> list[str]:
 
 
 def state(message: dict[str, Any], device: str) -> State | None:
-    """The state of the arm `device`, and of the first grip that tells its own; None: it is not in the message."""
+    """The state of the arm `device`, and of the first grip that reports its own; None: it is not in the message."""
     for kind in _ARMS:
         for entry in _entries(message, kind):
             if entry.get("device_id") == device:

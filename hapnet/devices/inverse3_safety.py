@@ -1,4 +1,4 @@
-"""What the Inverse Service tells on its event socket about an arm's safety, and about devices that come and go."""
+"""What the Inverse Service reports on its event socket about an arm's safety, and about devices that come and go."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hapnet.devices.websocket import Caller
 from hapnet.errors import DeviceSilent
 
 STALL_S = 1.0
-"""The service tells when a motor stalls, or the stability ceiling is reached, but not when that is over."""
+"""The service reports that a motor stalls, or that the stability ceiling is reached, but not when that is over."""
 
 _PAUSES = {"stall_detected": "a motor has stalled", "stability_ceiling": "its stability ceiling is reached"}
 _HIGH = ("warning", "error", "critical", "panic")
@@ -59,7 +59,7 @@ class SafetyEvents:
     def braked(self, device: str = "") -> str:
         """Why there should be no force of the arm `device` now; empty: there may be one."""
         if not self.are_heard:
-            return "its events, which tell of the brake, cannot be heard"
+            return "its events, which report the brake, cannot be heard"
         if device in self.away:
             return "it is disconnected"
         if why := self._brake or self._stage:

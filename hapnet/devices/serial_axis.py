@@ -2,7 +2,7 @@
 
 The board sends its state once a period, and so sets the servo's pace. Each state holds the time by the board's clock,
 and the impulse of the actuator since its start. So the mean force between two readings is known exactly, whatever was
-lost between them, and however long a command was on its way: the account counts that force.
+lost between them, and however long a command was in flight: the account counts that force.
 """
 
 from __future__ import annotations

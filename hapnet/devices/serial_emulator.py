@@ -22,7 +22,7 @@ _LIMIT_N, _COUNT_NM, _REACH_UM, _WATCHDOG_MS = 3.0, 1000, 80_000, 20
 
 
 class SerialEmulator(Emulator):
-    """The axis as `serial_axis.ino` makes one: 3 N, 1 um, 80 mm either way, 1 kHz, and a watchdog of 20 ms.
+    """The axis as `serial_axis.ino` makes one: 3 N, 1 um, 80 mm in both directions, 1 kHz, and a watchdog of 20 ms.
 
     link : a path that points to the pseudo-terminal, whose own name changes. noise : share of the bytes that get lost,
     in each direction. stall : for 0.5 s, so many seconds after its first command, it neither sends nor listens. rubbish

@@ -1,4 +1,4 @@
-"""A serial port as bytes: it never blocks for longer than it is told, and is opened again when it comes back."""
+"""A serial port as bytes: it never blocks for longer than asked, and is opened again when it comes back."""
 
 from __future__ import annotations
 

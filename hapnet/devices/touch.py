@@ -25,7 +25,7 @@ PATIENCE_S = 0.005
 
 _MM = 1e-3
 _MARGIN = 1.2
-"""The reach is the mechanical limits that the library tells, and a fifth more."""
+"""The reach is the mechanical limits that the library reports, and a fifth more."""
 
 _FINE = ("touch x", "desktop")
 _RESOLUTION_M, _FINE_RESOLUTION_M = 5.5e-5, 2.3e-5
@@ -89,7 +89,7 @@ class Touch(Driver):
 
     @classmethod
     def found(cls) -> Sequence[str]:
-        """The names that the maker's setup program has written; whether they are connected only opening them tells."""
+        """The names that the maker's setup program has written; only opening them shows whether they are connected."""
         home = os.environ.get("GTDD_HOME")
         return tuple(sorted(path.stem for path in (Path(home) / "config").glob("*.config"))) if home else ()
 
@@ -119,7 +119,7 @@ class Touch(Driver):
 
         Raises
         ------
-        DeviceSilent : no frame came within `PATIENCE_S`. HapnetError : the library refused what it was told.
+        DeviceSilent : no frame came within `PATIENCE_S`. HapnetError : the library refused a command.
         """
         frames = self._frames.wait(PATIENCE_S)
         if not frames:
@@ -137,7 +137,7 @@ class Touch(Driver):
         return x, v
 
     def apply(self, force: Vector) -> None:
-        """Leave the force for the next frame. What the motors make of it the library does not tell."""
+        """Leave the force for the next frame. The library does not report what the motors make of it."""
         self._frames.command(_theirs(self._axes.spread(force)))
 
     def acted(self) -> Vector | None:

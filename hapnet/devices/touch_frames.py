@@ -26,7 +26,7 @@ WATCHDOG_S = 0.01
 """The servo leaves a force each millisecond. One that left none for so long renders none."""
 
 AMPLIFIERS_S = 1.0
-"""The amplifiers come back by a ramp whose length the device does not tell."""
+"""The amplifiers come back by a ramp whose length is not documented."""
 
 COOLING_S, COOL = 10.0, 0.8
 """After warm motors there is no force for so long, and until no motor is warmer than that; the scale ends at 1."""
@@ -147,7 +147,7 @@ class Frames:
 
         Raises
         ------
-        HapnetError : the library refused what it was told.
+        HapnetError : the library refused a command.
         """
         until_s = self._clock() + seconds
         while not self._frames:

@@ -1,4 +1,4 @@
-"""One end of a WebSocket that never waits for longer than it is told.
+"""One end of a WebSocket that never waits for longer than asked.
 
 The protocol is the `websockets` library's, its part without input and output; the socket is ours. So no second thread
 has to run before a servo gets its message, as with the library's own synchronous client.
@@ -46,7 +46,7 @@ def dial(family: int, where: tuple[Any, ...]) -> WebSocket:
     try:
         connection.connect(where)
     except BlockingIOError:
-        pass  # it is on its way
+        pass  # it will come
     except OSError as error:
         connection.close()
         raise Gone(error.strerror) from error

@@ -84,7 +84,7 @@ def examine_device(
     """Yields a line for each thing that was measured.
 
     ramp_N : push the handle to and fro with this force; damping_N : push the free handle with it; 0: do not.
-    known_mass : of each axis, as it was found before [kg]; on_mass : is told what it is now.
+    known_mass : of each axis, as it was found before [kg]; on_mass : is called with what it is now.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _velocity(found: Readings) -> Check:
 def _push(
     check: ActuatorCheck, device: UserDevice, rate_hz: float, clock: Callable[[], int], sleep: Callable[[float], None]
 ) -> str:
-    """Push until the check is done; returns why that was not possible, in words, or an empty text."""
+    """Push until the check is done; returns a text that says why that was not possible, or an empty one."""
     blocking = bool(getattr(device.device, "blocking", False))
     none: Vector = (0.0,) * device.dof
     held, last_ns = none, clock()

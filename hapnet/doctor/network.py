@@ -1,4 +1,4 @@
-"""Is this network good enough? What probes measure, in words, beside the requirements of haptics."""
+"""Is this network good enough? What probes measure, as text, beside the requirements of haptics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PROBED_S = 4.0
 """How long to measure [s]."""
 
 FAST_MS, SLOW_MS = 20.0, 100.0
-"""One way, 3GPP TR 22.847 (tactile and multi-modal communication): up to 20 ms where things move fast, 100 ms else."""
+"""One-way delay in 3GPP TR 22.847 (tactile and multi-modal communication): 20 ms for fast motion, 100 ms else."""
 RELIABILITY = 0.9999
 """The required share of messages that arrive (same source)."""
 BAD_LOSS = 0.05

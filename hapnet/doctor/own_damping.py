@@ -10,8 +10,8 @@ with damping b, Coulomb friction c, weight g, a spring k of the device's own. Fr
 nothing about faster motion. Each trial gives a b by least squares, and at least that less three standard errors; no
 single swing may have taken less than that.
 
-The bound is the least over all trials, less their spread and a tenth. What it cannot see: a hand that only brakes the
-handle, and a device that has less force than it tells. A force that acts late makes it smaller.
+The bound is the minimum over all trials, less their spread and a tenth. What it cannot see: a hand that only brakes the
+handle, and a device that has less force than it reports. A force that acts late makes it smaller.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from hapnet.errors import DeviceSilent
 NANO = 1e-9
 TRIALS = 3
 REACH_M = 0.02
-"""The spring's end jumps by this and by shares of it; the handle moves by at most one and a half of it either way."""
+"""The spring's end jumps by this and by shares of it; the handle moves by at most 1.5 times that to either side."""
 SHARES = (1.0, 1.0, 0.6, 0.6, 0.35, 0.35)
 MAX_S = 2.5
 """The handle swings after each jump, and is then calmed by a damper, each until it rests, but for no longer."""
@@ -47,7 +47,7 @@ RESTING_MPS, RESTED_S = 0.005, 0.2
 """It rests if it was no faster than this for so long."""
 MARGIN = 0.1
 WORK_ERROR, SURE = 0.02, 3.0
-"""The work of each swing is not known better than to this share of the greatest; so many standard errors are taken off
+"""The work of each swing is not known better than to this share of the largest; so many standard errors are taken off
 b."""
 
 NAME = "own damping"
@@ -216,7 +216,7 @@ class _Spring:
         if why := device.braked():
             raise Unmeasured(f"the device renders no force ({why})")
         if math.dist(x, start) > FARTHEST_M or math.hypot(*self._velocity) > FASTEST_MPS:
-            why = "the handle ran away: something pushes it, or the force acts the wrong way round (see --ramp)"
+            why = "the handle ran away: something pushes it, or the force acts in reverse (see --ramp)"
             raise Unmeasured(why, WARNING)
         places = zip(start, self._offset, x, self._velocity, strict=True)
         force = tuple([self._stiffness * (a + b - c) - damping * v for a, b, c, v in places])
@@ -312,7 +312,7 @@ def _rests(x: Array, time: Array, window: int) -> Iterator[tuple[int, int]]:
     marks: list[int] = []
     if _slow(x[: window + 1], time[: window + 1]):
         marks.append(0)  # the calm before the jump
-    extreme, turned = 0, 0  # where the swing so far was farthest; which way it goes: 0 unknown
+    extreme, turned = 0, 0  # where the swing so far was farthest; its direction: 0 unknown
     for i in range(1, len(x)):
         if turned == 0:
             if abs(x[i] - x[0]) >= SHORTEST_M / 2.0:

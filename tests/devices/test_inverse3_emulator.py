@@ -97,7 +97,7 @@ def test_the_force_reaches_the_emulated_arm_and_ends_by_itself(understands: str,
 
 
 @pytest.mark.parametrize(("faults", "says"), [
-    ({"ignores": True}, "it has it at defaults"), ({"spelling": "values"}, "it tells no preset; a service before 3.5"),
+    ({"ignores": True}, "it has it at defaults"), ({"spelling": "values"}, "it reports no preset; a service before"),
 ])  # fmt: skip
 def test_a_service_with_another_frame_is_refused(faults: dict[str, Any], says: str) -> None:
     with steered(**faults) as rig, contextlib.closing(rig.driver()) as driver, pytest.raises(HapnetError, match=says):
