@@ -14,7 +14,7 @@ from hapnet.records.vectors import copy, equal
 
 
 class Answer(Record):
-    """The world's answer that the next step takes, if it is `pending`. A reach or level below 0 is not told."""
+    """The world's answer that the next step takes, if it is `pending`. A reach or level below 0 is not known."""
 
     pending: int
     position: OfAxes

@@ -127,7 +127,7 @@ def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Messa
 
 @equation
 def record_tick(rows: Rows, side: LawDevice, wire: Wire, hand: Hand, now_ns: int) -> None:
-    """A `DeviceSample`; what the force is made of is not told."""
+    """A `DeviceSample` without the parts of the force."""
     device, coupling, ledger, n, at = side.plant, side.coupling, side.coupling.ledger, side.plant.dof, rows.device_rows
     row = rows.at_device[at]
     rows.device_rows = at + 1

@@ -29,8 +29,8 @@ class Message(Record):
     sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; of a proxy besides aimed_ns, force, planes;
     of a law's `more` (a motion's velocity, a wave's integral), `amount` (a port's energy [nJ], a wave's span [ns]), and
     elapsed_ns (of the integral).
-    total_nJ, acked_nJ : of an energy message. level : how full its sender's reservoir is; below 0: not told. reach_m :
-    of a proxy; below 0: not told.
+    total_nJ, acked_nJ : of an energy message. level : how full its sender's reservoir is; below 0: not sent. reach_m :
+    of a proxy; below 0: not sent.
     """
 
     kind: int

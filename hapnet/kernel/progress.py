@@ -1,4 +1,4 @@
-"""Who is told how far the compiler is: a command that waits for it."""
+"""Reports how far the compiler is, to a command that waits for it."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ class DeviceSide(Record):
 
 
 class WorldSide(Record):
-    """Everything of the world's side; `around` : the planes that it tells."""
+    """Everything of the world's side; `around` : the planes that it sends."""
 
     mass: PassiveIntegrator
     contacts: Contacts
@@ -123,7 +123,7 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
 
 @equation
 def level(coupling: SetPositionCoupling) -> float:
-    """`SetPositionCoupling.level`; below 0: it is not told."""
+    """`SetPositionCoupling.level`; below 0: it is not sent."""
     return coupling.modulator.level if coupling.shares else -1.0
 
 

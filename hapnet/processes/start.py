@@ -87,7 +87,7 @@ async def started_on_loop(
 def end(program: Program, limit_s: float) -> str:
     """End a program that has been asked to: after `limit_s` by SIGTERM, after that again by SIGKILL.
 
-    Returns in words how it ended.
+    Returns a text that says how it ended.
     """
     for more in (program.terminate, program.kill, None):
         with suppress(TimeoutExpired):
@@ -105,7 +105,7 @@ def kill(program: Program) -> None:
 
 
 def how_it_ended(code: int | None) -> str:
-    """How a process ended, in words: by its exit code, or by a signal, which it may have handled. None: it runs."""
+    """How a process ended, as text: by its exit code, or by a signal, which it may have handled. None: it runs."""
     if code is None:
         return "does not answer"
     with suppress(ValueError):

@@ -57,8 +57,8 @@ def connect_device(
                 print(event.kind, event.text)
 
     The block begins when the servo runs and the world can come; `wait_paired` waits for it. However the block is left,
-    also by an exception or a cancellation, the force is zero first; then the world is told and the recording closed,
-    and no thread, task, socket or file is left behind. When it is left in order, energy in flight is waited for: 2 s
+    even by an exception or a cancellation, the force is zero first; then the world is notified, the recording closed,
+    and no thread, task, socket or file remains. When it is left in order, it waits for energy in flight: 2 s
     at most, and what the link takes. A cancellation does not wait for that.
 
     Parameters

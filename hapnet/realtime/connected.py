@@ -1,4 +1,4 @@
-"""A side of a pair in an asyncio program: what it tells, and what can be changed while it runs."""
+"""A side of a pair in an asyncio program: what it reports, and what can be changed while it runs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ConnectedSide(Generic[SampleType]):
         """ "device" or "world"."""
         return self._task.side.role
 
-    # -- what it tells -------------------------------------------------------------------------------------------------
+    # -- what it reports -----------------------------------------------------------------------------------------------
 
     async def wait_paired(self) -> None:
         """Wait for the first peer; at once if there was one. Raises `Ended`, or what the side failed with before."""
@@ -88,7 +88,7 @@ class ConnectedSide(Generic[SampleType]):
         return self._task.samples.stream(_set_position)
 
     def summary(self) -> Summary:
-        """The summary so far, or of the whole run; the other side's part is what it told, or None."""
+        """The summary so far, or of the whole run; the other side's part is what it reported, or None."""
         return self._task.side.summary()
 
     # -- what can be changed -------------------------------------------------------------------------------------------
@@ -99,7 +99,7 @@ class ConnectedSide(Generic[SampleType]):
         return self._task.side.profile
 
     def change_link(self, text: str) -> None:
-        """From now on send through this emulated link: tc-netem's words, or a profile's name.
+        """From now on send through this emulated link: tc-netem's syntax, or a profile's name.
 
         Raises
         ------

@@ -65,7 +65,7 @@ class Control(Protocol):
         """Begin at `position` [m], shape (n,): a device with a live hand, or a world; before `start`."""
 
     def beat(self) -> None:
-        """The event loop goes on, so this side can be told to end."""
+        """The event loop goes on, so this side can be asked to end."""
 
     def part(self) -> SidePart:
         """This side's part of the summary so far, without the wire half's; complete once it has stopped."""

@@ -87,7 +87,7 @@ class Figures:
         return dict(self._control.wire.session.dropped) | ({"flood": flood} if flood else {})
 
     def summary(self) -> Summary:
-        """The summary so far; the other side's part is what it told, or None."""
+        """The summary so far; the other side's part is what it reported, or None."""
         own = self._own()
         with self._driver.lock:
             accounts = self._control.wire.session.accounts

@@ -39,9 +39,9 @@ class Housekeeping:
     Parameters
     ----------
     role : this side's. control, driver, transport, figures, reporter, clock : its parts.
-    accounts : tells its account. alone : what it does without its peer. diagnosis : finds out why nobody answers.
+    accounts : reports its account. alone : what it does without its peer. diagnosis : finds out why nobody answers.
     timeline : of its link, from pairing on.
-    refused : called with the time [ns]; says in words who was refused since the last call.
+    refused : called with the time [ns]; returns a text with who was refused since the last call.
     fail : ends the side with an error.
     """
 

@@ -44,7 +44,7 @@ class Notifier:
         self._silent: dict[str, int] = {}
 
     def notify(self, kind: str, text: str, now_ns: int, level: Level = "warning") -> None:
-        """Send a notice in plain words."""
+        """Send a notice."""
         self._notify(Notice(kind, text, now_ns, level))
 
     def waiting(self, now_ns: int, status: str, partners: int) -> None:
@@ -52,7 +52,7 @@ class Notifier:
         text = f"waiting for the {self._other}: {status}"
         if not partners:
             self._met_ns, self._refusal = None, ""
-        elif self._refusal and partners == 1:  # without its words, which a stranger may vary
+        elif self._refusal and partners == 1:  # without its reason, which a stranger may vary
             text = f"waiting for the {self._other}: {self._refusal}"
         elif self._met_ns is None:
             self._met_ns = now_ns

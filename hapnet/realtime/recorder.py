@@ -29,7 +29,7 @@ class Recorder:
     Parameters
     ----------
     path : of the recording.
-    report : called with words that say what is missing in it.
+    report : called with a text that says what is missing in it.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Recorder:
             self._give_up(error)
 
     def close(self, summary: Mapping[str, Any] | None, unrecorded: int) -> None:
-        """End the recording with the summary; call it once. `unrecorded` : samples that were lost on their way here."""
+        """End the recording with the summary; call it once. `unrecorded` : samples that were lost before."""
         if self._writer is None:
             return
         if unrecorded := unrecorded + self._unrecorded:
@@ -103,11 +103,11 @@ class Recorder:
 class Recordings:
     """The recordings of a side, one after another. Between them, samples are dropped.
 
-    report : called with words that say what is missing in a recording.
+    report : called with a text that says what is missing in a recording.
 
     Attributes
     ----------
-    missing : what is missing in those that have ended, in words.
+    missing : what is missing in those that have ended, as texts.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
@@ -115,7 +115,7 @@ class Recordings:
         self._report = report
         self._recorder: Recorder | None = None
         self._lost_before = 0
-        self._drawing: Drawing | None = None  # it is told once, and belongs into each recording
+        self._drawing: Drawing | None = None  # it comes once, and belongs into each recording
 
     @property
     def path(self) -> Path | None:
@@ -145,7 +145,7 @@ class Recordings:
     def end(self, summary: Mapping[str, Any] | None, lost: int) -> None:
         """End the running recording, if there is one.
 
-        lost : samples that were lost on their way here, of all recordings so far.
+        lost : samples that were lost before they came here, of all recordings so far.
         """
         recorder, self._recorder = self._recorder, None
         if recorder is not None:

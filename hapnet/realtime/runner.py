@@ -72,7 +72,7 @@ class RealtimeSide:
     once : end with the first peer; do not wait for another one.
     notify : called with each notice, on the event loop.
     watch : called with each sample or note, on control's thread; it must return at once.
-    refused : called with the time [ns]; says in words who was refused since the last call.
+    refused : called with the time [ns]; returns a text with who was refused since the last call.
     page : called with each telemetry message of both sides, on any thread; it must return at once. None: nobody looks.
     """
 
@@ -98,7 +98,7 @@ class RealtimeSide:
         self._clock = clock = time.monotonic_ns
         seed = secrets.randbits(32) if seed is None else seed
         entropy = np.random.SeedSequence(seed).spawn(4)
-        early: list[Sample] = []  # what control tells while it is made
+        early: list[Sample] = []  # what control reports while it is made
         self._write: Callable[[Sample], None] = early.append
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
@@ -278,7 +278,7 @@ class RealtimeSide:
             self._diagnosis.close()
 
     def summary(self) -> Summary:
-        """The summary so far; the other side's part is what it told, or None."""
+        """The summary so far; the other side's part is what it reported, or None."""
         return self._figures.summary()
 
     def interrupt(self, why: str) -> None:
@@ -286,7 +286,7 @@ class RealtimeSide:
         self._figures.failed = why
 
     def forgo(self) -> None:
-        """Leave without waiting for the energy in flight: it is lost, which is safe. The peer is told."""
+        """Leave without waiting for the energy in flight: it is lost, which is safe. The peer is notified."""
         self._lingers = False
 
     def hurry(self) -> None:
@@ -295,13 +295,13 @@ class RealtimeSide:
 
     @property
     def unrecorded(self) -> str | None:
-        """What is missing in the recordings, in words; None: nothing."""
+        """What is missing in the recordings, as text; None: nothing."""
         return "; ".join(self._reporter.recordings.missing) or None
 
     # -- while it runs, on the event loop ----------------------------------------------------------------------------
 
     def change_link(self, text: str) -> None:
-        """From now on send through this link: tc-netem's words, or a profile's name.
+        """From now on send through this link: tc-netem's syntax, or a profile's name.
 
         Raises
         ------
@@ -344,7 +344,7 @@ class RealtimeSide:
             raise InvalidParameter("operator", params.operator, f"{LIVE}, on a device's side with a simulated device")
 
     def report(self, name: str, value: Signal) -> None:
-        """Tell the other side a small value beside the stream: it comes to its scene, device or program as a signal.
+        """Send the other side a small value beside the stream: its scene, device or program gets it as a signal.
 
         Raises
         ------
@@ -382,7 +382,7 @@ class RealtimeSide:
                 recordings.keep(Note(self._clock(), link_events.KIND, link_events.text_of("down")))
 
     def _reported(self, summary: Summary) -> Summary | None:
-        """The summary for a recording's end. None: it lacks the part of a servo's process, which tells it at its end
+        """The summary for a recording's end. None: it lacks the part of a servo's process, which reports it at its end
         only, and did not if it was killed; the samples then count.
         """
         return summary if has_account(summary[self.role]) else None

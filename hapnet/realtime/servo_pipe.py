@@ -48,7 +48,7 @@ class PipeClosed(Exception):
 
 
 def available() -> bool:
-    """Does this system have the sockets that a pipe needs? macOS has the words, but not the sockets."""
+    """Does this system have the sockets that a pipe needs? macOS has the constants, but not the sockets."""
     try:
         pair = socket_pair()
     except (AttributeError, OSError):

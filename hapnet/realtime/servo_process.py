@@ -204,7 +204,7 @@ class ServoProcess:
         self._pay()
 
     def _end_process(self) -> str:
-        """End the process if it has not ended yet; returns in words how it ended."""
+        """End the process if it has not ended yet; returns a text that says how it ended."""
         process = self._process
         assert process is not None
         self._pipe.hang_up()

@@ -13,7 +13,7 @@ LINGER_S = 2.0
 """How long a side waits, after control has stopped, for the energy in flight to be acknowledged [s]."""
 
 FAILED_LINGER_S = 0.5
-"""The same of a side that has failed [s]: its account may still be told."""
+"""The same of a side that has failed [s]: its account may still be reported."""
 
 QUIET_S = 0.3
 """A side leaves when nothing was credited for this time [s]: the other side, which ends a little later, has then sent
@@ -30,7 +30,7 @@ _LOOK_S = 0.005
 class GracefulShutdown:
     """Ends a side whose control has stopped; on the event loop.
 
-    session, link_driver, clock : the side's. pump : sends what is due. tell : tells the peer the account, and says
+    session, link_driver, clock : the side's. pump : sends what is due. tell : reports the account to the peer, and says
     whether it is known there.
     lingers : says whether to wait for the energy in flight. hurried : says whether the user wants to end at once.
     """

@@ -29,7 +29,7 @@ class SideEvent:
 
     * ``paired``: with its first peer. ``peer changed``: with another process than before.
     * ``peer left``: it said goodbye. ``silence``: nothing comes from it; ``recovered``: it is heard again.
-    * ``passivity lost``: by its own account this side gave out more energy than it may. It is told once.
+    * ``passivity lost``: by its own account this side gave out more energy than it may. It is reported once.
     * ``missed``: this program was too slow, and a stream of it skipped what `text` says.
     * ``ended``: the last event; `level` is "error" if the side failed.
     * ``notice``: anything else that a person may want to know.
@@ -65,7 +65,7 @@ _KINDS: Mapping[str, EventKind] = {"left": "peer left", "silent": "silence", "he
 
 
 def event_of(notice: Notice) -> SideEvent:
-    """The event that a side's notice tells."""
+    """The event of a side's notice."""
     if notice.kind == "paired":
         return SideEvent("paired" if notice.values.get("pair") == 1 else "peer changed", notice)
     return SideEvent(_KINDS.get(notice.kind, "notice"), notice)
@@ -74,5 +74,5 @@ def event_of(notice: Notice) -> SideEvent:
 def own_event(
     kind: EventKind, text: str, level: Level = "info", values: Mapping[str, str | int | float] | None = None
 ) -> SideEvent:
-    """An event that no notice tells, now."""
+    """An event that has no notice of a side, now."""
     return SideEvent(kind, Notice(kind, text, time.monotonic_ns(), level, values or {}))

@@ -23,7 +23,7 @@ MOST_SAMPLES, MOST_EVENTS = 1000, 200
 """A stream that is further behind misses the oldest."""
 
 REPORT_MISSED_S = 1.0
-"""What streams missed is told at most this often [s]."""
+"""What streams missed is reported at most this often [s]."""
 
 
 class MakeSide(Protocol):
@@ -36,7 +36,7 @@ class MakeSide(Protocol):
 
 
 class SideTask:
-    """Runs a side in a task that the cancellation of its user does not reach: the way out takes several steps.
+    """Runs a side in a task that the cancellation of its user does not reach: ending takes several steps.
 
     make : makes the side. duration_s : from pairing [s]; 0: no end.
 
@@ -106,7 +106,7 @@ class SideTask:
         await until_done(self._task, cancelled=self._hurry)
 
     def _hurry(self) -> None:
-        """Do not wait for the energy in flight; the second time, not for the peer to be told either."""
+        """Do not wait for the energy in flight; the second time, do not notify the peer either."""
         if self._made is None:
             return
         if self._hurried:
@@ -161,7 +161,7 @@ class SideTask:
         self.events.give(own_event("passivity lost", why, "error"))
 
     def _missed(self, what: str, count: int) -> None:
-        """Count what a stream has missed, and tell it now and then; on the loop."""
+        """Count what a stream has missed, and report it now and then; on the loop."""
         self._missing[what] = self._missing.get(what, 0) + count
         if (now_s := self._loop.time()) - self._reported_s >= REPORT_MISSED_S:
             self._reported_s = now_s

@@ -1,4 +1,4 @@
-"""What the page's switch offers: PSPM with each feel, and every other coupling."""
+"""What the page's switch offers: PSPM with each rendering, and every other coupling."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hapnet.couplings import pspm, registry, zoh
 from hapnet.laws import COUPLING_NAMES
 
 Choice = tuple[str, str]
-"""A coupling, and the feel."""
+"""A coupling, and the rendering."""
 
 CHOICES: Mapping[str, Choice] = MappingProxyType(
     {
@@ -31,7 +31,7 @@ _WORDS = {
 
 
 def label_of(coupling: str, rendering: str) -> str:
-    """The choice that this coupling with this feel is; a user's own coupling is its own label."""
+    """The choice that this coupling with this rendering is; a user's own coupling is its own label."""
     spec = registry.known(coupling)
     if rendering == "auto" and spec is not None and spec.world_tells:
         rendering = "hapnet"
@@ -39,6 +39,6 @@ def label_of(coupling: str, rendering: str) -> str:
 
 
 def words_of(label: str) -> str:
-    """What the choice is, in words."""
+    """What the choice is, as text."""
     spec = registry.known(label)
     return _WORDS.get(label) or ("" if spec is None else spec.title)

@@ -16,7 +16,7 @@ def require_no_file(text: str) -> None:
 
     Raises
     ------
-    InvalidParameter, netem.NetemError : the words name a file, or do not describe a link.
+    InvalidParameter, netem.NetemError : the text names a file, or does not describe a link.
     """
     if {"trace", "csv"} & set(split_words(text)):
         raise InvalidParameter("link", text, "a link without files: only the command line reads files")
@@ -39,10 +39,10 @@ class Controls(Protocol):
         """Lead the hand to `position`, (n,) [m]. Returns at once: a drag calls it some 20 times a second."""
 
     def link(self, direction: Direction, text: str) -> None:
-        """Change the emulated link of one direction; `words` are tc-netem's, "" for the ideal link."""
+        """Change the emulated link of one direction; `words` are in tc-netem's syntax, "" for the ideal link."""
 
     def coupling(self, name: str, rendering: str) -> None:
-        """Couple the sides with this coupling and feel."""
+        """Couple the sides with this coupling and rendering."""
 
     def scene(self, label: str) -> None:
         """Go to another world: one of `hapnet.view.scenes.SCENES`, or the run's own."""

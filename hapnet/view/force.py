@@ -22,7 +22,7 @@ def force_of(track: Track) -> Array:
 def parts_of(track: Track) -> Array:
     """What that force is made of (N, 4) [N]: spring, damper, and the spring's parts of model and added damping.
 
-    With more than one axis, each part's component along the force. NaN where the coupling does not tell.
+    With more than one axis, each part's component along the force. NaN if the coupling does not report them.
     """
     if track.force_N.shape[1] == 1:
         return np.asarray(track.parts_N[:, :, 0])
@@ -32,7 +32,7 @@ def parts_of(track: Track) -> Array:
 
 
 def stacked(track: Track) -> Array:
-    """The parts named in `STACK` (N, 4) [N]; 0 where the coupling does not tell."""
+    """The parts named in `STACK` (N, 4) [N]; 0 if the coupling does not report them."""
     spring, damper, model, added = np.nan_to_num(parts_of(track)).T
     return np.stack([model, added, spring - model - added, damper], axis=1)
 
@@ -52,4 +52,4 @@ def force_now(track: Track | None) -> list[tuple[str, str]]:
 
 
 def _newtons(value: float) -> str:
-    return f"{round(value, 2) + 0.0:.2f} N" if math.isfinite(value) else "not told"
+    return f"{round(value, 2) + 0.0:.2f} N" if math.isfinite(value) else "not known"

@@ -38,7 +38,7 @@ class Track:
     `time_s` (N,) ends at 0 or before: 0 is the newest sample of both sides if they share a clock, otherwise of this
     side. `force_N` (N, n) is the coupling's force on the device, or the walls' force on the proxy. `penetration_m` (N,)
     is the proxy's, and NaN on the device's side. `parts_N` (N, 4, n) is what the device's force is made of: spring,
-    damper, and the spring's parts that the contact model and added damping make; NaN where a coupling does not tell.
+    damper, and the spring's parts that the contact model and added damping make; NaN if it reports none.
     Of the world there are no parts: (N, 0, n).
     """
 
@@ -54,7 +54,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Episode:
-    """A pair that has ended: its coupling and feel, and its account, on which its verdict is based."""
+    """A pair that has ended: its coupling and rendering, and its account, on which its verdict is based."""
 
     coupling: str
     rendering: str
@@ -65,10 +65,10 @@ class Episode:
 class Snapshot:
     """A consistent copy of all that is known. What has not arrived yet is None.
 
-    `margin_J` is the sum of both sides' present margins, `min_margin_J` its least value since the episode began, and
+    `margin_J` is the sum of both sides' present margins, `min_margin_J` its minimum since the episode began, and
     `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
-    came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it is told
-    none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks like.
+    came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it
+    receives none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks like.
     """
 
     device: Track | None
@@ -233,7 +233,7 @@ class _Ring:
 
 
 def coupled(status: Status | None) -> tuple[str, str]:
-    """A side's coupling and feel, as its status tells them; what it does not tell is empty."""
+    """A side's coupling and rendering, as its status has them; what it does not have is empty."""
     about = {} if status is None else status.about
     params = about.get("params")
     rendering = params.get("rendering", params.get("feel", "")) if isinstance(params, Mapping) else ""

@@ -1,4 +1,4 @@
-"""The part of the page that changes an emulated link: a preset, sliders, tc-netem's words."""
+"""The part of the page that changes an emulated link: a preset, sliders, text in tc-netem's syntax."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SETTLED_S = 1.5
 
 
 class LinkForm:
-    """Preset, sliders and words of one link, or of both together, in the container that is open when this is made.
+    """Preset, sliders and text of one link, or of both together, in the container that is open when this is made.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class LinkForm:
         self.folder: viser.GuiFolderHandle = gui.add_folder(label)
         with self.folder:
             self._preset = gui.add_dropdown(
-                "preset", (*PRESETS, CUSTOM), initial_value="ideal", hint="typical links; figures are one way"
+                "preset", (*PRESETS, CUSTOM), initial_value="ideal", hint="typical links; figures are for one direction"
             )
             self._delay = gui.add_slider("delay [ms]", 0.0, 500.0, 1.0, 0.0)
             self._jitter = gui.add_slider("jitter [ms]", 0.0, 100.0, 1.0, 0.0)
@@ -50,7 +50,7 @@ class LinkForm:
             typed = gui.add_form(None)
             with typed:
                 self._words = gui.add_text(
-                    "words", "ideal", hint="the present link in tc-netem's words; Enter applies your change"
+                    "words", "ideal", hint="the present link in tc-netem's syntax; Enter applies your change"
                 )
         self._react(self._preset, self._by_preset)
         self._react(self._delay, lambda: _delayed(self._profile, self._delay.value))
@@ -63,7 +63,7 @@ class LinkForm:
             self._change(lambda: _typed(self._words.value), event.client)
 
     def follow(self, text: str) -> None:
-        """Show the present link; words that this netem does not know are shown unchanged.
+        """Show the present link; text that this netem does not know is shown unchanged.
 
         An older report does not undo a change that was made here, and a report does not overwrite what a user types.
         """

@@ -152,7 +152,7 @@ def _scene_name(snapshot: Snapshot) -> object:
 
 
 def _drawing_comes(snapshot: Snapshot) -> bool:
-    """Will the world tell what it looks like? Older ones do not."""
+    """Will the world send what it looks like? Older ones do not."""
     begins = snapshot.world_status is not None and snapshot.world is None
     return snapshot.parts is None and (begins or snapshot.scene is not None)
 
@@ -163,7 +163,7 @@ def _wall_name(snapshot: Snapshot) -> str:
 
 
 def _moves(snapshot: Snapshot) -> bool:
-    """Does the scene's wall move? Where it is now is not told here."""
+    """Does the scene's wall move? Where it is now is not known here."""
     return _scene_name(snapshot) == "moving"
 
 

@@ -31,7 +31,7 @@ moves a spring's end (the small dark ball) only as far as its reservoir can pay.
 energy that passivity allows, never falls below zero, whatever the link does. Choose the coupling `zoh` on a bad link to
 see the spring alone, and `paper` to see PSPM alone.
 
-With `hapnet`, the world also tells the device the planes that are near the proxy: its **local contact model** (faint
+With `hapnet`, the world also sends the device the planes near the proxy: its **local contact model** (faint
 blue). So the handle feels the wall at once, and moves freely, whatever the delay; and since PSPM pays for it, a model
 that is wrong creates no energy.
 """
@@ -79,12 +79,12 @@ class ControlPanel:
             "a mesh of yours ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
         )
         self._up = LinkForm(
-            gui, "link, device to world" if fixed else "link, both ways", controls, self._directions_of_first
+            gui, "link, device to world" if fixed else "link, both directions", controls, self._directions_of_first
         )
         self._down = LinkForm(gui, "link, world to device", controls, lambda: ("down",))
         self._down.folder.visible = False
         with self._up.folder:
-            self._alike = gui.add_checkbox("alike both ways", not fixed, visible=not fixed)
+            self._alike = gui.add_checkbox("both directions alike", not fixed, visible=not fixed)
         self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
         with gui.add_folder("more", expand_by_default=False):
@@ -167,7 +167,7 @@ class ControlPanel:
         return ("up", "down") if self._alike.value else ("up",)
 
     def _arrange(self) -> None:
-        self._up.folder.label = "link, both ways" if self._alike.value else "link, device to world"
+        self._up.folder.label = "link, both directions" if self._alike.value else "link, device to world"
         self._down.folder.visible = not self._alike.value
 
     def _switch_pause(self) -> None:

@@ -63,7 +63,7 @@ class Plots:
         halves = [1e3 * _held(track, "margin_J", at) for track in (device, world)]
         both = halves[0] + halves[1]
         of_proxy = 1e3 * np.maximum(_held(world, "penetration_m", at), 0.0)
-        of_handle, walls = of_proxy, tuple(surfaces)  # where it cannot be told, the proxy's curve covers the handle's
+        of_handle, walls = of_proxy, tuple(surfaces)  # if that is not known, the proxy's curve covers the handle's
         if device is not None and walls:
             of_handle = 1e3 * held(device.time_s, depth_of(device.position_m, walls), at)
         if device is not None:

@@ -28,9 +28,9 @@ def _offered() -> dict[str, str]:
 
 
 SCENES: Mapping[str, str] = MappingProxyType(_offered())
-"""What users read, and the words of `--scene` that it stands for."""
+"""What users read, and the text for `--scene` that it stands for."""
 
 
 def scene_label(text: str) -> str:
-    """The choice that these words are; other words are their own label."""
+    """The choice that this text is; another text is its own label."""
     return next((label for label, known in SCENES.items() if known == text), text)

@@ -1,4 +1,4 @@
-"""What is wrong with a running pair now, in words: a servo that was away, a reservoir that is empty."""
+"""What is wrong with a running pair now, as text: a servo that was away, a reservoir that is empty."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Watcher:
 
     @property
     def where(self) -> str:
-        """How the pair is reached, in words."""
+        """How the pair is reached, as text."""
         return self._subscription.where
 
     def open(self) -> None:

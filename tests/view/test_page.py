@@ -186,7 +186,7 @@ def test_a_slider_changes_both_links(playing: Open) -> None:
 @pytest.mark.soak
 def test_each_direction_may_have_a_link_of_its_own(playing: Open) -> None:
     page, controls = playing.page, playing.controls
-    alike = playing.switch("alike both ways")
+    alike = playing.switch("both directions alike")
     alike.click()
     expect(page.get_by_role("slider")).to_have_count(6)
     before = len(controls.named("link"))

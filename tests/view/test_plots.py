@@ -37,7 +37,7 @@ def test_the_parts_add_up_to_the_force_and_stand_on_each_other() -> None:
     assert parts[0].sum() == pytest.approx(force_of(shown)[0])
     edges = np.array(piled(parts))[:, 0]
     np.testing.assert_allclose(edges, [0.4, 0.2, 0.1, 0.0, -1.2, -1.2, -1.2, -1.2], atol=1e-15)
-    assert [value for _, value in force_now(shown)] == ["0.00 N", *["not told"] * 4]
+    assert [value for _, value in force_now(shown)] == ["0.00 N", *["not known"] * 4]
 
 
 def test_with_several_axes_the_parts_are_those_along_the_force() -> None:
