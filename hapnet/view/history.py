@@ -68,7 +68,8 @@ class Snapshot:
     `margin_J` is the sum of both sides' present margins, `min_margin_J` its minimum since the episode began, and
     `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
     came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it
-    receives none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks like.
+    receives none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks
+    like.
     """
 
     device: Track | None
