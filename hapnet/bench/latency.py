@@ -47,7 +47,7 @@ _JOIN_S = 30.0
 
 
 def one_way_latency(options: Options) -> Row:
-    """Rounds of the whole path, of raw Zenoh with its own defaults and with ours, and of plain sockets, 1 kHz one way.
+    """Rounds of the whole path, of raw Zenoh with its defaults and with ours, and of plain sockets, one way at 1 kHz.
 
     The two sides have the link that `hapnet run` gives them.
     """
@@ -73,7 +73,7 @@ def one_way_latency(options: Options) -> Row:
 
 
 def one_way_latency_realtime(options: Options) -> Row:
-    """The same for a device with `--realtime`: its servo is a process of its own, with one more socket on the way."""
+    """The same for a device with `--realtime`: its servo is a process of its own, with one more socket on the path."""
     refusals: list[str] = []
 
     def once(seconds: float) -> Distribution:

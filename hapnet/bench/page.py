@@ -153,7 +153,7 @@ def _cpu_s() -> float:
 
 
 def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Received:
-    """Be a browser as far as the server can tell: say where its camera is, and read what comes.
+    """Be a browser as far as the server can see: say where its camera is, and read what comes.
 
     It stands for a browser on another machine, so it takes only time that nobody else here wants.
     """

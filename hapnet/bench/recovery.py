@@ -19,7 +19,7 @@ def energy_recovery(rtt_ms: float, loss: str, name: str, options: Options) -> Ro
     count = max(100, round(_LUMPS * options.seconds))
     rounds = [Distribution.of(credit_times(profile, count, seed), 1e-6) for seed in range(options.rounds)]
     one_way = [Distribution.of([rtt_ms / 2])] * options.rounds
-    what = f"energy from sent to credited, RTT {rtt_ms:g} ms, loss {loss} each way, lumps one at a time"
+    what = f"energy from sent to credited, RTT {rtt_ms:g} ms, loss {loss} in each direction, lumps one at a time"
     return row(name, "ms", what, rounds, "the one-way delay", one_way, panel=name == "energy_recovery")
 
 

@@ -96,7 +96,7 @@ class Limit:
 class Row:
     """One line of the table.
 
-    name, unit : of the figures. what, against : what is measured, and the bare reference, in words.
+    name, unit : of the figures. what, against : what is measured, and the bare reference, as text.
     figures, reference : None if there is nothing to show; `note` then says why.
     more : further figures by name. limits : that the project sets.
     samples, bare : the distributions over all rounds, for the histograms. panel : whether the figure shows them.

@@ -32,7 +32,7 @@ def servo_traffic(options: Options, khz: int = 1) -> Row:
         subject.append(ours)
         bare.append(theirs)
         rates.append(rate)
-    what = "lateness with 1 kHz each way over Zenoh, both sides recording, from pairing"
+    what = "lateness with 1 kHz in each direction over Zenoh, both sides recording, from pairing"
     at = "" if khz == 1 else f", the servo at {khz} kHz"
     beside = f", beside {options.beside} busy processes" if options.beside else ""
     usual = Limit("ratio", 1.3), Limit("ratio_p99", 1.5 if options.realtime else 2.0)
@@ -46,7 +46,7 @@ def servo_traffic(options: Options, khz: int = 1) -> Row:
         [part.distribution for part in bare],
         more={**late_share(subject, bare), "messages_per_s": min(rates)},
         limits=limits.get(khz, ()),
-        note="; ".join([f"{min(rates):.0f} messages/s the slower way", *filter(None, [subject[0].refusal])]),
+        note="; ".join([f"{min(rates):.0f} messages/s in the slower direction", *filter(None, [subject[0].refusal])]),
     )
 
 

@@ -25,7 +25,7 @@ _WALL_M = 0.010
 class PressedWorld:
     """A world whose mass is pressed into the wall; every step has a new set-position.
 
-    own : parameters besides the scene. steps_s : the least and the greatest time between two steps [s].
+    own : parameters besides the scene. steps_s : minimum and maximum time between two steps [s].
     """
 
     def __init__(self, own: Mapping[str, object], steps_s: tuple[float, float]) -> None:

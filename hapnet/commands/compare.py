@@ -33,8 +33,7 @@ PAGE = "compare.md"
 """The tables of a comparison as Markdown; of all sections together, in the directory above theirs."""
 
 _SHORT_S, _AT_ONCE_S = 5.0, 300.0
-"""How long a case is run at most to estimate its time, and how much simulated time in all takes too little to tell [s].
-"""
+"""How long a case is run at most to estimate its time, and how much simulated time in all needs no estimate [s]."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME[=WORDS[|WORDS]]",
-            help="A profile, or a name and tc-netem's words (up|down if they differ); may be repeated. "
+            help="A profile, or a name and tc-netem's syntax (up|down if they differ); may be repeated. "
             f"Default: {', '.join(QUICK.links)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.profiles,
@@ -312,7 +311,7 @@ def _report_time(
 def _write(
     directory: Path, title: str, found: Comparison, drawn: Case, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
-    """Write compare.json, compare.csv, compare.md and the figures; returns what was written, in words."""
+    """Write compare.json, compare.csv, compare.md and the figures; returns a text with what was written."""
     from hapnet.reports.files import save, save_figure
     from hapnet.study import figures, markdown
 

@@ -47,7 +47,7 @@ def behind(offered: str) -> str:
 
 
 def choices(parameter: str) -> Callable[[], list[str]]:
-    """The words that a parameter allows."""
+    """The texts that a parameter allows."""
     return lambda: list(_allowed(parameter))
 
 
@@ -57,7 +57,7 @@ def words(*given: str) -> Callable[[], list[str]]:
 
 
 def profiles() -> list[tuple[str, str]]:
-    """Link profiles by name, with their tc words."""
+    """Link profiles by name, each with its text in tc-netem's syntax."""
     return [(name, tc) for name, tc in PRESETS.items()]
 
 

@@ -113,8 +113,8 @@ def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console)
         if time.monotonic() < since_s + PATIENCE_S:
             continue
         if watcher.telemetry.undecrypted:
-            raise InvalidParameter("--secret-file", None, "the file of the world's side: it encrypts what it tells")
-        text = f"waiting for a world that tells what it is: {watcher.where}"
+            raise InvalidParameter("--secret-file", None, "the file of the world's side: it encrypts what it sends")
+        text = f"waiting for a world that reports what it is: {watcher.where}"
         text += f" ({watcher.problem})" if watcher.problem else ""
         if text != said:
             console.print(text, style="yellow", markup=False)

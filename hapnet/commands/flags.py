@@ -146,7 +146,7 @@ Link = Annotated[
     typer.Option(
         "--link",
         metavar="NAME|'TC WORDS'",
-        help="The link: a profile's name (`netem profiles`), or tc-netem's words.",
+        help="The link: a profile's name (`netem profiles`), or tc-netem's syntax.",
         rich_help_panel=_LINK,
         autocompletion=complete.profiles,
     ),
@@ -170,15 +170,11 @@ Resend = Annotated[
 ]
 Uplink = Annotated[
     str | None,
-    typer.Option(
-        help="From the device only: a profile or tc words.", rich_help_panel=_LINK, autocompletion=complete.profiles
-    ),
+    typer.Option(help="From the device only, as --link.", rich_help_panel=_LINK, autocompletion=complete.profiles),
 ]
 Downlink = Annotated[
     str | None,
-    typer.Option(
-        help="From the world only: a profile or tc words.", rich_help_panel=_LINK, autocompletion=complete.profiles
-    ),
+    typer.Option(help="From the world only, as --link.", rich_help_panel=_LINK, autocompletion=complete.profiles),
 ]
 
 _TIMELINE = "Changes from pairing on: 'at 5s: down; at 9s: up', or a file"

@@ -43,7 +43,7 @@ def remember(device: str, mass: Vector) -> None:
 
 
 def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
-    """The parameters, with the mass that the device is known to have; of one that is new here the user is told first.
+    """The parameters, with the mass that the device is known to have; before a new one the user is asked.
 
     ask : shows a text and waits for the user; None: there is nobody to ask.
     """
@@ -54,7 +54,7 @@ def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
             ask(
                 f"{params.hardware} is new here. At the start hapnet pushes its handle to and fro, by up to"
                 f" {params.device.self_test_N:g} N for 0.4 s, to see that it follows.\n"
-                "Hold it loosely, away from the ends of its way, and press Enter (Ctrl-C: not now) "
+                "Hold it loosely, away from the ends of its range, and press Enter (Ctrl-C: not now) "
             )
         return params
     return params if not mass or params.device.known_mass_kg else params.set({"device.known_mass_kg": mass})

@@ -1,4 +1,4 @@
-"""A side's notices: words for people on the console, one JSON object per line for programs."""
+"""A side's notices: text for people on the console, one JSON object per line for programs."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class LinkOptions:
 
         Raises
         ------
-        InvalidParameter, netem.NetemError : the words are not tc-netem's, or do not go together.
+        InvalidParameter, netem.NetemError : the text is not tc-netem's syntax, or its parts do not go together.
         """
         up = self._direction(params.link.up) if self.uplink is None else self.uplink
         down = self._direction(params.link.down) if self.downlink is None else self.downlink

@@ -1,4 +1,4 @@
-"""What is left of a run, whatever ended it: one summary of what its sides told and recorded, and the files."""
+"""What is left of a run, whatever ended it: one summary of what its sides reported and recorded, and the files."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def of_pair(
 ) -> Outcome:
     """Of a run of both sides on this machine.
 
-    told : by role, the summary that a process left at its end; of one that was killed the samples count. files : by
+    reported : by role, the summary that a process left at its end; of one that was killed the samples count. files : by
     role, the recordings that there are. failed : by role, why a side ended before its time. setup, seed : of the run.
-    written : is told what is missing.
+    written : takes what is missing.
     """
     recordings: dict[str, Recording] = {}
     seconds = max((side["duration_s"] or 0.0 for side in reported.values()), default=0.0)

@@ -47,7 +47,7 @@ def report(
     summary = of_recordings(files, recordings)
     whole = recordings[0] if len(files) == 1 else join(*recordings)
     reported, moved = summary.get("motion"), motion(whole)
-    if isinstance(reported, Mapping):  # what the other side told of its own stays
+    if isinstance(reported, Mapping):  # the other side's report of its own stays
         moved = cast("Motion", {name: reported.get(name) if value is None else value for name, value in moved.items()})
     summary["motion"] = moved
     sources = []

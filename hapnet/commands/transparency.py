@@ -46,7 +46,7 @@ class TransparencyOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME[=WORDS[|WORDS]]",
-            help=f"A profile, or a name and tc-netem's words; may be repeated. Default: {', '.join(LINKS)}.",
+            help=f"A profile, or a name and tc-netem's syntax; may be repeated. Default: {', '.join(LINKS)}.",
             autocompletion=complete.profiles,
         ),
     ] = None
@@ -204,8 +204,8 @@ def _table(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, st
 
 
 _HELD = (
-    "The hand that presses is only a spring; what it has as damping of its own adds to the device's. The bound: with "
-    "K < 2 (b - B)/T the device is passive, so that no hand makes it swing; B is device.damping."
+    "The hand that presses is only a spring; a hand's own damping would add to the device's. The bound: with "
+    "K < 2 (b - B)/T the device is passive, so that no hand makes it oscillate; B is device.damping."
 )
 
 

@@ -102,7 +102,7 @@ def show(url: str) -> None:
 
 
 def _state(watcher: Watcher) -> str:
-    """What the page watches, in words."""
+    """What the page watches, as text."""
     if watcher.pair is None:
         problem = f" ({watcher.problem})" if watcher.problem else ""
         return f"waiting for a pair's telemetry: {watcher.where}{problem}"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _POINTS = 4000  # a curve keeps at most about this many: more than print can resolve
-_TITLE = 300  # letters of a title's part: a link's words are shorter
+_TITLE = 300  # letters of a title's part: a link's text is shorter
 # device, proxy (or world), and a thinner third: they differ in dash and grey value as well as in hue
 _DEVICE: dict[str, Any] = {"color": DEVICE_COLOR, "linestyle": "-"}
 _WORLD: dict[str, Any] = {"color": WORLD_COLOR, "linestyle": (0, (5, 1.5))}
@@ -167,7 +167,7 @@ def _curve(panel: Axes, columns: Columns, values: NDArray[np.float64], label: st
 
 
 def _envelope(values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Indices to draw: all or, for a long curve, those of the least and the greatest value of each short stretch."""
+    """Indices to draw: all or, for a long curve, those of the smallest and the largest value of each short stretch."""
     if len(values) <= _POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), _POINTS // 2)

@@ -31,7 +31,7 @@ def pictures(recording: Recording) -> dict[str, Picture]:
     caption = _RUN.format(reservoirs=_RESERVOIRS if full else "")
     found = [Picture("run", png(figure(recording)), caption, f"Against time: {panels}. {verdict(summary)}.")]
     if (scene := scene_figure(recording)) is not None:
-        found.append(Picture("scene", png(scene), _SCENE, "The scene in 3-D, with the ways of device and proxy."))
+        found.append(Picture("scene", png(scene), _SCENE, "The scene in 3-D, with the paths of device and proxy."))
     if (links := link_histogram(summary)) is not None:
         directions = [
             f"{direction}link p50 {number(link['delay_p50_ms'])} ms, p99 {number(link['delay_p99_ms'])} ms"
@@ -57,8 +57,8 @@ _RESERVOIRS = (
     "Reservoirs: the energy that each side may spend on moving its spring; an empty one holds the set-position back. "
 )
 _SCENE = (
-    "What the scene looks like, the way of the hand (device), and that of the world's proxy, which solids stop. Red: "
-    "the proxy is in contact; the line is the greatest force, 10 mm per newton, and around it the contact's friction "
+    "What the scene looks like, the path of the hand (device), and that of the world's proxy, which solids stop. Red: "
+    "the proxy is in contact; the line is the largest force, 10 mm per newton, and around it the contact's friction "
     "cone. What moves is where it was then; faint, where it was at other times."
 )
 _LINK = (

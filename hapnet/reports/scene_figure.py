@@ -1,6 +1,6 @@
 """The figure of a scene: its solids and bodies, and the paths of device and proxy around them.
 
-What moves is drawn where it was when the force was greatest, with the contacts of that moment, and faintly where it was
+What moves is drawn where it was when the force was largest, with the contacts of that moment, and faintly where it was
 at other times: at the start and at the end, and of few bodies also between.
 """
 
@@ -36,7 +36,7 @@ _RED, _AMBER = "#b91c1c", "#d97706"
 
 
 def scene_figure(recording: Recording) -> Figure | None:
-    """Solids, bodies and ways in 3-D, 180 mm wide.
+    """Solids, bodies and paths in 3-D, 180 mm wide.
 
     None: nothing is known of how the scene looks, or it has fewer axes and nothing moves.
     """
@@ -56,7 +56,7 @@ def scene_figure(recording: Recording) -> Figure | None:
         for columns, name in ((device, "position_m"), (world, "position_m"), (world, "contact_force_N"))
     )
     deep = world["penetration_m"] > 0.0
-    pressed = deep if deep.any() else np.linalg.norm(force, axis=1) > 0.0  # a force law tells no depth
+    pressed = deep if deep.any() else np.linalg.norm(force, axis=1) > 0.0  # a force law has no depth
     with matplotlib.rc_context(STYLE):
         fig = Figure(figsize=(180 * MM, 120 * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
@@ -75,14 +75,14 @@ def scene_figure(recording: Recording) -> Figure | None:
             _contacts(axes, peak.contacts())
         _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         axes.legend(loc="upper left")
-        when = ", the bodies where they were when the force was greatest" if moves else ""
-        title = fill(f"Scene {_name(recording)}: the ways of device and proxy{when}", 100)
+        when = ", the bodies where they were when the force was largest" if moves else ""
+        title = fill(f"Scene {_name(recording)}: the paths of device and proxy{when}", 100)
         fig.suptitle(title, fontsize=9, parse_math=False)
     return fig
 
 
 def _parts(recording: Recording) -> tuple[Part, ...]:
-    """As recorded; of an older recording, and of a scene that is too large to be told, as its words tell."""
+    """As recorded; of an older recording, and of a scene that is too large to be sent, from its text."""
     reported = () if recording.drawing is None else unpack(recording.drawing.data)
     return reported or parts_of_words(get(recording.meta, "scene"))
 
@@ -93,7 +93,7 @@ def _name(recording: Recording) -> object:
 
 
 def _moments(scene: Sequence[SceneSample], world: Columns) -> tuple[SceneSample | None, list[SceneSample]]:
-    """The scene when the force was greatest, and at other times."""
+    """The scene when the force was largest, and at other times."""
     if not scene:
         return None, []
     top = int(np.linalg.norm(world["contact_force_N"], axis=1).argmax())
@@ -163,7 +163,7 @@ def _surfaces(axes: Any, parts: Sequence[Part], opacity: float, zorder: int) -> 
 def _contacts(axes: Any, touches: Sequence[Touch]) -> None:
     """Each contact's friction cone, as high as the normal force is long, and its force in it."""
     top_N = np.linalg.norm(sum((np.array(touch.force_N) for touch in touches), np.zeros(3)))
-    force_label, cone_label = f"the greatest force, {top_N:.2g} N", "its friction cone"
+    force_label, cone_label = f"the largest force, {top_N:.2g} N", "its friction cone"
     for touch in touches:
         point, normal = np.array(touch.point) * _MM, np.array(touch.normal)
         force = _MM_PER_N * np.array(touch.force_N)

@@ -56,12 +56,12 @@ _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("margin at the end", "mJ", lambda of: of["ledger"]["margin_end_J"], millijoule),
     _Row("slack, least", "mJ", lambda of: of["ledger"]["slack_J"], millijoule),
     _Row("true slack, least", "mJ", lambda of: of["true_slack_J"], millijoule),
-    _Row("reservoir, least", "mJ", lambda of: of["reservoir_min_J"], millijoule),
+    _Row("reservoir, min", "mJ", lambda of: of["reservoir_min_J"], millijoule),
     _Row("set-positions modulated", "%", lambda of: of["modulated_share"], percent),
     _Row("deficit, largest", "mJ", lambda of: of["deficit_max_J"], millijoule),
     _Row("reserve", "mJ", lambda of: of["reserve_J"], millijoule),
     _Row("given out while the servo was away", "mJ", lambda of: of["overrun_leak_J"], millijoule),
-    _Row("greatest speed", "m/s", lambda of: of["speed_max_mps"], number),
+    _Row("max speed", "m/s", lambda of: of["speed_max_mps"], number),
     _Row("force in the account", "", lambda of: of["force"], text),
     _Row("sent", "mJ", lambda of: of["sent_nJ"], shuffled),
     _Row("credited", "mJ", lambda of: of["credited_nJ"], shuffled),
@@ -142,7 +142,7 @@ _MOTION: tuple[_Row[Motion], ...] = (
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a label and one value per column, in words; rows without any value are left out."""
+    """Rows of a label and one value per column, as text; rows without any value are left out."""
 
     title: str
     columns: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Values of a summary in words: numbers in the units that people read, and the verdict."""
+"""Values of a summary as text: numbers in the units that people read, and the verdict."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def legible(value: Any) -> Any:
 def felt(environment: object, *, springs: bool = True) -> str | None:
     """How stiff the wall is felt, and through which springs; None: there is none, or it is not known.
 
-    environment : of a summary, or what a side told as `Felt`.
+    environment : of a summary, or what a side reported as `Felt`.
     """
     wall, hand = (known(get(environment, name)) for name in ("stiffness_N_m", "felt_stiffness_N_m"))
     if wall is None or hand is None:

@@ -96,7 +96,7 @@ class Plan:
     Parameters
     ----------
     params : of all cases, except for what follows.
-    couplings : each as `Variant.coupling`. links : by name, the words of the uplink and of the downlink.
+    couplings : each as `Variant.coupling`. links : by name, the text of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by parameters of its own (`hand`).
     deadbands : each coupling is tried with each of them. extra : further variants of these couplings.
     """

@@ -118,8 +118,9 @@ def compare(
 
     Parameters
     ----------
-    couplings : names; parameters of its own stand behind one (``"pspm:feel=paper"``). None: all of hapnet's.
-    links : profiles' names, or names and tc's words, one text or up and down. None: ideal, lan, 4g, intercontinental.
+    couplings : names; parameters of its own stand behind one (``"pspm:rendering=paper"``). None: all of hapnet's.
+    links : profiles' names, or names and tc-netem's syntax, one text or up and down. None: ideal, lan, 4g and
+        intercontinental.
     operators : hands, as for `--operator`. None: ``press@light`` or, if nothing is named at all, four of them.
     seeds : None: 0 alone. deadbands : Weber fractions; each coupling is tried with each.
     params : of all cases, or changes to the defaults of a comparison (`hapnet.study.plans.BASE`).

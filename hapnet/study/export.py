@@ -86,7 +86,7 @@ def _plain(value: Any) -> Any:
 
 
 def _links(journal: Journal, rows: list[Row]) -> list[str]:
-    """Each case's link; in the spec's words if the link varies."""
+    """Each case's link; as in the spec if the link varies."""
     known: dict[str, str] = {}
     found = []
     for row in rows:

@@ -7,7 +7,7 @@
     constraints = ["passive", "peak_force_N <= 2", "stiffness_percent >= 90 in 75 %"]  # in every case, or in a share
 
 A metric enters the objective by its cost: itself if lower is better, its negative if higher is better, its distance
-from 0 or 100 if nearer is better. So a quantile above 0.5 looks at the bad cases, whichever way the metric goes.
+from 0 or 100 if nearer is better. So a quantile above 0.5 looks at the bad cases, whether lower or higher is better.
 
 A miss (`hapnet.study.misses`) is the worst value. So is a case without a value if the same case has one with other
 parameters, be it in one trial only; otherwise it has nothing to do with this metric and is left out.
@@ -168,7 +168,7 @@ class Goal:
 
 
 def goal_of(objective: object, constraints: object) -> Goal:
-    """The goal in the words of a spec. Raises InvalidParameter."""
+    """The goal as a spec has it. Raises InvalidParameter."""
     if isinstance(objective, str):
         objective = {objective: 1.0}
     if not isinstance(objective, Mapping) or not objective:
@@ -191,7 +191,7 @@ def _term(metric: str, given: Any) -> Term:
     weight, share = table.get("weight", 1.0), table.get("quantile", 0.5)
     better = table.get("better", METRICS[metric].better)
     if not number(weight) or weight <= 0.0:
-        raise InvalidParameter(f"weight of {metric}", weight, "a number above 0; `better` says which way")
+        raise InvalidParameter(f"weight of {metric}", weight, "a number above 0; `better` is lower or higher")
     if not number(share) or not 0.0 <= share <= 1.0:
         raise InvalidParameter(f"quantile of {metric}", share, "0 to 1; 0.5 is the median")
     if better not in _DIRECTIONS:

@@ -89,7 +89,7 @@ class Grid:
     cells: Mapping[tuple[int, int], Cell]
     metric: str
     over: tuple[str, ...]
-    """What the runs of a cell differ in, in words: ``10 seeds``."""
+    """What the runs of a cell differ in, as text: ``10 seeds``."""
 
 
 def grid(
@@ -205,7 +205,7 @@ def _words(name: str, value: Any) -> str:
 
 
 def _is(name: str, value: Any, text: str) -> bool:
-    """Do these words, as in an axis or a table, mean this value?"""
+    """Does this text, as in an axis or a table, mean this value?"""
     return text.strip() in (_words(name, value), value_words(name, value))
 
 

@@ -253,7 +253,7 @@ def _title(grid: Grid, what: str, where: Sequence[str], name: str) -> str:
 
 
 def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> list[str]:
-    """Where the least and the greatest figure are, in a line or two; nothing if all are the same."""
+    """Where the smallest and the largest figure are, in a line or two; nothing if all are the same."""
     if not figures or min(figures.values()) == max(figures.values()):
         return []
     unit = label.partition(" [")[2].rstrip("]")

@@ -28,7 +28,7 @@ _SPREADS = (
     ("modulated_device_percent", "modulated at the device [%]", 1.0, 1),
     ("force_step_N", "largest force step [N]", 1.0, 3),
     ("buzz_N2", "buzz [10⁻⁶ N²]", 1e6, 1),
-    ("swing_N", "residual swing [mN]", 1e3, 2),
+    ("swing_N", "residual oscillation [mN]", 1e3, 2),
 )
 """Metrics of the last table, with the factor to multiply by and the digits after the point."""
 

@@ -14,7 +14,7 @@ from netem.presets import ALIASES, PRESETS
 from netem.units import format_path
 
 BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0})
-"""All cases have the sampled servo of real hardware, at 1 kHz. The hand holds still at the end, which shows a swing."""
+"""All cases have the sampled servo of real hardware, at 1 kHz. At the end the hand holds still: oscillations show."""
 
 NOTICED = 0.1
 """The first coupling of the quick set is also tried with this Weber fraction: people notice about a tenth."""
@@ -102,7 +102,7 @@ def _checked(plan: Plan) -> Plan:
 
 
 def _check_words(plan: Plan) -> None:
-    """Raises InvalidParameter where a coupling's or an operator's words set what they may not."""
+    """Raises InvalidParameter if a coupling's or an operator's text sets what it may not."""
     from hapnet.couplings.registry import coupling
 
     taken: dict[str, str] = dict(_OWN)

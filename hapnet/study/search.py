@@ -124,7 +124,7 @@ def base(spec: TuneSpec) -> tuple[list[Case], list[Case]]:
 
 
 def most_cases(spec: TuneSpec) -> int:
-    """The greatest number of cases that a search may need."""
+    """The largest number of cases that a search may need."""
     tuned, scored = (len(cases) for cases in base(spec))
     return (spec.trials + (not _default_is_tried(spec))) * tuned + 2 * scored
 

@@ -69,7 +69,7 @@ FULL: Mapping[str, Section] = {
         ("lan", "4g", "intercontinental"), HANDS, {"duration_s": 60.0},
     ),
     "untold": _moving(
-        "a wall that nobody told before: it appears, and jumps to where it never was",
+        "a wall that was never sent before: it appears, and jumps to where it never was",
         "at 0s: gone; at 4s: back; at 9s: shift 5mm; at 14s: shift -9mm; at 19s: shift 7mm; at 24s: shift -3mm",
     ),
     "moves": _moving(

@@ -39,7 +39,7 @@ Values = dict[str, Any]
 """Values as TOML has them, by name: parameters by their dotted names, `LINK` and `SEED`."""
 
 LINK, SEED = "link", "seed"
-"""What may vary besides parameters. Link: both directions, as a profile's name, tc's words or {up, down}. Seed."""
+"""What may vary besides parameters. Link: both directions: a profile's name, tc-netem's syntax or {up, down}. Seed."""
 
 MOST = 100_000
 """The largest number of cases in a sweep."""
@@ -228,13 +228,13 @@ def number(value: object) -> bool:
 
 
 def link_words(up: str, down: str) -> str:
-    """Both directions of a link in words; only one if they are equal."""
+    """Both directions of a link as text; only one if they are equal."""
     up, down = up or "ideal", down or "ideal"
     return up if up == down else f"up {up}, down {down}"
 
 
 def value_words(name: str, value: Any) -> str:
-    """A varied value in words, for tables and figures."""
+    """A varied value as text, for tables and figures."""
     if name == LINK:
         return link_words(value["up"], value["down"]) if isinstance(value, Mapping) else link_words(value, value)
     return value if isinstance(value, str) else json.dumps(value)
@@ -345,15 +345,15 @@ def _seed(value: object, allowed: str) -> None:
 def _link(value: object) -> None:
     directions: Mapping[str, Any] = value if isinstance(value, Mapping) else {"up": value, "down": value}
     if set(directions) != {"up", "down"} or not all(isinstance(words, str) for words in directions.values()):
-        raise InvalidParameter(LINK, value, "a profile's name, tc's words, or {up = ..., down = ...} with these")
+        raise InvalidParameter(LINK, value, "a profile's name, tc-netem's syntax, or {up = ..., down = ...} with these")
     for words in directions.values():
         profile(LINK, words)
 
 
 def profile(name: str, text: str) -> str:
-    """A link in tc's words; equal links give equal words."""
+    """A link in tc-netem's syntax; equal links give equal texts."""
     try:
         return str(LinkProfile.named(text))
     except NetemError as error:
-        allowed = f"a profile of `netem profiles`; or tc's words ({error})"
+        allowed = f"a profile of `netem profiles`; or tc-netem's syntax ({error})"
         raise InvalidParameter(name, text, allowed, PRESETS) from None

@@ -1,12 +1,12 @@
 """The stiffest stable K of a simulated device (`device.stiffness`), beside the bound from theory.
 
 J. E. Colgate and G. Schenkel (Passivity of a class of sampled-data systems, 1997): a device of own damping b renders a
-spring K and a damper B, held for T, passively if ``b > K T/2 + B``. So no hand can make it swing while
+spring K and a damper B, held for T, passively if ``b > K T/2 + B``. So no hand can make it oscillate while
 ``K < 2 (b - B) / T``. Beyond that some hands can, and without any the device is stable up to about ``2 (b + B) / T``.
 
-It is found by trying. A hand that is only a spring, without damping or mass, presses the device with about a newton
+It is found by trials. A hand that is only a spring, without damping or mass, presses the device with about a newton
 into an ideal wall: stiff, damped, without a link, in a world of 1 kHz. It then holds still. `JUDGED` says what counts.
-With encoders a swing of one count may go on for ever; its force is K times the count.
+With encoders an oscillation of one count may go on for ever; its force is K times the count.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ MINIMUM, MOST, RATIO = 10.0, 1e5, 1.03
 
 HELD_S = 8.0
 RENDERED = 0.9
-"""A wall that is rendered with less of its stiffness is lost: without force nothing swings."""
+"""A wall that is rendered with less of its stiffness is lost: without force nothing oscillates."""
 
 JUDGED = (
-    "stable: in the eighth second after the hand has stopped, the force swings by less than 0.02 N (rms), or by less "
+    "stable: in the eighth second after the hand has stopped, the force oscillates by less than 0.02 N (rms), or less "
     "than half of what it did six seconds before; and the wall is rendered with at least 90 % of its stiffness"
 )
 
@@ -77,7 +77,7 @@ class Case(NamedTuple):
 
     @property
     def column(self) -> str:
-        """Coupling and encoders, in words."""
+        """Coupling and encoders, as text."""
         return f"{self.coupling}, {self.resolution_m * 1e6:g} µm" if self.resolution_m else f"{self.coupling}, exact"
 
 

@@ -51,7 +51,7 @@ _SHOWN = (
     _Column("stiffness_worst_percent", "worst\ntenth\n[%]", 1.0, 0),
     _Column("contacts_ratio", "contacts\nper one", 1.0, 1),
     _Column("modulated_percent", "modu-\nlated\n[%]", 1.0, 1),
-    _Column("swing_N", "swing\n[N]", 1.0, 3),
+    _Column("swing_N", "oscillation\n[N]", 1.0, 3),
     _Column("first_contact_ms", "first\nfelt\n[ms]", 1.0, 0),
 )
 """In the order in which they get a place: `_NARROW` of them in a narrow table, `_MOST` in a wide one."""

@@ -19,7 +19,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 
 def tuning(params: Params) -> dict[str, Any]:
-    """What determines how a coupling feels: springs, dampers, its rule's choice, and the stiffness at best."""
+    """What determines a coupling's rendering: springs, dampers, its rule's choice, and the stiffness at best."""
     params = with_springs(params)
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None

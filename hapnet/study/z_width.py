@@ -2,7 +2,7 @@
 
 J. E. Colgate and J. M. Brown (Factors affecting the Z-width of a haptic display, 1994) call so the range of impedances
 that a display can render passively. Here it is found as they found it, by trying: a hand presses into the wall and
-holds still, and the force must come to rest (`hapnet.metrics.swing.limit_cycles`). The springs and the wall are made
+holds still, and the force must come to rest (`hapnet.metrics.force.limit_cycles`). The springs and the wall are made
 stiffer together, so that what is felt is; bisection finds the stiffness at which the force does not come to rest any
 more. It supposes that there is one: a softer wall than one without limit cycles has none.
 """
@@ -30,8 +30,8 @@ _HELD_S = UNTIL_S + 0.1
 class ZWidth(NamedTuple):
     """Between which stiffnesses of the wall that is felt [N/m] limit cycles begin.
 
-    free : the greatest one that was tried without a limit cycle; None: the least one has one already.
-    cycles : the least one that was tried with one; None: the greatest one has none.
+    free : the largest one that was tried without a limit cycle; None: the smallest one has one already.
+    cycles : the smallest one that was tried with one; None: the largest one has none.
     """
 
     free: float | None
@@ -49,8 +49,8 @@ def z_width(
 ) -> ZWidth:
     """The stiffest wall for which no seed ends in a limit cycle, within a factor of `ratio`.
 
-    All `springs` are multiplied by the same factor, between `least` and `most`; a stiffness is told as it would be felt
-    over an ideal link (`ideal_stiffness`). The hand is that of `params` and presses to `operator_hand.goal_m`; its
+    All `springs` are multiplied by the same factor, between `least` and `most`; a stiffness is what would be felt over
+    an ideal link (`ideal_stiffness`). The hand is that of `params` and presses to `operator_hand.goal_m`; its
     schedule and the duration are set here.
 
     Raises
@@ -79,7 +79,7 @@ def z_width(
 def maximum(free: Callable[[float], bool], least: float, most: float, ratio: float) -> ZWidth:
     """Bisect, on a log scale, where `free` ends between `least` and `most`, until the two ends are within `ratio`."""
     if not 0.0 < least < most:
-        raise InvalidParameter("least", least, f"above 0 and below {most:g}, the greatest")
+        raise InvalidParameter("least", least, f"above 0 and below {most:g}, the largest")
     if not ratio > 1.0:
         raise InvalidParameter("ratio", ratio, "above 1")
     if not free(least):

@@ -304,7 +304,7 @@ def test_the_summary_as_a_table() -> None:
     assert "margin after 1 s, least [mJ]" not in rows
     assert rows["given out, most [mJ]"] == ["30", "40"]
     assert rows["margin at the end [mJ]"] == ["70", "-"]
-    assert rows["reservoir, least [mJ]"] == ["1.2", "-"]
+    assert rows["reservoir, min [mJ]"] == ["1.2", "-"]
     assert rows["sent [mJ]"] == ["1123", "-"]
     assert rows["credited [mJ]"] == ["5e-06", "-"]
     assert rows["slack, least [mJ]"] == ["0", "0"]
