@@ -104,7 +104,7 @@ def test_a_failed_case_is_never_allowed() -> None:
         ("free_rms", [], "'free_rms'; did you mean free_rms_mm"),
         ({}, [], "a metric, or a table"),
         (None, [], "a metric, or a table"),
-        ({"free_rms_mm": 0}, [], "weight of free_rms_mm is 0; allowed: a number above 0; `better` says which way"),
+        ({"free_rms_mm": 0}, [], "weight of free_rms_mm is 0; allowed: a number above 0; `better` is lower or higher"),
         ({"free_rms_mm": {"weigth": 1}}, [], "'weigth'; did you mean weight"),
         ({"free_rms_mm": {"quantile": 90}}, [], "quantile of free_rms_mm is 90; allowed: 0 to 1"),
         ({"free_rms_mm": {"better": "less"}}, [], "one of higher, lower, nearer 0, nearer 100"),

@@ -128,5 +128,5 @@ def test_the_command_shows_them_beside_the_bound_in_table_figure_and_json(
         "coupling": "pspm", "servo_hz": 1000.0, "own_damping": 0.3, "resolution_m": 0.0,
         "bound_N_per_m": pytest.approx(400.0), "stable_N_per_m": 750.0, "unstable_N_per_m": 770.0,
     }  # fmt: skip
-    assert "swings" in reported["judged"]
+    assert "oscillates" in reported["judged"]
     assert (tmp_path / "stable-stiffness.png").stat().st_size > 10_000
