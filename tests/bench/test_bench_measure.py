@@ -322,7 +322,7 @@ def test_interrupted_it_leaves_no_process(tmp_path: Path) -> None:
 def test_traffic_runs_at_a_kilohertz_each_way_beside_a_busy_process() -> None:
     row = traffic.servo_traffic(Options(seconds=3.0, rounds=1, beside=1))
     assert row.more["messages_per_s"] > 300  # a thousand on a machine that does nothing else
-    assert f"{row.more['messages_per_s']:.0f} messages/s the slower way" in row.note
+    assert f"{row.more['messages_per_s']:.0f} messages/s in the slower direction" in row.note
     assert row.samples is not None
     assert row.samples.counts.sum() > 900
     assert {limit.figure for limit in row.limits} == {"ratio", "ratio_p99", "late_period_excess"}
