@@ -28,7 +28,7 @@ def magnet(position: Vector, velocity: Vector, time: float) -> Vector:
 
 
 def workshop(*, dof: int = 1, stroke: float = 0.03, magnetic: bool = True) -> ForceWorld:
-    """Where no magnet acts, the device is told of the piston's face, and feels it as it is now, without delay."""
+    """Where no magnet acts, the piston's face is sent as a plane: the device renders it as it is now, without delay."""
 
     def stroked(time: float) -> Vector:
         return (0.035 - stroke * sin(2.0 * pi * 0.5 * time), *(0.0,) * (dof - 1))

@@ -20,7 +20,7 @@ from hapnet import Params, RealtimeSide, ZenohSettings, prepare
 
 
 async def run(role: Literal["world", "device"], endpoint: str, link: str) -> None:
-    """One side, until its time is over or it is told to stop; then what it has to say of itself."""
+    """One side, until its time is over or it is told to stop; then its result."""
     params = Params().set({"scene": "wall", "operator": "sine", "link.up": link, "link.down": link})
     stop, at = asyncio.Event(), (endpoint,)
     zenoh = ZenohSettings(listen=at) if role == "world" else ZenohSettings(connect=at)
@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("role", nargs="?", choices=("world", "device"))
     parser.add_argument("host", nargs="?", default="0.0.0.0", help="the world's address")
     parser.add_argument("--port", type=int, default=17447)
-    parser.add_argument("--link", default="ideal", help="emulated beside the real one: tc-netem's words or a profile")
+    parser.add_argument("--link", default="ideal", help="emulated beside the real one: tc-netem's syntax or a profile")
     if (given := parser.parse_args()).role is not None:
         return asyncio.run(run(given.role, f"tcp/{given.host}:{given.port}", given.link))
     words = "127.0.0.1", "--port", str(given.port), "--link", "delay 20ms 5ms loss 1%"

@@ -108,7 +108,7 @@ class BackgroundRelay:
             async with self._kind(*self._arguments) as self._relay:
                 self._ready.set()
                 await self._end.wait()
-        except Exception as error:  # told in the thread that waits for the start
+        except Exception as error:  # raised in the thread that waits for the start
             self._failure = error
             self._ready.set()
 

@@ -38,11 +38,10 @@ SEGMENT: Final = 1448
 """Most bytes of a stream in a segment: an Ethernet frame's, less the headers of IPv4 and TCP with time stamps."""
 
 WINDOW: Final = 1 << 20
-"""Bytes of a stream that may be on the way, or wait for a program that does not read; then its sender waits too."""
+"""Bytes of a stream that may be in flight, or wait for a program that does not read; then its sender waits too."""
 
 MIN_TIMER_S, MAX_TIMER_S = 0.2, 60.0
-"""Bounds of the time after which a segment is sent again [s]: Linux's least, and the lowest that RFC 6298 allows as the
-greatest."""
+"""Bounds of the time after which a segment is sent again [s]: Linux's minimum, and the lowest maximum in RFC 6298."""
 
 _LATER = 3  # segments sent later whose acknowledgement says that one is lost (RFC 5681)
 
@@ -266,7 +265,7 @@ class _Stream:
         self._timer: asyncio.TimerHandle | None = None
 
     async def send(self, data: bytes | None) -> None:
-        """Send the next piece; wait while more than `WINDOW` bytes are on the way."""
+        """Send the next piece; wait while more than `WINDOW` bytes are in flight."""
         await self._room.wait()
         self._bytes += len(data or b"")
         self._look_at_room()
@@ -335,7 +334,7 @@ class _Stream:
             self._mean_s += (trip_s - self._mean_s) / 8
 
     def _set_timer(self) -> None:
-        """For the segment that was sent first of those on the way."""
+        """For the segment that was sent first of those in flight."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

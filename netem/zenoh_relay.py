@@ -9,7 +9,7 @@ because a token says that something exists. Not relayed: queries and their repli
 (`matching`), a publisher's reliability (everything is put as reliable), and the publisher (`source_info`).
 
 The relay makes no loops: each session receives samples from others in its network, but never those that the relay put
-there. If two networks are connected in another way too, for example by a second relay, samples circulate for ever.
+there. If two networks have another connection too, for example by a second relay, samples circulate for ever.
 
 Zenoh's threads call back with each sample; they only append it to a queue and wake the loop.
 """

@@ -1,4 +1,4 @@
-"""Draws which part earns what: the stages before PSPM make the feel, PSPM keeps the bound where they are not enough.
+"""Draws which part earns what: the stages before PSPM render, PSPM keeps the bound where they are not enough.
 
 python -m examples.pictures.credit --out DIR
 """
@@ -55,7 +55,7 @@ UPPER = (
     Pair("stages (rendering=hapnet)", {**FREE, "rendering": "hapnet"}, 1),
 )
 LOWER = (
-    Pair("each plane told is a lie: 4g, light hand", {**FOUR_G, **RELAXED_HAND, "scene": "moving", "dof": 2}, 1, True),
+    Pair("each plane sent is false: 4g, light hand", {**FOUR_G, **RELAXED_HAND, "scene": "moving", "dof": 2}, 1, True),
     Pair(
         "K 700 N/m (rings with either): intercontinental, hand-23",
         {**FAR, "operator": "hand-23", "device.stiffness": 700.0, "duration_s": 600.0},
@@ -130,7 +130,7 @@ def main() -> None:
     figure = canvas(180.0, 200.0)
     rows = figure.subfigures(2, 1, hspace=0.05)
     titles = (
-        "The stages make the feel: a light hand moves freely over 4g (K 100 N/m)",
+        "With the stages a light hand moves freely over 4g (K 100 N/m)",
         "Where the stages are not enough, PSPM keeps the bound (both with the stages)",
     )
     drawn = []

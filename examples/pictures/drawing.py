@@ -40,7 +40,7 @@ def saved(figure: Figure, name: str) -> None:
 
 
 def thinned(values: Array) -> Array:
-    """Indices of about `POINTS` of them: the least and the greatest of each short stretch."""
+    """Indices of about `POINTS` of them: the smallest and the largest of each short stretch."""
     if len(values) <= POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), POINTS // 2)

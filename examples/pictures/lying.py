@@ -1,4 +1,4 @@
-"""A world that lies: it tells a random plane with every answer."""
+"""A world that lies: it sends a random plane with every answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapnet.checks import Vector
 
 
 def lying_planes(rng: np.random.Generator) -> Callable[[Vector, float], tuple[Plane, ...]]:
-    """A world's `planes` that tells a random one each time."""
+    """A world's `planes` that gives a random one each time."""
 
     def planes(position: Vector, reach_m: float) -> tuple[Plane, ...]:
         normal = rng.standard_normal(len(position))

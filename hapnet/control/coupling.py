@@ -129,7 +129,7 @@ class DeviceCoupling(Protocol):
         """What the force of the last tick is made of; None: this coupling does not know."""
 
     def figures(self) -> dict[str, Any]:
-        """What the summary reports about held forces, by the summary's keys; empty if it keeps no such account."""
+        """What is known about the zero-order hold, by the summary's keys; empty if it keeps no such account."""
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         """A tick `dt` seconds after the last, at x [m] and v [m/s]. Sets `force`; returns what to send, if it is time.

@@ -163,7 +163,7 @@ class SampledServo(Record):
         return parts_of(self.coupling, self._model, x, spring, damper)
 
     def figures(self) -> dict[str, Any]:
-        """What is known about the held forces, by the summary's keys; empty if `holding` is unknown."""
+        """What is known about the zero-order hold, by the summary's keys; empty if `holding` is unknown."""
         if self.holding is None:
             return {}
         return {

@@ -91,7 +91,7 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
     if device.mass <= floor:
         warnings.append(
             f"device.damping {B:g} is held for a tick and slows down only masses above {floor:.3g} kg; this device has "
-            f"{device.mass:g} kg, so its damper is limited by the energy account and the greatest speed"
+            f"{device.mass:g} kg, so its damper is limited by the energy account and the maximum speed"
         )
     elif device.mass == UNKNOWN_MASS and floor > LIGHT_MASS:
         warnings.append(

@@ -1,7 +1,7 @@
 """The frames of the serial axis, version 2. serial_axis.md beside it is its page, examples/serial_axis the other end.
 
 A frame begins with a letter that says what it is and how long, and ends in a CRC-16, high byte first: so the CRC of a
-whole frame is 0. All else is little-endian. What is damaged on the way is dropped; nothing is sent twice.
+whole frame is 0. All else is little-endian. A damaged frame is dropped; nothing is sent twice.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class About(NamedTuple):
     noise_nm: int
     """A position may be off by so much at its time."""
     reach_um: int
-    """How far the handle goes from its centre, either way."""
+    """How far the handle goes from its centre, in both directions."""
     buttons: int
     """How many it has."""
     dead_man: int

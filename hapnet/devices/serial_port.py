@@ -23,7 +23,7 @@ _LONGEST_HELD_MS = 2
 class SerialPort:
     """The port at `path`, open, in the low-latency mode of Linux where it has one.
 
-    path : such as /dev/ttyACM0. baud : bits a second. adapters : where Linux tells how long USB adapters hold bytes.
+    path : such as /dev/ttyACM0. baud : bits a second. adapters : where Linux shows how long USB adapters hold bytes.
 
     Raises
     ------

@@ -85,13 +85,13 @@ def overloaded(tree: object) -> str | None:
 
 
 def _leak(summary: Summary) -> float:
-    """What held forces put out beyond the account while the servo was away [J]."""
+    """What the force put out beyond the account while the servo was away [J]."""
     device = summary["device"]
     return 0.0 if device is None else max(0.0, device["overrun_leak_J"] or 0.0)
 
 
 def _without_overruns(summary: Summary) -> Summary:
-    """Changes `summary` to what it were, had held forces put out no more than the account held meanwhile."""
+    """Changes `summary` as if the force had put out no more than the account held while the servo was away."""
     leak, device, hand = _leak(summary), summary["device"], summary["hand"]
     for part in (summary["theorem"], hand, None if device is None else device["ledger"]):
         if part is not None and part["margin_J"] is not None:

@@ -1,7 +1,7 @@
 """Probes of the network: `hapnet doctor` sends them, and a side answers them without its servo or protocol.
 
 A probe is any payload. Its answer has eight bytes more in front, which say how many probes were answered so far. So the
-sender knows the round trip, the loss on the way there, and the loss on the way back.
+sender knows the round trip, the loss in each direction.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Messages of the stream that nothing overtakes, so that the other side can tell what is lost from what is overtaken.
 
 Zenoh numbers the messages of each priority, reliable and best-effort ones apart, and drops one that comes after a later
-one of the same kind; nobody is told. With jitter above the time between two messages most of what seems lost was
+one of the same kind, silently. With jitter above the time between two messages most of what seems lost was
 overtaken, and what comes is the fastest. So every so many-th message is put on a channel of its own, in turn, where
 the one before it left `SPACING_S` ago. These are a fair sample of what the network does.
 """

@@ -286,7 +286,7 @@ def test_the_doctor_pushes_only_when_asked() -> None:
 
 
 def test_a_hand_that_moves_is_not_taken_for_a_motor() -> None:
-    """It swings by 10 mm, whatever the force; an older check told a good motor to be reversed."""
+    """It swings by 10 mm, whatever the force; an older check took a good motor for a reversed one."""
     state, value = examined("Arm", ramp_N=1.0)["force and motion"]
     assert (state, value) == (WARNING, "1 N do not show in its positions")
 

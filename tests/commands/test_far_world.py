@@ -124,7 +124,7 @@ def _ends(program: Program, other: Program) -> None:
 
 @pytest.mark.parametrize("listens", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_both_ends_print_the_joint_verdict_and_write_their_files(listens: bool, tmp_path: Path) -> None:
-    """Of a world with three axes and another rendering, which the hand's side is not told on its command line."""
+    """Of a world with three axes and another rendering, which the command line of the hand's side does not name."""
     address = free_address()
     here, there = ("-l", "-e") if listens else ("-e", "-l")
     with (

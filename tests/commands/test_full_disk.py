@@ -1,4 +1,4 @@
-"""Recordings and logs that cannot be written: the run goes on, and its exit code tells."""
+"""Recordings and logs that cannot be written: the run goes on, and its exit code says so."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -
 async def test_what_is_asked_while_the_processes_start_is_not_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The parameters are written by then, and there is nobody yet to be told."""
+    """The parameters are written by then, and nobody is there yet to receive them."""
     play = Playing(tmp_path)
     start = Pair.start
 

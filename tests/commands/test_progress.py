@@ -192,5 +192,5 @@ def test_a_terminal_shows_how_far_the_compiler_is(terminal: bool) -> None:
     assert "compiling" not in shown(words).splitlines()[-1].rpartition("\r")[2]
     if not terminal:
         assert "compil" not in shown(words)
-    compiler.reported.get()(0.5)  # nobody is told any more
+    compiler.reported.get()(0.5)  # nobody hears of it any more
     assert "50 of 100" not in shown(words)

@@ -20,7 +20,7 @@ class Spring:
         self.K, self.B = K, B
         self.set_position: Vector = (0.0,) * n
         self.reported: list[Vector] = []
-        """What was held, as the law was told."""
+        """What was held, as the law received it."""
         self.releases = 0
         self.renewals = 0
 

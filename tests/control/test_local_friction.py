@@ -1,4 +1,4 @@
-"""Friction in the device's local contact model: Coulomb's law, what sticks, what is told, and what lies do."""
+"""Friction in the device's local contact model: Coulomb's law, what sticks, what is sent, and what false planes do."""
 
 from __future__ import annotations
 
@@ -249,7 +249,7 @@ def test_the_force_has_no_steps_on_what_is_round(
     assert np.percentile(felt.steps(), 95) <= 0.2
 
 
-# -- what is told ------------------------------------------------------------------------------------------------------
+# -- what is sent ------------------------------------------------------------------------------------------------------
 
 
 def test_solids_tell_the_friction_at_the_place() -> None:
@@ -319,7 +319,7 @@ def test_what_no_surface_has_is_dropped(kind: str, frame: object) -> None:
 
 
 def lied_to(seed: int, coupling: str) -> Any:
-    """Up to four planes anywhere near, with any friction, told anew at each step."""
+    """Up to four planes anywhere near, with any friction, sent anew at each step."""
     rng = np.random.default_rng(seed)
 
     def planes(position: Vector, reach_m: float) -> tuple[Plane, ...]:

@@ -1,4 +1,4 @@
-"""Planes that are told no more: known until the world denies them. And the lead, which yields to an empty reservoir."""
+"""Planes that are no longer sent: known until the world denies them. The lead, which yields to an empty reservoir."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_wall_is_gone_when_the_world_has_looked_there(place: Vector, reach_m: 
 
 
 def test_without_a_reach_only_the_newest_planes_count() -> None:
-    """So with a world that does not tell how far it has looked, and where remembering is switched off."""
+    """So with a world that does not say how far it has looked, and with remembering switched off."""
     for m, reach_m in ((model(), None), (model(remembers=False), 0.05)):
         answer(m, (WALL,))
         answer(m, (), reach_m=reach_m)
@@ -111,7 +111,7 @@ def test_a_release_of_the_spring_keeps_what_the_world_told() -> None:
 
 
 def test_what_is_told_and_what_is_remembered_are_four_planes_together() -> None:
-    """The plane at x = 30 mm is remembered beside three that are told near z = 100 mm, and forgotten beside four."""
+    """The plane at x = 30 mm is remembered beside three that are sent near z = 100 mm, and forgotten beside four."""
     beside = Plane((1.0, 0.0, 0.0), 0.03, K_WALL, 0.0)
     near = [Plane((0.0, 0.6, 0.8), 0.07 + 0.01 * k, K_WALL, 0.0) for k in range(MOST_PLANES)]
     for count, felt in ((3, -0.01 / (1.0 / K + K_WORLD / (K * K_WALL))), (4, 0.0)):

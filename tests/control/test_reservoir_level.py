@@ -46,7 +46,7 @@ def test_a_gift_is_never_more_than_can_be_spared(own: float, peer: float, room: 
     assert given_J <= room * max(0.0, own - peer)
     if own <= peer + MARGIN:
         assert given_J == 0.0
-    assert gift(dt, own, -1.0, room, spare) == 0.0  # the peer does not tell
+    assert gift(dt, own, -1.0, room, spare) == 0.0  # the peer does not report one
 
 
 @settings(max_examples=60)
@@ -77,7 +77,7 @@ def test_no_update_creates_energy_whatever_levels_are_told(seed: int) -> None:
 
 
 def test_what_a_side_gives_stays_above_its_reserve() -> None:
-    """A peer that tells for ever that it is empty gets all but the reserve and the margin."""
+    """A peer that reports for ever that it is empty gets all but the reserve and the margin."""
     one = side(0.05, reserve=0.02)
     sent = 0.0
     for k in range(20_000):
@@ -164,7 +164,7 @@ def test_a_modulated_set_position_is_counted_and_told() -> None:
 
 
 def test_a_modulated_set_position_recovers_while_the_peer_has_anything_to_give() -> None:
-    """An empty side asks for 20 mm (20 mJ) at rest, where nothing is harvested; a full peer of 50 mJ tells its level
+    """An empty side asks for 20 mm (20 mJ) at rest, where nothing is harvested; a full peer of 50 mJ reports its level
     and gives. The whole of y is there within three time constants of the exchange."""
     here, there = side(0.0), side(0.05)
     for k in range(round(3.0 * SHARING_S / TICK)):

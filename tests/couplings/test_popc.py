@@ -16,7 +16,7 @@ T = 0.001
 
 
 def controller(dof: int = 1, K: float = 500.0, cap: float = 1e30, floor: float = 1e-30) -> PassivityController:
-    """Without limits, unless told so."""
+    """Without limits by default."""
     zero = (0.0,) * dof
     return PassivityController(Spring(K, dof), (0.1,) * dof, zero, velocity_floor=floor, damping_cap=cap)
 

@@ -233,7 +233,7 @@ def test_without_force_nothing_is_lost_of_the_way_whatever_the_link_loses(steps:
 
 
 def test_a_step_between_two_messages_goes_on_as_the_device_did_and_not_for_longer_than_a_tenth_of_a_second() -> None:
-    """A device of constant speed, told every 5 ms and then no more, to a world of 1 ms steps."""
+    """A device of constant speed, sent every 5 ms and then no more, to a world of 1 ms steps."""
     law, v, way = world(force_floor_N=1e9, debt_limit_J=1e9), 0.1, []
     for k in range(600):
         if k % 5 == 0 and k < 400:

@@ -51,7 +51,7 @@ def assert_within_bound(found: dict[str, Any], summary: dict[str, Any], out: Pat
     near = device["quantisation_J"] + 1e-3
     assert found["most_given_J"] <= summary["theorem"]["bound_J"] + device["quantisation_J"]
     assert found["given_J"] <= -device["ledger"]["work_J"] + near
-    # what the margin tells of the hand's port: that of the world shuffles energy here, and back
+    # what the margin shows of the hand's port: that of the world shuffles energy here, and back
     columns = columns_of(read_recording(out / "device.mcap"))
     given_J = device["ledger"]["bound_J"] + columns["credited_J"] - columns["sent_J"] - columns["margin_J"]
     assert found["most_given_J"] <= given_J.max() + near
@@ -69,7 +69,7 @@ def test_a_run_with_the_arm(more: tuple[str, ...], tmp_path: Path) -> None:
         summary = json.loads(stdout)
         assert_passive(summary)
         device = summary["device"]
-        assert device["force"] == "commanded"  # the service does not tell what the motors made
+        assert device["force"] == "commanded"  # the service does not report what the motors made
         assert device["driver"]["name"] == service.device
         assert summary["motion"]["contacts"] >= 1
         assert summary["motion"]["peak_force_N"] > 0.3

@@ -1,4 +1,4 @@
-"""What the driver of the Inverse3 makes of what its service tells beside positions: frames, risks, grips, forces."""
+"""What the driver of the Inverse3 makes of what its service reports beside positions: frames, risks, grips, forces."""
 
 from __future__ import annotations
 

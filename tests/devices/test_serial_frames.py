@@ -131,6 +131,6 @@ def test_too_few_states() -> None:
 
 
 def test_states_that_get_lost_leave_the_period() -> None:
-    """Each second one: the rest still tells how fast the board is, as some come one after the other."""
+    """Each second one: the rest still shows how fast the board is, as some come one after the other."""
     kept = [one for k, one in enumerate(arrivals(1000, 1, count=200)) if k % 5 not in (1, 3)]
     assert period_us(kept) == 1000

@@ -1,4 +1,4 @@
-"""The doctor's lower bound of a device's own damping, on handles whose damping is known, and is told to nobody."""
+"""The doctor's lower bound of a device's own damping, on handles whose damping only the tests know."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SUBSTEPS = 4
 class Slide:
     """A handle that nobody holds: mass, damper, Coulomb friction, weight, a spring of its own, by the midpoint rule.
 
-    noise : of its encoder, rms [m]; late : its force acts so many readings later, and it does not tell.
+    noise : of its encoder, rms [m]; late : its force acts so many readings later, which it does not report.
     """
 
     force_limit, resolution = 3.0, 0.0
@@ -114,7 +114,7 @@ class Switched(Slide):
 
 
 class Begun(Slide):
-    """Remembers how many pushes came before it was told to begin."""
+    """Remembers how many pushes came before its `begin`."""
 
     pushes_before: int | None = None
 
@@ -301,7 +301,7 @@ def test_force_is_checked_by_the_command(capsys: Capture) -> None:
 
 @SLOW
 def test_an_emulated_axis_in_real_time(tmp_path: Path) -> None:
-    """Over the serial protocol: 40 s. What its handle has is not told over the wire."""
+    """Over the serial protocol: 40 s. What its handle has is not sent over the wire."""
     link, reported = tmp_path / "axis", tmp_path / "doctor.json"
     free = [word for part in ("mass", "damping", "stiffness") for word in ("--set", f"operator_hand.{part}=0")]
     with Program("emulate", f"serial:link={link}", *free, "--set", "device.own_damping=0.4") as emulator:

@@ -7,7 +7,7 @@ a limit, and ends with exit code 1 if anything does:
 * Loss, there and back, is irtt's within a point, beyond what chance does to samples of that size. A transport that
   repeats what is lost loses nothing. (How irtt's loss splits into the two ways is wrong where packets overtake.)
 * A tcp or quic that jams, and is silent for a second, is shown and not judged: Zenoh drops messages at their sender
-  then, which nobody can tell from loss.
+  then, which looks like loss.
 * The median of round trips is irtt's within 5 %. Where something is lost or jitters that holds of udp only: tcp and
   quic wait for what they repeat, and quic holds datagrams back too, so that a message really takes longer than irtt's.
 * Encrypted by hapnet, at 15 % loss, nothing is silent for 0.5 s, and the age's p99 is below 1.5 times udp's.

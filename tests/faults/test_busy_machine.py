@@ -1,4 +1,4 @@
-"""`hapnet run` beside busy loops: the bound holds, and nothing that is known is told as not known.
+"""`hapnet run` beside busy loops: the bound holds, and nothing that is known is reported as not known.
 
 By hand, with a line for each run, 45 minutes: ``pytest -n 0 -s -m soak tests/faults/test_busy_machine.py``.
 """

@@ -271,7 +271,7 @@ def test_one_side_is_killed_in_contact(protocol: str, victim: Role, tmp_path: Pa
     [pytest.param(*kill.values, marks=pytest.mark.slow, id=kill.id) for kill in KILLS],
 )
 def test_a_host_dies_in_contact(protocol: str, victim: Role, tmp_path: Path) -> None:
-    """Nothing tells the survivor: the cable is out when the process ends, and until after it has been started again."""
+    """Nothing reaches the survivor: the cable is out when the process ends, and until it has been started again."""
     with joined(tmp_path, protocol) as pair:
         pair.start_both(*LITTLE)
         _kill_in_contact(pair, victim, pull=True)

@@ -52,7 +52,7 @@ def start(host: Host, directory: Path, words: Sequence[str], role: Role) -> Prog
 
 
 def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
-    """They meet, the wall is felt, no nanojoule is lost or made, and each link is as its own side was told."""
+    """They meet, the wall is felt, no nanojoule is lost or made, and each link is as its own side was asked for."""
     commands, address = printed_commands()
     try:
         with two_hosts() as (of_world, of_device):
@@ -122,7 +122,7 @@ def assert_felt(directory: Path) -> None:
 
 
 def assert_link(end: dict[str, Any], role: Role, words: str, delay_ms: float, loss: float) -> None:
-    """Of a side's own summary: it knows its own link only, which was as it was told."""
+    """Of a side's own summary: it knows its own link only, which was as asked for."""
     own, other = ("up", "down") if role == "device" else ("down", "up")
     link = end["links"][own]
     assert end["links"][other] is None

@@ -212,7 +212,7 @@ def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
 
 
 def test_the_compiler_tells_how_far_it_is() -> None:
-    """Each function that it compiles, and the end; of what is compiled already it tells nothing."""
+    """Each function that it compiles, and the end; of what is compiled already it reports nothing."""
     shares: list[float] = []
     double: Any = numba.njit(lambda x: 2 * x)
     with twins.reporting(shares.append):

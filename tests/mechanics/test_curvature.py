@@ -90,7 +90,7 @@ def test_two_curvatures_make_a_torus() -> None:
 @settings(max_examples=60, deadline=None)
 @given(seeds, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-8.0, 3.0))
 def test_no_surface_folds(seed: int, one: float, other: float, far: float) -> None:
-    """Whatever is told, and wherever the device is: a unit normal, and no jump of the tangent plane's depth."""
+    """Whatever is sent, and wherever the device is: a unit normal, and no jump of the tangent plane's depth."""
     rng = np.random.default_rng(seed)
     axes, way = frame(rng), 10.0**far * rng.standard_normal(3)
     before = None
@@ -106,7 +106,7 @@ def test_no_surface_folds(seed: int, one: float, other: float, far: float) -> No
 
 @pytest.mark.parametrize("deep", [0.5, 0.9, 1.0, 1.1, 5.0])
 def test_beyond_the_centre_it_is_still_the_side_that_was_told(deep: float) -> None:
-    """Straight in, as deep as told; beside that the normal turns by no more than the way is of twice the depth."""
+    """Straight in, as deep as sent; beside that the normal turns by no more than the path is of twice the depth."""
     radius, beside = 0.01, 1e-5
     curvatures = tuple(Curvature(e, 1.0 / radius) for e in across((1.0, 0.0, 0.0)))
     for way in (0.0, beside):
@@ -164,7 +164,7 @@ def test_a_moving_ball_goes_on_as_a_ball() -> None:
 
 
 def test_a_ball_that_the_proxy_slides_over_is_one_surface() -> None:
-    """So what the proxy feels corrects it: each message tells the ball 1 mm too near, 0.4 rad farther on."""
+    """So what the proxy feels corrects it: each message has the ball 1 mm too near, 0.4 rad farther on."""
     centre, radius, error, deep = np.array((0.0, 0.0)), 0.02, 1e-3, 2e-3
     m = model((-0.03, 0.0))
     for k in range(4):
@@ -218,7 +218,7 @@ def test_a_peer_of_before_feels_flat_planes() -> None:
     assert bent[1:].startswith(flat[1:])  # but for the number of elements
 
 
-# -- what worlds tell --------------------------------------------------------------------------------------------------
+# -- what worlds send --------------------------------------------------------------------------------------------------
 
 
 def test_solids_tell_how_they_bend() -> None:
@@ -250,7 +250,7 @@ def test_a_cut_solid_bends_as_its_cut() -> None:
 
 
 def test_what_bends_is_left_to_the_reference() -> None:
-    """The compiled kernel's walls are flat: it covers no world that can tell a curvature."""
+    """The compiled kernel's walls are flat: it covers no world that can send a curvature."""
     why = why_not(Simulation(Params().set({"scene": "sphere", "dof": 3}), 0).setup)
     assert why == "the scene sphere"
 

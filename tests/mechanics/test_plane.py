@@ -1,4 +1,4 @@
-"""What a user's world may tell of its planes."""
+"""What a user's world may send as planes."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ async def test_every_byte_arrives_once_and_in_order(words: str) -> None:
 
 
 async def test_a_lost_segment_costs_linuxs_least_timer_and_no_byte() -> None:
-    """Nothing that was sent later tells of a lone segment's loss: with half lost, some of thirty wait for the timer."""
+    """Nothing that was sent later shows a lone segment's loss: with half lost, some of thirty wait for the timer."""
     async with pair("loss 50%", seed=3) as (client, target, relay):
         slowest = 0.0
         for number in range(30):

@@ -198,7 +198,7 @@ def test_axes_are_pushed_one_after_another() -> None:
 
 
 def driven(mass: float, stiffness: float, seconds: float, hand_N: float = 0.0) -> tuple[str, float]:
-    """A handle on a spring of `stiffness`, told as `stiffness` that pulls: below zero the motor is reversed."""
+    """A handle on a spring of `stiffness`, given as `stiffness` that pulls: below zero the motor is reversed."""
     watch, x, v, f, said = Agreement(mass), 1e-4, 0.0, 0.0, ""
     for _ in range(round(seconds / 1e-3)):
         for _ in range(10):

@@ -223,7 +223,7 @@ def test_a_force_of_ten_times_the_limit_is_seen(monkeypatch: pytest.MonkeyPatch)
 
 
 def careless(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From now on the guards of held forces do without this limit."""
+    """From now on the guards of forces do without this limit."""
     make = ForceGuard.__init__
 
     def without(self: ForceGuard, **limits: float) -> None:

@@ -64,7 +64,7 @@ def test_no_attacked_run_is_passive_and_with_a_secret_all_are_as_without_attack(
         plain = honest.run().summary
         attacked = Attacked(of, seed, reported, foresight(honest), towards=towards)
         verdict = attacked.run().summary["verdict"]
-        if attacked.early_nJ > 0:  # else he told nothing that was not so
+        if attacked.early_nJ > 0:  # else he sent nothing false
             early += 1
             assert verdict["passive"] is not True, (seed, reported, verdict)
         guarded = Attacked(of, seed, reported, foresight(honest), towards=towards, secrets=True)

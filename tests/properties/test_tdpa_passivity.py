@@ -26,7 +26,7 @@ from tests.support.tdpa_ends import watched as watched
 def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(seed: int) -> None:
     """Any motion of the hand and of the mass, any clipping, any link, with an account of its own.
 
-    What is owed is bounded by D and the largest work of one held force, at either end. Now and then one end starts
+    What is owed is bounded by D and the largest work of one tick's force, at either end. Now and then one end starts
     anew, and leaves its debt unpaid. The new one hears the other before that knows of it, as after a handshake.
     """
     rng = np.random.default_rng([seed, 2010])
@@ -93,7 +93,7 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
 
 
 def assert_claimed(lowest: float, result: Result) -> None:
-    """No side owes more than D and the work of one held force, and both ports give no more than what both owe."""
+    """No side owes more than D and the work of one tick's force, and both ports give no more than what both owe."""
     device_end, world_end = ends = account(result.device), account(result.world)
     for end in ends:
         assert end.most_owed <= Params().tdpa.debt_limit_J + end.most_given

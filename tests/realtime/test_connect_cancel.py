@@ -181,7 +181,7 @@ async def test_a_second_cancellation_only_hurries(place: Place) -> None:
 
 
 async def test_a_cancellation_on_the_way_out_does_not_stop_it_half_way(place: Place) -> None:
-    """The world is told, as by any program that leaves."""
+    """The world is notified, as by any program that leaves."""
     leaving = asyncio.Event()
 
     async def program() -> None:

@@ -44,7 +44,7 @@ def test_an_interval_in_another_unit_is_named_before_it_does_anything() -> None:
 
 
 def test_a_clock_that_runs_slow_is_named() -> None:
-    """It tells 1.4 ms for each 2 ms: what a trusted damper takes would count too much."""
+    """It reports 1.4 ms for each 2 ms: what a trusted damper takes would count too much."""
     rig = Rig(Slow)
 
     def a_second() -> None:

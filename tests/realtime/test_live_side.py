@@ -47,7 +47,7 @@ async def test_a_paused_pair_stands_still_and_goes_on() -> None:
         hand, mass = device_of(device).side.device, world_of(world).side.mass
         stood = hand.read()[0], mass.position
         received = world.side.summary()["world"]["received"]
-        await device.until(lambda: device.count > ticks + 700)  # longer than a silence would need to be told of
+        await device.until(lambda: device.count > ticks + 700)  # longer than a silence would need to be noticed
         assert (hand.read()[0], mass.position) == stood
         assert world.count <= steps + 1
         assert world.side.summary()["world"]["received"] > received + 50  # the protocol goes on

@@ -34,7 +34,7 @@ def test_what_it_waits_for_is_told_when_it_changes() -> None:
 
 
 def test_who_waits_beside_one_that_was_refused_says_so() -> None:
-    """In words that a stranger cannot vary: each of them would be told."""
+    """In a text that a stranger cannot vary: each of them would be reported."""
     side, seen = notifier_of("world")
     for number, event in enumerate((Mismatch("another secret word"), PeerRefused("no", by_peer=True))):
         side.happened(event, number)

@@ -135,7 +135,7 @@ def test_the_verdict_says_for_how_long() -> None:
 
 
 class Told(SimulatedDevice):
-    """A device without a hand; it says in a file what force it was told last, and when it was last told any [ns]."""
+    """A device without a hand; it writes to a file which force it got last, and when it last got one [ns]."""
 
     def __init__(self, dof: int) -> None:
         super().__init__(Rest(dof, Impedance(0.1, 1.0, 10.0), (0.0,) * dof))

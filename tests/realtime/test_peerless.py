@@ -11,7 +11,7 @@ LEFT = PeerLeft("the run is over")
 
 
 class Side:
-    """A world, what it told and whether it was ended."""
+    """A world, what it reported and whether it was ended."""
 
     def __init__(self, *, once: bool) -> None:
         self.reported: list[Notice] = []

@@ -34,7 +34,7 @@ WAIT_S = 30.0
 
 
 class Loose(SimulatedDevice):
-    """A device without a hand; it says in a file what force it was told last."""
+    """A device without a hand; it writes to a file which force it got last."""
 
     def __init__(self, dof: int) -> None:
         super().__init__(Rest(dof, Impedance(0.1, 1.0, 10.0), (0.0,) * dof))
@@ -47,7 +47,7 @@ class Loose(SimulatedDevice):
 
 
 class Counting(Loose):
-    """It says in another file how often it was told."""
+    """It writes to another file how often it got one."""
 
     count = 0
 
@@ -219,7 +219,7 @@ def test_what_is_credited_arrives_once_though_the_pipe_was_full(running: Running
 
 
 def test_what_is_told_before_it_runs_reaches_the_servo() -> None:
-    """As a page tells the side of a new episode where the hand is, while it still starts."""
+    """As a page sends the side of a new episode where the hand is, while it still starts."""
     made = Running("simulated", operator="mouse")
     servo = made.servo
     servo.place((0.02, 0.03))
@@ -263,7 +263,7 @@ def test_a_killed_servo_is_seen(running: Running) -> None:
 
 
 def test_one_that_is_killed_as_it_is_asked_to_end_has_failed_too(running: Running) -> None:
-    """Then it has not told its account: a run of such a verdict must not end as if all were well."""
+    """Then it has not reported its account: a run of such a verdict must not end as if all were well."""
     running.paired()
     process = running.servo._process
     assert process is not None

@@ -1,4 +1,4 @@
-"""How real processes end, whatever brings it: no force first, what was recorded readable, an exit code that tells."""
+"""How real processes end, whatever brings it: no force first, what was recorded readable, an exit code that says so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What viewers draw without being told how: Foxglove's own schemas, field by field, and what is written in them."""
+"""What viewers draw without configuration: Foxglove's own schemas, field by field, and what is written in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings that are torn, damaged, or cannot be written: what can be read is read, the rest is told in one line."""
+"""Recordings that are torn, damaged, or cannot be written: what can be read is read, the rest is named in one line."""
 
 from __future__ import annotations
 

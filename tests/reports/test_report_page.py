@@ -61,7 +61,7 @@ class Page(HTMLParser):
 
 
 def stands_alone(text: str) -> Page:
-    """It needs no script, no network and no other file, and tells who cannot see it what is there."""
+    """It needs no script, no network and no other file, and says what is there to people who cannot see it."""
     parsed = Page(text)
     assert text.startswith("<!doctype html>")
     assert {tag for tag, _ in parsed.elements} <= {

@@ -147,7 +147,7 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
     assert isinstance(device, SimulatedDevice)
 
     def tick(now_ns: int) -> float:
-        """What the device renders after a tick [N]: what it was told to, or its spring's."""
+        """What the device renders after a tick [N]: what it was asked for, or its spring's."""
         clock.now_ns = now_ns
         side.coupling.receive((-0.02,), 0.0, 0.0)
         side.tick(now_ns)

@@ -29,7 +29,7 @@ def test_without_a_ramp_the_force_passes_as_it_is() -> None:
 
 def test_a_dead_man_switch_that_is_not_held_leaves_no_force() -> None:
     limiter = ForceLimiter(ramp_s=0.2, dead_man=1)
-    assert limiter.permit(0.1, (1.0,), ()) == (0.0,)  # a device that does not tell its buttons
+    assert limiter.permit(0.1, (1.0,), ()) == (0.0,)  # a device that does not report its buttons
     assert limiter.permit(0.1, (1.0,), (True, False)) == (0.0,)
     assert limiter.permit(0.1, (1.0,), (False, True)) == pytest.approx((0.5,))
     assert limiter.permit(0.1, (1.0,), (False, True)) == (1.0,)

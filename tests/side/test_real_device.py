@@ -222,7 +222,7 @@ def test_the_dead_man_switch_takes_the_force_away_at_once() -> None:
 
 
 class Braking(Arm):
-    """It tells which force acted, as long as it knows it; that is a belief."""
+    """It reports which force acted, as long as it knows it; that is a belief."""
 
     knows_force = False
     why = ""
@@ -374,7 +374,7 @@ def test_one_that_is_not_calibrated_says_what_to_do() -> None:
 
 
 class Late(Arm):
-    """Each force acts a tick later than it is told to; `work` is what the actuator really took in."""
+    """Each force acts a tick later than asked for; `work` is what the actuator really took in."""
 
     def __init__(self, dof: int) -> None:
         super().__init__(dof)
@@ -393,7 +393,7 @@ class Late(Arm):
 
 
 class LateAndTold(Late):
-    """The same, but it tells what acted between its last two readings."""
+    """The same, but it reports what acted between its last two readings."""
 
     def read(self) -> tuple[Vector, Vector]:
         self.told_N = self.acting
@@ -405,7 +405,7 @@ class LateAndTold(Late):
 
 @pytest.mark.parametrize("device", [Late, LateAndTold])
 def test_a_force_that_acts_late_is_counted_where_it_is_told(device: type[Late]) -> None:
-    """Where it is not told the account is wrong by the sum of dF dx, as hapnet/devices/README.md says."""
+    """If it is not reported, the account is wrong by the sum of dF dx, as hapnet/devices/README.md says."""
     rig = Rig(device)
     for k in range(200):
         rig.tick(2e-3 * math.sin(0.1 * k))

@@ -1,4 +1,4 @@
-"""What a real device's side believes of a force when the device is silent for a short time, or tells only sometimes.
+"""What a real device's side believes of a force when the device is silent for a short time, or reports only sometimes.
 
 Each test is one that a fault put into `hapnet/side/real_device.py` did not survive, where no other test saw it.
 """
@@ -48,7 +48,7 @@ def test_after_a_short_silence_the_force_grows_from_zero() -> None:
 
 
 def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
-    """2 N are held when a command is lost; then the device reports what acted, and is told 0.1 N. When it does not tell
+    """2 N are held when a command is lost; then the device reports what acted, and gets 0.1 N. When it does not report
     any more, those 0.1 N are what may have acted."""
     rig = Rig(Braking)
     assert isinstance(rig.arm, Braking)

@@ -59,7 +59,7 @@ def test_what_needs_a_surface_is_left_out_where_none_is_known() -> None:
     found = measure(params("delay 20ms", scene=f"{__name__}:field", duration_s=1.0), 3)
     unknown = {name for name, value in found.items() if value is None}
     assert {"stiffness_percent", "true_force_error_N", "free_rms_mm", "drag_N", "first_contact_ms"} <= unknown
-    assert found["contact_rms_mm"] is None  # the proxy's penetration is not told
+    assert found["contact_rms_mm"] is None  # the proxy's penetration is not known
     assert found["peak_force_N"] is not None
 
 

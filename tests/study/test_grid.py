@@ -26,7 +26,7 @@ seed = "0:5"
 
 
 def filled(tmp_path: Path) -> Journal:
-    """Values that tell where they come from; over the link lan every third case failed, and the last was not run."""
+    """Values that show where they come from; over the link lan every third case failed, and the last was not run."""
     journal = journal_of(tmp_path, TEXT)
     results = []
     for case in journal.pending()[:-1]:

@@ -174,7 +174,7 @@ def test_a_cell_that_was_not_passive_jumps_to_the_eye(metric: str | None, tmp_pa
     shown = np.ma.filled(np.ma.asarray(mesh.get_array(), dtype=float), np.nan).reshape(3, 4)
     red, green, blue, opaque = frame.get_facecolor()
     if metric == "peak_force_N":
-        assert opaque == 0.0  # its colour tells the force
+        assert opaque == 0.0  # its colour shows the force
         assert shown[1, 2] == 2.0
     else:
         assert opaque == 1.0

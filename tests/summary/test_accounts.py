@@ -25,7 +25,7 @@ from tests.support.sessions import MS, Network, paired
 
 
 def talk(network: Network, seconds: float, values: Mapping[Session, tuple[dict[str, Signal], bool]]) -> None:
-    """Run the network; each side answers when it is asked, within 50 ms, and tells its values once a second."""
+    """Run the network; each side answers when it is asked, within 50 ms, and reports its values once a second."""
     for round_ in range(round(seconds * 20)):
         for one, (reported, final) in values.items():
             if one.accounts.owes or round_ % (1000 if final else 20) == 0:
@@ -135,7 +135,7 @@ def samples(result: Result, role: Role) -> list[Any]:
 
 
 def claimed(result: Result, role: Role, *, final: bool = True, whole: bool = True, **changes: Signal) -> Claim:
-    """What the other side told, through the wire."""
+    """What the other side reported, through the wire."""
     values = {
         **values_of(own(result, role), role),
         **{name.replace("__", "."): value for name, value in changes.items()},

@@ -33,7 +33,7 @@ PARAMS = PAPER
 
 
 class Arm:
-    """Stands where it is told to, on one axis; a class to declare more in."""
+    """Stands where it is put, on one axis; a class to declare more in."""
 
     force_limit, resolution = 3.0, 1e-5
 

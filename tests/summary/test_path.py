@@ -1,4 +1,4 @@
-"""What the streams tell of the path, against links whose figures are known: two clocks that have nothing in common."""
+"""What the streams show of the path, against links whose figures are known: two clocks that have nothing in common."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_jitter_and_loss_are_of_each_direction() -> None:
 
 
 def test_age_is_half_the_least_round_trip_and_what_has_passed_since() -> None:
-    """A world's position is 40 ms old when it comes and 70 when the next does; so it is told, the ways being alike."""
+    """A world's position is 40 ms old when it comes and 70 when the next does; so the report has it."""
     device, world = figures(run("delay 40ms", "delay 40ms", 3.0))
     assert device.age_p50_ns == pytest.approx(70 * MS, rel=1 / 32)
     assert world.age_p99_ns == pytest.approx(45 * MS, rel=1 / 32)

@@ -230,7 +230,7 @@ CLAIMS: list[tuple[str, dict[str, object], bool]] = [
     ("wave", {"wave.missing": "hold"}, False),
     ("digital-wave", {}, True),
     ("pd", {**LINK, "device.own_damping": 20.0}, True),
-    ("pd", LINK, False),  # it warns: its held force leaks
+    ("pd", LINK, False),  # it warns: its hold leaks
     ("pd", {**LINK, "device.own_damping": 20.0, "link.up": "delay 40ms loss 1%"}, False),
     ("pd", {**LINK, "device.own_damping": 20.0, "link.up": "delay 40ms 5ms"}, False),
     ("pd", {**LINK, "device.own_damping": 20.0, "link.down_timeline": "at 1s: down"}, False),

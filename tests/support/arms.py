@@ -1,4 +1,4 @@
-"""A device that keeps what it was told, and processes that drive it."""
+"""A device that keeps the forces that it got, and processes that drive it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DRIVER = """
 import mmap, time
 
 class Arm:
-    '''Held 30 mm inside; every force that it is told is a line: monotonic and wall clock [ns], the force [N].'''
+    '''Held 30 mm inside; every force that it gets is a line: monotonic and wall clock [ns], the force [N].'''
 
     force_limit, resolution = 2.0, 0.0
 
@@ -60,7 +60,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def forces() -> list[tuple[int, int, float]]:
-    """What the arm was told: monotonic [ns], wall clock [ns], the largest component [N]."""
+    """The forces that the arm got: monotonic [ns], wall clock [ns], the largest component [N]."""
     lines = Path("diary").read_bytes().rstrip(b"\0").decode("ascii").splitlines()
     return [(int(mono), int(wall), float(force)) for mono, wall, force in map(str.split, lines)]
 
@@ -70,7 +70,7 @@ def pressing() -> bool:
 
 
 def assert_no_force_last() -> int:
-    """The arm pushed, and the last that it was told was not to; when, on the monotonic clock [ns]."""
+    """The arm pushed, and the last force that it got was zero; when, on the monotonic clock [ns]."""
     reported = forces()
     assert max(force for _, _, force in reported) > 0.3
     assert reported[-1][2] == 0.0

@@ -28,7 +28,7 @@ LINKS = {
 HANDS = tuple(f"hand-{number}" for number in range(21, 41))
 WALL_M, WALL_N_M = 0.02, 3000.0
 SLOW_MPS, DRAG_MPS, FAST_MPS = 0.05, 0.067, 0.09
-"""Drag is measured where the hand moves between the first and the last of these, and told at the one between."""
+"""Drag is measured where the hand moves between the first and the last of these, and given at the one between."""
 
 PARTS: Mapping[str, Mapping[str, object]] = {
     "nothing": {},

@@ -212,7 +212,7 @@ def examine(case: int, params: Params | None = None) -> Examined:
             result = simulation.run()
     except Exception as error:
         return Examined(case, params, wrong=(f"error: {type(error).__name__}: {error}",))
-    with np.errstate(all="ignore"):  # what diverges is to be told as such
+    with np.errstate(all="ignore"):  # what diverges is to be reported as such
         counted = account(witness)
         too_fast = simulation.setup.servo == "sampled" and _speed(witness) > params.device.greatest_speed
         wrong = [*_not_finite(result), *_too_much(witness, counted, result), *_shuffled(witness, result.summary)]
@@ -328,7 +328,7 @@ def _too_much(witness: Witness, counted: Account, result: Result) -> Iterator[st
     if witness.servo == "sampled":
         forces = np.vstack([np.zeros((1, len(witness.start))), np.array(witness.applied)])
         yield from _above("force asked for", np.array(witness.commanded), limit)
-        stopped = {event.time_ns for event in result.recording.events}  # a stop that is told may drop the force
+        stopped = {event.time_ns for event in result.recording.events}  # a stop that is reported may drop the force
         period_ns = round(1e9 / device.servo_hz)
         reported = np.array([witness.origin_ns + k * period_ns in stopped for k in range(1, len(forces))], dtype=bool)
         yield from _above("step", np.diff(forces, axis=0)[~reported], step)

@@ -1,6 +1,6 @@
 """Somebody on the link who hears both sides, and speaks in the name of one: runs in virtual time under attack.
 
-He reads the incarnations and the energy messages, and tells a side of energy that the other will harvest later, or
+He reads the incarnations and the energy messages, and sends a side energy that the other will harvest later, or
 never. His frames come to that side at once; but he cannot take away those of the other.
 """
 
@@ -30,7 +30,7 @@ Or he keeps frames with the next number, and sends them backwards at the end of 
 class Lie:
     """What he does.
 
-    from_s, until_s : when he speaks, in simulated time. lead_s : he tells what an honest device had sent so much
+    from_s, until_s : when he speaks, in simulated time. lead_s : he sends what an honest device had sent so much
     later. more_nJ : and so much more. style : one of `STYLES`.
     """
 

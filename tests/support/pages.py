@@ -118,7 +118,7 @@ ALL = [block for page in PAGES for block in blocks(page)]
 
 
 def prepare(directory: Path, page: Path, certificates: Path) -> None:
-    """The files that pages speak of: recordings, a hand, meshes, models, and what the page itself tells to save."""
+    """The files that pages speak of: recordings, a hand, meshes, models, and what the page itself says to save."""
     (directory / "examples").symlink_to(ROOT / "examples")
     (directory / "certificates").symlink_to(certificates)
     (directory / "users").write_text("alice:secret\n", "utf-8")

@@ -21,7 +21,7 @@ LINK = "delay 5ms 2ms loss 5%"
 
 
 class Running:
-    """A side and what it told; `stop` ends it."""
+    """A side and what it reported; `stop` ends it."""
 
     def __init__(self, role: Role, address: str, params: Params, **more: Any) -> None:
         self.notices: list[Notice] = []

@@ -96,7 +96,7 @@ def run(
 
 
 def smooth(simulation: Simulation) -> None:
-    """Tell planes as they were told before: without friction."""
+    """Send planes as before: without friction."""
     contacts: Any = simulation.world.scene.contacts
     report = contacts.planes
     contacts.planes = lambda x, reach: tuple(plane._replace(friction=0.0) for plane in report(x, reach))

@@ -126,7 +126,7 @@ class TwoHosts(Simulation):
 
 
 class _Wire:
-    """The world's wire half, which is told its own clock's time."""
+    """The world's wire half, which gets its own clock's time."""
 
     def __init__(self, wire: Any, clock: Clock) -> None:
         self._wire, self._clock = wire, clock
@@ -147,7 +147,7 @@ class _Wire:
 
 
 class _World:
-    """The world's side, which is told its own clock's time."""
+    """The world's side, which gets its own clock's time."""
 
     def __init__(self, side: Any, clock: Callable[[int], int]) -> None:
         self._side, self._clock = side, clock

@@ -1,4 +1,4 @@
-"""A transport that drops what was overtaken: what is lost is told apart, and round trips are of all messages."""
+"""A transport that drops what was overtaken: what is lost is known, and round trips are of all messages."""
 
 from __future__ import annotations
 

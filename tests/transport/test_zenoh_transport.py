@@ -58,7 +58,7 @@ def test_a_peer_that_only_scouts_listens_on_a_free_port() -> None:
 
 
 def listening() -> set[str]:
-    """The addresses and ports on which this process accepts connections, as Linux tells them: in hexadecimal."""
+    """The addresses and ports on which this process accepts connections, as Linux lists them: in hexadecimal."""
     own: set[str] = set()
     for entry in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(FileNotFoundError):  # that of the directory itself

@@ -1,4 +1,4 @@
-"""A pair that is not there: a simulated run played back as telemetry, and controls that keep what they were told."""
+"""A pair that is not there: a simulated run played back as telemetry, and controls that keep what they received."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROLES: tuple[Role, Role] = ("device", "world")
 class Feed:
     """Plays a simulated run back into `history` over and over, with a status twice a second.
 
-    Nine tenths of the first time are told at once, so that there is a past; the rest at its own pace.
+    Nine tenths of the first time are sent at once, so that there is a past; the rest at its own pace.
     """
 
     def __init__(self, history: History, params: Params, seed: int = 1) -> None:
@@ -100,7 +100,7 @@ class Feed:
 
 
 class FakeControls:
-    """Keeps every call; `link`, `pause` and `record` change what `feed` tells, as the real ones would."""
+    """Keeps every call; `link`, `pause` and `record` change what `feed` sends, as the real ones would."""
 
     fixed = ""
 

@@ -230,7 +230,7 @@ def test_buttons_and_switches_call_theirs(playing: Open) -> None:
         playing.button(pressed).click()
         assert controls.wait(partial(operator.contains, controls.calls, call)), pressed
         expect(state).to_have_text(after)
-    playing.button("record").dblclick()  # faster than the status that tells of the first click
+    playing.button("record").dblclick()  # faster than the status that shows the first click
     assert controls.wait(lambda: controls.named("record") == [(True,), (False,)] * 2)
     playing.button("reset").click()
     assert controls.wait(lambda: ("reset",) in controls.calls)

@@ -37,7 +37,7 @@ def test_the_spring_is_turned_to_where_it_leads() -> None:
 
 @pytest.mark.parametrize("normal", [(1.0,), (0.6, -0.8), (0.0, 0.0, 1.0)])
 def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(normal: tuple[float, ...]) -> None:
-    """Its near face is the proxy's radius behind the plane, and across its normal; what is no longer told is hidden."""
+    """Its near face is the proxy's radius behind the plane, and across its normal; what is no longer sent is hidden."""
     server = viser.ViserServer(port=0, verbose=False)
     scene = Scene(server, len(normal), [], None)
     still = Snapshot(None, None, None, None, False, None, None, (), 0)

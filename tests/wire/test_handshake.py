@@ -86,7 +86,7 @@ def test_a_hello_said_before_the_pair_ended_is_too_old_after_it() -> None:
 
 
 def refused(handshake: Handshake, events: tuple[Event, ...], now_ns: int) -> Iterator[str]:
-    """What it says to whom it refuses; it tells the same of itself."""
+    """What it sends to whom it refuses; it says the same of itself."""
     (event,) = events
     assert isinstance(event, Mismatch)
     for said in handshake.poll(now_ns):
@@ -238,7 +238,7 @@ def test_every_state_answers_all_that_can_come_in_it() -> None:
 
 
 def test_what_the_rows_must_keep() -> None:
-    """The laws that the module's docstring tells, of every row."""
+    """The laws of the module's docstring, for every row."""
     for state, rows in TRANSITIONS.items():
         for happened, row in rows.items():
             where = state, happened

@@ -50,7 +50,7 @@ def test_of_an_honest_sender_the_newest_wins_whatever_the_link_does(words: str, 
 
 
 def test_copies_of_old_messages_turn_nothing_over() -> None:
-    """A thousand of them, in order, while the sender is silent: what tells a run from its copy is that stamps rise."""
+    """A thousand of them, in order, while the sender is silent: unlike a copy's, a run's stamps rise."""
     numbering, heard = Numbering(), honest(1000, 5 * MS, "delay 20ms 5ms loss 5%")
     assert {place for _, place in places(numbering, heard)} <= {NEW, LATE}
     end_ns = heard[-1][0]

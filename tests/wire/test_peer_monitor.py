@@ -74,13 +74,13 @@ def test_a_silence_that_a_restart_ends_lasts_until_the_first_position() -> None:
 
 
 def test_a_silence_begins_after_its_time_and_not_at_it() -> None:
-    """Exactly as long as is allowed is no silence, one nanosecond more is: for all that is told of it."""
+    """Exactly as long as is allowed is no silence, one nanosecond more is: for all that is reported of it."""
     for wait_ns, silent in ((SILENCE, False), (SILENCE + 1, True)):
         live = PeerMonitor(SILENCE, SILENCE)
         live.begin(0)
         assert live.living(wait_ns) is not silent
         assert (live.watch(wait_ns) is not None) is silent
-        assert live.watch(wait_ns) is None, "told once"
+        assert live.watch(wait_ns) is None, "reported once"
         assert live.outages(wait_ns).count == silent
         assert live.outages(wait_ns).max_ns == (wait_ns if silent else 0)
         heard = live.on_position(wait_ns, 1)

@@ -151,7 +151,7 @@ def test_what_is_not_sealed_changes_nothing(message: Any) -> None:
 
 
 def test_without_a_secret_a_forged_total_ends_no_stream() -> None:
-    """One frame of 2^62 nJ: credited as far as the bucket allows, told, and the true messages count as before."""
+    """One frame of 2^62 nJ: credited as far as the bucket allows, reported, and the true messages count as before."""
     _, device, world = pair(None, None)
     world.receive(301 * MS, encode(Energy(1, 2, 2**62, 0)))
     assert world.credited_nJ == 500_000_000  # the burst

@@ -305,7 +305,7 @@ def test_an_acknowledgement_of_what_was_never_announced_is_told_and_the_rest_cou
     assert isinstance(reported, Contradiction)
     assert reported.kind == "acknowledged"
     assert credited == EnergyCredited(10)
-    assert device.receive(10**9, encode(Energy(2, 1, 15, 7))) == (EnergyCredited(5),)  # told once
+    assert device.receive(10**9, encode(Energy(2, 1, 15, 7))) == (EnergyCredited(5),)  # reported once
     assert (device.acked_nJ, device.dropped.total()) == (0, 0)
     assert isinstance(device.receive(10**9, encode(Bye(2, 1, 10, "")))[-1], PeerLeft)
     assert device.sums.contradictions == {"acknowledged": 3}

@@ -1,4 +1,4 @@
-"""Signals: what is told comes over any link, once for each change, and a stop stops the force."""
+"""Signals: what is sent comes over any link, once for each change, and a stop stops the force."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ VALUES = st.none() | st.booleans() | st.integers(-9, 9) | st.floats(-1.0, 1.0) |
 def test_over_a_link_that_loses_frames_the_newest_values_arrive(
     changes: list[tuple[int, str, Signal]], lost: list[bool]
 ) -> None:
-    """Whatever is lost meanwhile: one frame that comes after the last change tells everything."""
+    """Whatever is lost meanwhile: one frame that comes after the last change has everything."""
     here, there = SignalExchange(), SignalExchange()
     now_ns, count = 0, 0
     for wait_ms, name, value in changes:
@@ -87,7 +87,7 @@ def test_what_is_no_small_value_is_refused(name: str, value: Signal) -> None:
 
 
 class Lamp(Scene):
-    """A wall that hears the device's signals, and tells how many it has heard."""
+    """A wall that hears the device's signals, and reports how many it has heard."""
 
     def __init__(self, dof: int = 1) -> None:
         plain = wall(dof=dof)

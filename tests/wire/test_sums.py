@@ -1,4 +1,4 @@
-"""The sums that energy messages tell: one sender's always fit together, two senders' never do for long."""
+"""The sums in energy messages: one sender's always fit together, two senders' never do for long."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_loss_repetition_and_any_order_contradict_nothing(moves: list[tuple[bool
 
 @given(st.integers(-40, 2000), st.integers(1, 10**10), st.integers(2, 30), st.booleans())
 def test_a_second_teller_is_found_once_he_is_overtaken(ahead: int, early_nJ: int, after: int, bare: bool) -> None:
-    """He tells what the device sends later, under any number; then the device does send it."""
+    """He sends what the device sends later, under any number; then the device does send it."""
     assume(ahead != 1)  # that is her next message to the letter: only what was credited before shows it then
     device, world = Side(A, B), Side(B, A)
     for _ in range(50):
@@ -75,7 +75,7 @@ def test_a_second_teller_is_found_once_he_is_overtaken(ahead: int, early_nJ: int
 
 
 def test_what_was_told_less_than_credited_needs_no_clock() -> None:
-    """The forged total is credited, and told in message 1; the device has seen that, and tells of less."""
+    """The forged total is credited, and reported in message 1; the device has seen that, and reports less."""
     device, world = Side(A, B), Side(B, A)
     device.speak(10, True)
     world.hear(device.said[-1], 0)
@@ -86,7 +86,7 @@ def test_what_was_told_less_than_credited_needs_no_clock() -> None:
     device.speak(100, False)
     world.hear(device.said[-1], 0)
     assert world.sums.contradictions == {"credited": 1}
-    assert world.sums.take(device.said[-1], 0) == ()  # told once
+    assert world.sums.take(device.said[-1], 0) == ()  # reported once
 
 
 def test_another_peer_counts_anew() -> None:

@@ -59,9 +59,9 @@ def field(force: Callable[[Vector], Sequence[float] | float], dof: int) -> tuple
 
 
 def surface(planes: Callable[[Vector, float], Iterable[Plane] | None], dof: int) -> tuple[Part, ...]:
-    """Pieces of the surface that `planes` tells near a position (n,) [m], within a reach [m].
+    """Pieces of the surface that `planes` gives near a position (n,) [m], within a reach [m].
 
-    A piece lies where a plane touches: at the foot of its normal, if the plane that is told for the foot goes through
+    A piece lies where a plane touches: at the foot of its normal, if the plane that is given for the foot goes through
     it. Nothing where the function fails.
     """
     step = 2.0 * REACH_M / (_SAMPLES[dof] - 1)
@@ -105,7 +105,7 @@ class StillPicture:
         return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """None: a function tells no contacts."""
+        """None: a function has no contacts to show."""
         return []
 
 

@@ -1,4 +1,4 @@
-"""A wall that changes with time: what its timeline says, what it costs to move it, and what it tells of itself."""
+"""A wall that changes with time: what its timeline says, what it costs to move it, and what it reports of itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a MuJoCo scene tells the device: planes from its geometry, stiffness from rest; what that does to the feel."""
+"""What a MuJoCo scene sends the device: planes from its geometry, stiffness from rest; how that renders."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_with_fewer_axes_a_plane_is_cut(tmp_path: Path) -> None:
 
 
 def test_several_are_told_and_none_twice(tmp_path: Path) -> None:
-    """The corner of a room, of boxes and a plane; the far box is not told."""
+    """The corner of a room, of boxes and a plane; the far box is not sent."""
     room = f'<geom type="plane" size="1 1 .1" pos="0 0 .08" {SMOOTH}/>' + "".join(
         f'<geom type="box" size=".1 .1 .1" pos="{at}" {SMOOTH}/>' for at in (".12 0 .1", "0 .13 .1", "-.2 0 .1")
     )
@@ -128,7 +128,7 @@ def test_several_are_told_and_none_twice(tmp_path: Path) -> None:
 
 
 def test_what_no_plane_describes_is_felt_through_the_proxy(tmp_path: Path) -> None:
-    """Friction and light bodies are not told, unless that is asked for; nor anything while one is touched."""
+    """Friction and light bodies are not sent, unless that is asked for; nor anything while one is touched."""
     rough, smooth = (
         '<geom type="box" size=".03 .1 .1" pos=".05 0 .1"/>',
         f'<geom type="box" size=".1 .1 .1" pos="0 .12 .1" {SMOOTH}/>',

@@ -1,4 +1,4 @@
-"""What worlds of the user's own tell of their surfaces, and what the device makes of it."""
+"""What worlds of the user's own send of their surfaces, and what the device makes of it."""
 
 from __future__ import annotations
 

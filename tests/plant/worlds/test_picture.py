@@ -1,4 +1,4 @@
-"""What a world looks like, as recordings and telemetry tell it: against shapes and motions that are known."""
+"""What a world looks like, as recordings and telemetry show it: against shapes and motions that are known."""
 
 from __future__ import annotations
 

@@ -270,7 +270,7 @@ def test_a_long_step_does_not_jump_through() -> None:
         assert step.position[0] == pytest.approx(front + 500.0 * (0.1 - front) / 3500.0, abs=2e-3)
 
 
-# -- what the device is told ------------------------------------------------------------------------------------------
+# -- what the device receives ------------------------------------------------------------------------------------------
 
 
 def test_the_plane_is_the_tangent_at_the_nearest_point() -> None:
