@@ -70,10 +70,9 @@ void count_impulse() {
   counted_us = now_us;
 }
 
-void act(int16_t wanted) {
+void act(int16_t wanted) {  // no force where the place is not known, as after a reset
   count_impulse();
-  force = wanted < -32767 ? -32767 : wanted;
-  set_force(force);
+  force = set_force(!homed ? 0 : wanted < -32767 ? -32767 : wanted);
 }
 
 void send_about() {

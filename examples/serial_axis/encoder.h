@@ -11,7 +11,7 @@ const uint32_t LIMIT_uN = 3000000;       // the longest force that the motor mak
 const uint32_t CONTINUOUS_uN = 1000000;  // the one that it makes for ever; 0: not known
 const uint32_t REACH_um = 40000;         // of the handle from its centre, in both directions
 const uint32_t COUNT_nm = 15000;         // the handle moves by so much in one count, four counts a line
-const uint32_t NOISE_nm = COUNT_nm / 4;  // by so much a count is early or late: the phases of encoders are not even
+const uint32_t NOISE_nm = COUNT_nm / 4;  // counts are not even: early and late ones are so far apart
 const bool ABSOLUTE = false;             // an encoder that knows its place when it is switched on
 const uint8_t BUTTONS = 1;               // how many, 4 at most
 const int8_t DEAD_MAN = 0;               // which of them must be held; -1: none
@@ -42,6 +42,11 @@ void prepare() {
   pinMode(PIN_A, INPUT_PULLUP);
   pinMode(PIN_B, INPUT_PULLUP);
   pinMode(PIN_BUTTON, INPUT_PULLUP);
+#if defined(ARDUINO_ARCH_RP2040)
+  analogWriteFreq(20000);  // above what one hears
+#elif defined(ARDUINO_ARCH_ESP32) || defined(TEENSYDUINO)
+  analogWriteFrequency(PIN_PWM, 20000);
+#endif
   on_encoder();
   attachInterrupt(digitalPinToInterrupt(PIN_A), on_encoder, CHANGE);
   attachInterrupt(digitalPinToInterrupt(PIN_B), on_encoder, CHANGE);
@@ -65,10 +70,13 @@ void zero() {
   interrupts();
 }
 
-// A force in 32767ths of LIMIT_uN.
-void set_force(int16_t force) {
+// Hold a force, in 32767ths of LIMIT_uN; returns the one that this is in steps of the PWM.
+int16_t set_force(int16_t force) {
+  const float STEP = 32767.0f / PWM_AT_LIMIT;
+  int duty = (int)(abs((int)force) / STEP + 0.5f);
   digitalWrite(PIN_DIRECTION, force < 0 ? HIGH : LOW);
-  analogWrite(PIN_PWM, (int)(abs((int)force) * (PWM_AT_LIMIT / 32767.0f)));
+  analogWrite(PIN_PWM, duty);
+  return (int16_t)((force < 0 ? -duty : duty) * STEP);
 }
 
 uint8_t buttons() { return digitalRead(PIN_BUTTON) == LOW ? 1 : 0; }

@@ -20,7 +20,7 @@ const float FULL_TORQUE_Nm = 0.03f;      // of the motor at a duty of 1; it grow
 
 const float READING_nm = 3.14159265f / HALF_TURN * HANDLE_mm / SECTOR_mm * PULLEY_mm * 1e6f;
 const uint32_t COUNT_nm = (uint32_t)READING_nm;
-const uint32_t NOISE_nm = COUNT_nm;
+const uint32_t NOISE_nm = 2 * COUNT_nm;  // of its readings, from peak to peak: the doctor shows it
 const float DUTY_AT_LIMIT_2 = LIMIT_uN * 1e-9f * HANDLE_mm / SECTOR_mm * PULLEY_mm / FULL_TORQUE_Nm;
 
 const uint8_t PIN_PWM = 5, PIN_DIRECTION = 8, CHANNEL = 2;
@@ -81,11 +81,15 @@ int32_t position_nm(uint32_t *at_us, int8_t *by) {
 
 void zero() { centre = summed; }
 
-// A force in 32767ths of LIMIT_uN.
-void set_force(int16_t force) {
+// Hold a force, in 32767ths of LIMIT_uN; returns the one that this is in steps of the PWM.
+int16_t set_force(int16_t force) {
+  const float SHARE = DUTY_AT_LIMIT_2 * 255.0f * 255.0f / 32767.0f;  // of a duty's square in a 32767th
+  float duty = sqrt(fabs((float)force) * SHARE);
+  uint8_t whole = duty < 255.0f ? (uint8_t)duty : 255;
   digitalWrite(PIN_DIRECTION, force < 0 ? HIGH : LOW);
-  float duty = sqrt(fabs((float)force) * (DUTY_AT_LIMIT_2 / 32767.0f));
-  analogWrite(PIN_PWM, duty < 1.0f ? (int)(duty * 255.0f) : 255);
+  analogWrite(PIN_PWM, whole);
+  int16_t made = (int16_t)((uint16_t)whole * whole * (1.0f / SHARE));
+  return force < 0 ? -made : made;
 }
 
 uint8_t buttons() { return 0; }

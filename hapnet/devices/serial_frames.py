@@ -74,7 +74,7 @@ class About(NamedTuple):
     """0: not known."""
     count_nm: int
     noise_nm: int
-    """A position may be off by so much at its time."""
+    """Of the positions at their times, from peak to peak."""
     reach_um: int
     """How far the handle goes from its centre, in both directions."""
     buttons: int

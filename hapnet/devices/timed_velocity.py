@@ -17,7 +17,7 @@ _MOST = 16
 class TimedVelocity:
     """The velocity of one axis.
 
-    count : the smallest change of a position [m]. noise : a position may be off by so much at its time [m].
+    count : the smallest change of a position [m]. noise : of the positions at their times, from peak to peak [m].
     """
 
     def __init__(self, count: float, noise: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import binascii
 import os
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from hapnet.devices import serial_frames as wire
 from hapnet.devices.serial_axis import SerialAxis
 from hapnet.devices.serial_port import SerialPort
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from tests.support.processes import until
+from tests.support.processes import started, until
 from tests.support.serial_board import Pty
 
 ABOUT = wire.About(2, 1000, 0, 20, 3_000_000, 1_500_000, 1000, 1000, 80_000, 2, 1)
@@ -230,8 +231,9 @@ def test_another_version_is_refused(board: Board, tmp_path: Path) -> None:
         SerialAxis(1, port=str(tmp_path / "axis"))
 
 
-def test_a_sketch_of_version_1_is_refused(tmp_path: Path) -> None:
-    """It sends lines of text, and does not know the question."""
+@pytest.fixture
+def version_1() -> Iterator[Pty]:
+    """A board whose sketch sends lines of text, and does not know the question."""
     pty = Pty()
     line = b"S 123000 20513000 -1250 4021 77 1"
     os.set_blocking(pty.board, False)
@@ -244,13 +246,29 @@ def test_a_sketch_of_version_1_is_refused(tmp_path: Path) -> None:
 
     sending = threading.Thread(target=send)
     sending.start()
-    try:
-        with pytest.raises(HapnetError, match=r"speaks version 1 \(text\) of the protocol, not 2: flash the sketch"):
-            SerialAxis(1, port=pty.path)
-    finally:
-        stop.set()
-        sending.join()
-        pty.close()
+    yield pty
+    stop.set()
+    sending.join()
+    pty.close()
+
+
+VERSION_1 = r"speaks version 1 \(text\) of the protocol, not 2: flash the sketch"
+
+
+def test_a_sketch_of_version_1_is_refused(version_1: Pty) -> None:
+    with pytest.raises(HapnetError, match=VERSION_1):
+        SerialAxis(1, port=version_1.path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["run", "doctor"])
+def test_a_command_with_a_sketch_of_version_1_is_one_line(version_1: Pty, command: str, tmp_path: Path) -> None:
+    out = ("--out", tmp_path) if command == "run" else ()
+    with started(command, "--device", f"serial:{version_1.path}", *out) as program:
+        code, _, stderr = program.end()
+    assert code == 2
+    (line,) = stderr.splitlines()
+    assert re.search(VERSION_1, line)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ uint32_t micros();
 void pinMode(int pin, int mode);
 void digitalWrite(int pin, int value);
 void analogWrite(int pin, int value);
+void analogWriteFreq(uint32_t hertz);                  // arduino-pico
+void analogWriteFrequency(int pin, uint32_t hertz);    // Teensy, and arduino-esp32 from 3.0 on
 int digitalRead(int pin);
 int digitalPinToInterrupt(int pin);
 void attachInterrupt(int interrupt, void (*called)(), int mode);

@@ -1,7 +1,7 @@
 // Runs a firmware in simavr (libsimavr 1.6) as an ATmega328P at 16 MHz, sends it a command after each state, and prints
-// what it costs. Built and read by tests/devices/test_serial_avr.py.
+// what it costs. In the last twentieth of the time no command comes. Built and read by tests/devices/test_serial_avr.py.
 //
-// avr_board FIRMWARE SECONDS ANSWER NAME=ADDRESS...: ANSWER 0 sends the question only; for each function, the calls, the
+// avr_board FIRMWARE SECONDS ANSWER NAME=ADDRESS...: ANSWER 0: it sends no force; for each function, the calls, the
 // mean cycles of a call with the interrupts in it, and the mean without them.
 
 #include <stdint.h>
@@ -34,6 +34,7 @@ static uint32_t first_us, last_us;
 static uint8_t unread[64];
 static int unread_count, answers;
 static uint16_t number, answered;
+static uint64_t silent_cycle = ~0ull;  // from then on no command is sent
 static uint64_t due_cycle;  // of the next byte to the board
 static uint8_t out[64];
 static int out_count, out_at;
@@ -72,7 +73,7 @@ static void on_byte(struct avr_irq_t *irq, uint32_t value, void *param) {
   memcpy(&last_us, unread + 4, 4);
   last_cycle = avr->cycle;
   if (!states++) first_us = last_us, first_cycle = last_cycle;
-  if (!answers) return;
+  if (!answers || last_cycle >= silent_cycle) return;
   number++;
   command('F', number, (int16_t)(number * 257));
 }
@@ -82,6 +83,8 @@ static void on_adc(struct avr_irq_t *irq, uint32_t value, void *param) {  // the
   double turn = (double)avr->cycle / avr->frequency / 0.05;
   avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC2), (uint32_t)(250 + 4492 * (turn - (uint64_t)turn)));
 }
+
+static int pwm(void) { return avr->data[0x44] & 0x20 ? avr->data[0x48] : 0; }  // TCCR0A's COM0B1, OCR0B: pin 5
 
 static uint32_t stack(void) { return avr->data[R_SPL] | avr->data[R_SPH] << 8; }
 
@@ -125,11 +128,14 @@ int main(int count, char **words) {
   avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_byte, 0);
   avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_adc, 0);
   uint64_t until = (uint64_t)(seconds * avr->frequency);
-  int asked = 0;
+  int asked = 0, homed = 0, duty[2] = {0, 0};
+  silent_cycle = until - until / 20;
   while (avr->cycle < until) {
     int state = avr_run(avr);
     if (state == cpu_Done || state == cpu_Crashed) return 3;
     watch();
+    if (!homed && states) homed = 1, command('H', 0, 0);
+    duty[avr->cycle > silent_cycle + avr->frequency / 40] |= pwm();
     if (!asked && avr->cycle > until / 2) asked = 1, command('Q', 0, 0);
     if (out_at < out_count && avr->cycle >= due_cycle) {  // a byte in 10 us: 1 Mbaud
       avr_raise_irq(to_board, out[out_at++]);
@@ -141,6 +147,7 @@ int main(int count, char **words) {
   printf("clock %.6f\n", (last_us - first_us) * 1e-6 / lasted);
   printf("bytes_s %.1f\n", bytes / seconds);
   printf("commands %u %u\n", number, answered);
+  printf("pwm %d %d\n", duty[0], duty[1]);
   for (int k = 0; k < function_count; k++) {
     struct function *f = &functions[k];
     double calls = f->calls ? (double)f->calls : 1;
