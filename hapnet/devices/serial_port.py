@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import time
@@ -113,7 +114,7 @@ class SerialPort:
             self._port = Serial(self.path, self._baud, timeout=0, write_timeout=0, exclusive=True)
         except (SerialException, OSError) as error:
             number = getattr(error, "errno", None)
-            reason = error if number is None else os.strerror(number)
+            reason = "another program uses it" if number == errno.EAGAIN else os.strerror(number) if number else error
             raise InvalidParameter("port", self.path, f"a serial port that can be opened ({reason})") from None
         with suppress(ValueError, NotImplementedError):  # a port that has no such mode
             self._port.set_low_latency_mode(True)

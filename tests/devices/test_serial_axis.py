@@ -56,6 +56,16 @@ def test_the_port_asks_for_low_latency(monkeypatch: pytest.MonkeyPatch) -> None:
     pty.close()
 
 
+def test_a_port_that_another_program_uses() -> None:
+    pty = Pty()
+    first = SerialPort(pty.path, 1_000_000)
+    with pytest.raises(InvalidParameter, match="another program uses it"):
+        SerialPort(pty.path, 1_000_000)
+    first.close()
+    SerialPort(pty.path, 1_000_000).close()
+    pty.close()
+
+
 # The driver
 
 
