@@ -13,7 +13,7 @@ struct __attribute__((packed)) State {
   uint32_t time_us;
   int32_t position_nm;
   uint16_t age_us;       // the handle has been there for so long, or was seen there then; 65535: or longer
-  uint32_t impulse;      // [256 us times a 32767th of the longest force]
+  uint32_t impulse;      // [256 us times a 32767th of the maximum force]
   uint8_t crc[2];
 };
 
@@ -32,7 +32,7 @@ struct __attribute__((packed)) About {
 struct __attribute__((packed)) Command {
   uint8_t mark;          // 'F': a force; 'Q': the question who this is; 'H': the handle is at its centre
   uint16_t number;
-  int16_t force;         // in 32767ths of the longest
+  int16_t force;         // in 32767ths of the maximum
   uint8_t crc[2];
 };
 

@@ -7,7 +7,7 @@
 
 const uint16_t PERIOD_US = 1000;         // of the states: 1 kHz
 const uint16_t WATCHDOG_MS = 20;         // no command for so long: no force
-const uint32_t LIMIT_uN = 3000000;       // the longest force that the motor makes
+const uint32_t LIMIT_uN = 3000000;       // the maximum force that the motor makes
 const uint32_t CONTINUOUS_uN = 1000000;  // the one that it makes for ever; 0: not known
 const uint32_t REACH_um = 40000;         // of the handle from its centre, in both directions
 const uint32_t COUNT_nm = 15000;         // the handle moves by so much in one count, four counts a line

@@ -5,7 +5,7 @@
 
 const uint16_t PERIOD_US = 1000;         // of the states: 1 kHz
 const uint16_t WATCHDOG_MS = 20;         // no command for so long: no force
-const uint32_t LIMIT_uN = 2000000;       // the longest force at RADIUS
+const uint32_t LIMIT_uN = 2000000;       // the maximum force at RADIUS
 const uint32_t CONTINUOUS_uN = 500000;   // the one that the motor makes for ever; 0: not known
 const float RADIUS_nm = 20e6f;           // where the finger holds the knob: 20 mm
 const uint32_t REACH_um = 60000;         // length of arc from the centre, in both directions

@@ -15,10 +15,10 @@ WRAP = 2**32
 """Times and impulses are counted modulo this, as a small processor does."""
 
 FULL = 32767
-"""Forces are in so many parts of the longest one."""
+"""Forces are in so many parts of the maximum."""
 
 IMPULSE_US = 256
-"""An impulse is counted in so many microseconds of a part of the longest force."""
+"""An impulse is counted in so many microseconds of a part of the maximum force."""
 
 OLDEST_US = 0xFFFF
 """The age of a position that is as old, or older."""
@@ -89,7 +89,7 @@ class Command(NamedTuple):
     mark: bytes
     number: int = 0
     force: int = 0
-    """In parts of the longest, `FULL` of them."""
+    """In parts of the maximum, `FULL` of them."""
 
 
 def state(found: State) -> bytes:

@@ -168,7 +168,7 @@ def test_a_reading_in_si_units(axis: SerialAxis, board: Board) -> None:
     assert axis.buttons() == (False, True)
 
 
-def test_a_command_in_parts_of_the_longest_force(axis: SerialAxis, board: Board) -> None:
+def test_a_command_in_parts_of_the_maximum_force(axis: SerialAxis, board: Board) -> None:
     for force in (-1.5, 99.0):
         axis.apply((force,))
     sent = [wire.Command(b"F", 1, -16384), wire.Command(b"F", 2, 32767)]
