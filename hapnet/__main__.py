@@ -13,11 +13,12 @@ def main() -> int:
     _open_streams()
     signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _leave)
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
-        signal.signal(signal.SIGHUP, _leave)
-    if signal.SIGINT in signal.sigpending():  # the parent had blocked it while this interpreter started
-        os._exit(128 + signal.SIGINT)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    if sys.platform != "win32":
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
+            signal.signal(signal.SIGHUP, _leave)
+        if signal.SIGINT in signal.sigpending():  # the parent had blocked it while this interpreter started
+            os._exit(128 + signal.SIGINT)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     from hapnet.cli import main as command
     from hapnet.commands.output import unless_closed
 

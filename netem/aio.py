@@ -22,6 +22,8 @@ T = TypeVar("T")
 
 _CLOCK_MONOTONIC = 1
 _TFD_TIMER_ABSTIME = 1
+TFD_NONBLOCK: int = getattr(os, "O_NONBLOCK", 0)
+TFD_CLOEXEC: int = getattr(os, "O_CLOEXEC", 0)
 
 
 class _Timespec(ctypes.Structure):
@@ -50,7 +52,7 @@ class DeadlineTimer:
         self._timer: _Timer
         try:
             self._timer, self.kind = _FdTimer(loop, self._fire), "timerfd"
-        except (OSError, AttributeError, NotImplementedError):
+        except (OSError, AttributeError, NotImplementedError, TypeError):  # the last: no such libc, on Windows
             self._timer, self.kind = _LoopTimer(loop, self._fire), "loop"
 
     def arm(self, due_ns: int | None) -> None:
@@ -75,7 +77,7 @@ class _FdTimer:
         libc = ctypes.CDLL(None, use_errno=True)
         self._settime = libc.timerfd_settime
         self._settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(_Itimerspec), ctypes.c_void_p)
-        self._fd: int = libc.timerfd_create(_CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+        self._fd: int = libc.timerfd_create(_CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)
         if self._fd < 0:
             raise OSError(ctypes.get_errno(), "timerfd_create")
         try:

@@ -7,16 +7,18 @@ import ctypes
 import multiprocessing
 import os
 import socket
+import sys
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from heapq import heappop, heappush
 from multiprocessing.connection import Connection
 from statistics import median
+from typing import Any
 
 import numpy as np
 
-from netem.aio import AsyncLink
+from netem.aio import TFD_CLOEXEC, TFD_NONBLOCK, AsyncLink
 from netem.errors import NetemError
 from netem.link import Link
 from netem.profile import LinkProfile
@@ -33,7 +35,7 @@ _CORE_MESSAGES = 500_000
 _PACKET = 100
 _LINGER_S = 0.5  # how long an end still listens after its last datagram
 
-_libc = ctypes.CDLL(None, use_errno=True)
+_libc: Any = ctypes.CDLL(None, use_errno=True) if sys.platform != "win32" else None
 _CLOCK_MONOTONIC, _TFD_TIMER_ABSTIME = 1, 1
 
 
@@ -209,7 +211,7 @@ async def _bare_lateness(count: int) -> list[int]:
     loop = asyncio.get_running_loop()
     late: list[int] = []
     done = loop.create_future()
-    fd = _libc.timerfd_create(_CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    fd = _libc.timerfd_create(_CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC)
     due_ns = time.monotonic_ns() + 10 * _PERIOD_NS
 
     def fire() -> None:
@@ -232,7 +234,7 @@ async def _bare_lateness(count: int) -> list[int]:
 
 def _thread_lateness(count: int) -> list[int]:
     late: list[int] = []
-    fd = _libc.timerfd_create(_CLOCK_MONOTONIC, os.O_CLOEXEC)
+    fd = _libc.timerfd_create(_CLOCK_MONOTONIC, TFD_CLOEXEC)
     due_ns = time.monotonic_ns() + 10 * _PERIOD_NS
     for _ in range(count):
         _arm(fd, due_ns)
@@ -291,7 +293,7 @@ def _time_heap(messages: int) -> float:
 async def _forward(rate: int, seconds: float, profile: LinkProfile) -> Forwarding:
     """Run the relay in this process, and a client and a server that both send and receive in two others."""
     context = multiprocessing.get_context("spawn")
-    pipes = [context.Pipe() for _ in range(2)]
+    pipes: list[Any] = [context.Pipe() for _ in range(2)]  # their type is another on Windows
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         server_port: int = probe.getsockname()[1]

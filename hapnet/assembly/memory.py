@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from contextlib import suppress
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
@@ -11,10 +12,10 @@ from hapnet.params import Params
 
 def installed_bytes() -> float:
     """This machine's memory; infinite where it is not known."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):
-        return math.inf
+    if hasattr(os, "sysconf"):
+        with suppress(OSError, ValueError):
+            return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    return math.inf
 
 
 def bytes_a_second(params: Params, dof: int) -> float:

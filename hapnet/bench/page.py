@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-import resource
 import struct
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -148,8 +148,7 @@ def _wait(until: Callable[[], bool]) -> None:
 
 
 def _cpu_s() -> float:
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return used.ru_utime + used.ru_stime
+    return time.process_time()
 
 
 def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Received:
@@ -157,7 +156,8 @@ def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Receive
 
     It stands for a browser on another machine, so it takes only time that nobody else here wants.
     """
-    os.nice(19)
+    if sys.platform != "win32":
+        os.nice(19)
     times, total, surfaces, first = list[float](), 0, 0, float("inf")
     with _connected(port) as client, contextlib.suppress(TimeoutError):
         client.send(_camera())

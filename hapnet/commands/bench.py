@@ -43,6 +43,7 @@ def bench(
     """
     from hapnet.bench.registry import select
     from hapnet.bench.row import Options
+    from hapnet.processes.signals import ENDING
 
     for name, value, low, high in (
         ("--seconds", seconds, 0.1, 3600.0),
@@ -54,7 +55,7 @@ def bench(
     chosen = select([word.strip() for word in only.split(",")] if only is not None else ())
     words = output.console(json_to)
     directory = output.run_directory(out or Path("runs") / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-bench", None)
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in ENDING[1:]:
         signal.signal(number, signal.default_int_handler)  # ends the children too, as Ctrl-C does
     rows: list[Row] = []
     try:

@@ -113,9 +113,11 @@ def _has_emulator(target: str) -> bool:
 @contextmanager
 def _signals_to(handler: Callable[[int, Any], None]) -> Iterator[None]:
     """The signals that end a program go to `handler` meanwhile."""
+    from hapnet.processes.signals import ENDING
+
     before: dict[signal.Signals, Any] = {}
     try:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in ENDING:
             before[number] = signal.signal(number, handler)
         yield
     finally:

@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 import signal
+import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable
@@ -125,7 +126,9 @@ class Pair:
         _, late = await asyncio.wait(watchers, timeout=STOP_LIMIT_S)
         if late:
             self.failure = self.failure or "a process did not end, and was killed"
-            self._signal(signal.SIGKILL)
+            for child in self._children.values():
+                with contextlib.suppress(ProcessLookupError):
+                    child.kill()
             await asyncio.wait(watchers)
         for task in (stopping, still):
             task.cancel()
@@ -151,7 +154,8 @@ class Pair:
         """
         self._reported = True
         self._signal(signal.SIGTERM)
-        self._signal(signal.SIGCONT)
+        if sys.platform != "win32":
+            self._signal(signal.SIGCONT)
 
     def _link(self) -> str:
         """Where the world listens for the device."""

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter
+from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary
@@ -43,9 +45,6 @@ PAGE = "HAPNET_PAGE"
 """Environment variable of a side that `hapnet play` starts alone: the pipe that takes the telemetry of both sides."""
 
 PARENT_EVERY_S = 0.2
-
-ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-"""Signals that ask a process to end."""
 
 
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
@@ -157,7 +156,8 @@ async def _run(
 ) -> Summary:
     stop = asyncio.Event()
     reported = catch(stop, caught, again=side.hurry)
-    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, side.stop_force, "SIGUSR1")
+    if sys.platform != "win32":
+        handle_on_loop(signal.SIGUSR1, side.stop_force, "SIGUSR1")
     if (run := os.environ.pop(PARENT, None)) is not None:
         parent = int(run)
     starter = "hapnet play" if run is None else "hapnet run"
@@ -192,17 +192,16 @@ def catch(
     again : called when the same signal comes once more, for a quick end; not for SIGHUP, which a closing terminal may
         send twice.
     """
-    loop = asyncio.get_running_loop()
 
     def on_signal(number: signal.Signals) -> None:
-        if number in caught and number != signal.SIGHUP:
+        if number in caught and number != HANGUP:
             again()
         caught.append(number)
         stop.set()
 
     for number in ENDING:
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
-            loop.add_signal_handler(number, on_signal, number)
+        if number != HANGUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            handle_on_loop(number, on_signal, number)
     return on_signal
 
 
@@ -214,7 +213,7 @@ def held_back(caught: list[signal.Signals]) -> Iterator[None]:
     """
 
     def on_signal(number: int, stack: object) -> None:
-        if number in caught and number != signal.SIGHUP:
+        if number in caught and number != HANGUP:
             signal.signal(number, before[signal.Signals(number)])
             signal.raise_signal(number)
         caught.append(signal.Signals(number))

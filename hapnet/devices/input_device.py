@@ -21,6 +21,7 @@ from hapnet.errors import DeviceSilent, InvalidParameter
 SMOOTHING_S = 0.02
 _AGAIN_S = 0.5
 _MOST_BYTES = 4096
+_NO_WAIT: int = getattr(os, "O_NONBLOCK", 0)  # Windows has no such files
 
 
 class InputDevice(Driver):
@@ -129,7 +130,7 @@ class InputDevice(Driver):
         raise DeviceSilent(f"{self._path} has gone")
 
     def _open(self) -> None:
-        self._file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
+        self._file = os.open(self._path, os.O_RDONLY | _NO_WAIT)
         self._unread = b""
         self.deflections = [0.0] * 3
         self.pressed.clear()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import random
 import select
+import sys
 import threading
-import tty
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from hapnet.devices import serial_frames as wire
 from hapnet.devices.emulator import NANO, Emulator, Handle
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
 
 _PERIOD_NS = 1_000_000
 _STALLED_NS = 500_000_000
@@ -51,17 +51,14 @@ class SerialEmulator(Emulator):
         super().__init__(handle, clock)
         self._noise, self._stall_s, self._rubbish, self._units, self._button = noise, stall, rubbish, units, button
         self._random = random.Random(seed)
-        self._device, self._driver = os.openpty()
-        for end in (self._device, self._driver):
-            tty.setraw(end)
-        os.set_blocking(self._device, False)
-        self.address: str = link or os.ttyname(self._driver)
+        self._device, self._driver, name = _terminals()
+        self.address: str = link or name
         self._link = Path(link) if link else None
         if self._link is not None:
             try:
                 if self._link.is_symlink():
                     self._link.unlink()
-                self._link.symlink_to(os.ttyname(self._driver))
+                self._link.symlink_to(name)
             except OSError as error:
                 raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
         self._unread = b""
@@ -133,3 +130,17 @@ class SerialEmulator(Emulator):
         if not self._noise:
             return data
         return bytes(byte for byte in data if self._random.random() >= self._noise)
+
+
+def _terminals() -> tuple[int, int, str]:
+    """Both ends of a pseudo-terminal, the device's first, and the name of the driver's."""
+    if sys.platform != "win32":
+        import tty
+
+        device, driver = os.openpty()
+        for end in (device, driver):
+            tty.setraw(end)
+        os.set_blocking(device, False)
+        return device, driver, os.ttyname(driver)
+    else:  # noqa: RET505  # for mypy this is not unreachable
+        raise HapnetError("Windows has no pseudo-terminals: emulate the serial axis on Linux or macOS")

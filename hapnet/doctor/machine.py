@@ -31,6 +31,8 @@ REACH_S = 3.0
 _LATE_US = 100.0  # if the median sleep is later than this, the timer slack is the default or worse
 _TICKS = 300
 _PERIOD_NS = 1_000_000
+_IS_LINUX: bool = sys.platform == "linux"
+_CLOCK_MONOTONIC = 1
 _MCL_CURRENT_AND_FUTURE = 3
 _CAP_IPC_LOCK = 14
 _PROCESSORS = Path("/sys/devices/system/cpu")
@@ -108,7 +110,7 @@ def libraries() -> Check:
 
 def system() -> Check:
     kernel = f"{platform.system()} {platform.release()}"
-    if sys.platform != "linux":
+    if not _IS_LINUX:
         return Check("system", WARNING, kernel, "use Linux: elsewhere there is no timer slack, timerfd or SCHED_FIFO")
     words = [kernel]
     words += [kind for kind in ("PREEMPT_RT", "PREEMPT_DYNAMIC") if kind in platform.version()]
@@ -146,7 +148,7 @@ def clock_resolution() -> Check:
         while now == began:
             now = time.monotonic_ns()
         steps.append(now - began)
-    resolution = time.clock_getres(time.CLOCK_MONOTONIC) if hasattr(time, "clock_getres") else said.resolution
+    resolution = said.resolution
     words = f"{said.implementation}: {resolution * 1e9:g} ns, steps of {min(steps)} ns seen"
     source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource").strip()
     words += f", source {source}" if source else ""
@@ -172,8 +174,8 @@ def sleep_lateness() -> Check:
 
 
 def timerfd() -> Check:
-    libc = ctypes.CDLL(None, use_errno=True)
-    descriptor = libc.timerfd_create(time.CLOCK_MONOTONIC, 0) if hasattr(libc, "timerfd_create") else -1
+    libc = ctypes.CDLL(None, use_errno=True) if _IS_LINUX else None
+    descriptor = libc.timerfd_create(_CLOCK_MONOTONIC, 0) if libc is not None else -1
     if descriptor < 0:
         return Check("timerfd", WARNING, "not available", "the link releases up to a millisecond late: use Linux")
     os.close(descriptor)
@@ -182,7 +184,7 @@ def timerfd() -> Check:
 
 def real_time_scheduling() -> Check:
     name = "SCHED_FIFO"
-    if not hasattr(os, "sched_setscheduler"):
+    if not _IS_LINUX:
         return Check(name, WARNING, f"not available on {sys.platform}", "use Linux for --realtime")
     refused = _in_thread(_ask_for_fifo)
     if refused is None:
@@ -208,7 +210,7 @@ def real_time_share() -> Check:
 def locked_memory() -> Check:
     """The servo locks all its memory, future memory too. Under a limit this, or a later allocation, may be refused."""
     name = "locked memory"
-    if sys.platform != "linux":
+    if not _IS_LINUX:
         return Check(name, WARNING, f"not available on {sys.platform}", "use Linux for --realtime")
     libc = ctypes.CDLL(None, use_errno=True)
     limit = _limit("RLIMIT_MEMLOCK")
@@ -316,11 +318,13 @@ def _sleep() -> Histogram:
 
 def _ask_for_fifo() -> str | None:
     """Requests it for this thread only, which ends. Returns the reason if it was refused."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
-    except OSError as error:
-        return error.strerror or str(error)
-    return None
+    refused = None
+    if sys.platform == "linux":
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+        except OSError as error:
+            refused = error.strerror or str(error)
+    return refused
 
 
 def _in_thread(call: Callable[[], _T]) -> _T:
@@ -333,10 +337,13 @@ def _in_thread(call: Callable[[], _T]) -> _T:
 
 
 def _limit(name: str) -> str:
-    import resource
+    limit = "unlimited"
+    if sys.platform == "linux":
+        import resource
 
-    soft = resource.getrlimit(getattr(resource, name))[0]
-    return "unlimited" if soft == resource.RLIM_INFINITY else str(soft)
+        if (soft := resource.getrlimit(getattr(resource, name))[0]) != resource.RLIM_INFINITY:
+            limit = str(soft)
+    return limit
 
 
 def _capable(capability: int) -> bool:

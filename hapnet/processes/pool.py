@@ -145,7 +145,8 @@ class WorkerPool(Generic[Task, Result]):
         return None if worker.task is None else Outcome(worker.task, None, WorkerDied(f"its worker {how}"))
 
     def _start(self) -> None:
-        ours, theirs = self._context.Pipe()
+        ours: Any
+        ours, theirs = self._context.Pipe()  # of another class on Windows
         process = self._context.Process(target=_serve, args=(theirs, self._work), daemon=True, name="hapnet-worker")
         resource_tracker.ensure_running()  # started along with the first process, it would unblock Ctrl-C there
         with for_children(one_thread=True):

@@ -115,9 +115,11 @@ def how_it_ended(code: int | None) -> str:
 
 def stands_still(pid: int) -> bool:
     """Has a signal stopped this child? It is looked at only: whoever waits for its end still learns of that."""
-    with suppress(ChildProcessError):
-        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
-    return False
+    still = False
+    if sys.platform == "linux":  # nothing stops a process of Windows, and macOS does not tell
+        with suppress(ChildProcessError):
+            still = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return still
 
 
 def standing_still(pid: int) -> str:
@@ -139,8 +141,8 @@ def for_children(*, one_thread: bool = False) -> Iterator[None]:
     handler = signal.getsignal(signal.SIGINT) if threading.current_thread() is threading.main_thread() else None
     if callable(handler):
         signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    masked = None
-    if hasattr(signal, "pthread_sigmask"):
+    masked: set[int | signal.Signals] = set()
+    if sys.platform != "win32":
         masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -150,7 +152,7 @@ def for_children(*, one_thread: bool = False) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        if masked is not None:
+        if sys.platform != "win32":
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
         if callable(handler):
             signal.signal(signal.SIGINT, handler)

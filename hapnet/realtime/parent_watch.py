@@ -37,9 +37,8 @@ class ParentWatch:
         self._due_ns = 0
         self._looks = -1  # before the first beat there is none to miss
         self._why = ""
-        if hasattr(os, "preadv"):
-            with suppress(OSError):
-                self._file = os.open(states or f"/proc/{parent}/task/{parent}/stat", os.O_RDONLY)
+        with suppress(OSError):
+            self._file = os.open(states or f"/proc/{parent}/task/{parent}/stat", os.O_RDONLY)
 
     def beat(self) -> None:
         """Its event loop goes on."""
@@ -67,7 +66,7 @@ class ParentWatch:
             self._file = -1
 
     def _stands_still(self) -> bool:
-        if self._file < 0:
+        if self._file < 0 or not hasattr(os, "preadv"):
             return False
         try:
             count = os.preadv(self._file, self._buffers, 0)

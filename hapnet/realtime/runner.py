@@ -34,7 +34,7 @@ from hapnet.realtime.off_loop import off_loop
 from hapnet.realtime.peerless import PeerAbsence
 from hapnet.realtime.recorder import measured_utc_less_clock_ns, require_writable
 from hapnet.realtime.reporter import Reporter
-from hapnet.realtime.servo import tuned_interpreter
+from hapnet.realtime.servo import require_fine_clock, tuned_interpreter
 from hapnet.realtime.shutdown import FAILED_LINGER_S, LINGER_S, GracefulShutdown
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import hand, link_events
@@ -93,6 +93,7 @@ class RealtimeSide:
         refused: Callable[[int], list[str]] = lambda now_ns: [],
         page: Callable[[bytes], None] | None = None,
     ) -> None:
+        require_fine_clock()
         self.setup: Setup = setup
         self.role = role
         self._clock = clock = time.monotonic_ns

@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from hapnet.errors import InvalidParameter
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.records.histogram import Histogram as Histogram
 
 SWITCH_INTERVAL_S = 1e-4
@@ -30,6 +30,9 @@ SWITCH_INTERVAL_S = 1e-4
 
 FIFO_PRIORITY = 80
 """Above the kernel's threaded interrupts (50), below its watchdogs (99)."""
+
+COARSEST_S = 1e-4
+"""Before Python 3.13 the clock of Windows made steps of 15.6 ms (gh-88494)."""
 
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT_AND_FUTURE = 3
@@ -230,26 +233,35 @@ class Servo:
 
 def set_timer_slack(slack_ns: int = 1) -> bool:
     """Ask the kernel to wake the calling thread at most `slack_ns` late; False where that is not possible."""
-    if sys.platform != "linux":
-        return False
-    libc = ctypes.CDLL(None, use_errno=True)
-    return bool(libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(slack_ns), 0, 0, 0) == 0)
+    done = False
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None, use_errno=True)
+        done = bool(libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(slack_ns), 0, 0, 0) == 0)
+    return done
 
 
 def request_realtime(priority: int = FIFO_PRIORITY) -> str | None:
     """Put the calling thread under SCHED_FIFO and lock the process's memory; one line on what was refused, or None."""
-    if sys.platform != "linux":
-        return f"no real-time scheduling: not available on {sys.platform}"
     refused = []
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except OSError as error:
-        refused.append(f"SCHED_FIFO: {error.strerror} (needs CAP_SYS_NICE, or an rtprio limit of {priority})")
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
-        reason = os.strerror(ctypes.get_errno())
-        refused.append(f"locked memory: {reason} (needs CAP_IPC_LOCK, or a higher memlock limit)")
+    if sys.platform == "linux":
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        except OSError as error:
+            refused.append(f"SCHED_FIFO: {error.strerror} (needs CAP_SYS_NICE, or an rtprio limit of {priority})")
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
+            reason = os.strerror(ctypes.get_errno())
+            refused.append(f"locked memory: {reason} (needs CAP_IPC_LOCK, or a higher memlock limit)")
+    else:
+        refused.append(f"not available on {sys.platform}")
     return "no real-time scheduling: " + "; ".join(refused) if refused else None
+
+
+def require_fine_clock(resolution_s: float = time.get_clock_info("monotonic").resolution) -> None:
+    """Raise HapnetError if `time.monotonic_ns` is too coarse for a servo."""
+    if resolution_s > COARSEST_S:
+        advice = "on Windows take Python 3.13 or later"
+        raise HapnetError(f"this Python's monotonic clock makes steps of {resolution_s * 1e3:.3g} ms: {advice}")
 
 
 class _Tuning:

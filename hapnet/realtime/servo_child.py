@@ -149,7 +149,8 @@ class ServoChild:
 def main(descriptor: int) -> int:
     """Run the servo until the parent, at the other end of `descriptor`, hangs up or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    if sys.platform != "win32":
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     pipe = Pipe(socket.socket(fileno=descriptor))
     try:
         frame = pipe.wait()

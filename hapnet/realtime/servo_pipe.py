@@ -25,6 +25,11 @@ also while its parent stands still for some seconds."""
 
 _KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave, Proxy, Position)
 
+_DONT_WAIT: int = getattr(socket, "MSG_DONTWAIT", 0)
+_FAMILY: int = getattr(socket, "AF_UNIX", -1)  # not on Windows: see `available`
+_poll: Any = getattr(select, "poll", None)
+_POLLIN: int = getattr(select, "POLLIN", 0)
+
 _pack = msgpack.packb
 _unpack = msgpack.unpackb
 
@@ -51,7 +56,7 @@ def available() -> bool:
     """Does this system have the sockets that a pipe needs? macOS has the constants, but not the sockets."""
     try:
         pair = socket_pair()
-    except (AttributeError, OSError):
+    except (AttributeError, OSError, ValueError):
         return False
     for end in pair:
         end.close()
@@ -60,7 +65,7 @@ def available() -> bool:
 
 def socket_pair() -> tuple[socket.socket, socket.socket]:
     """Two connected ends: the parent's and the servo's."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours, theirs = socket.socketpair(_FAMILY, socket.SOCK_SEQPACKET)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _TO_SERVO)
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _FROM_SERVO)
     return ours, theirs
@@ -75,7 +80,7 @@ class Pipe:
     def offer(self, *frame: Any) -> bool:
         """Send a frame; False if the other end has not read enough of the earlier ones, or either end is closed."""
         try:
-            self._end.send(_pack(frame), socket.MSG_DONTWAIT)
+            self._end.send(_pack(frame), _DONT_WAIT)
         except OSError:
             return False
         return True
@@ -99,7 +104,7 @@ class Pipe:
         PipeClosed : no more will come.
         """
         try:
-            return self._opened(self._end.recv(MAX_FRAME, socket.MSG_DONTWAIT))
+            return self._opened(self._end.recv(MAX_FRAME, _DONT_WAIT))
         except BlockingIOError:
             return None
         except ConnectionError:
@@ -109,8 +114,8 @@ class Pipe:
         """The next frame; None if none came within `timeout_s`. Raises `PipeClosed` as `look` does."""
         try:
             if timeout_s is not None:  # no timeout of the socket's own: with one Python would wait in `offer` as well
-                ready = select.poll()
-                ready.register(self._end, select.POLLIN)
+                ready = _poll()
+                ready.register(self._end, _POLLIN)
                 if not ready.poll(timeout_s * 1e3):
                     return None
             return self._opened(self._end.recv(MAX_FRAME))

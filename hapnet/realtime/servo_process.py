@@ -155,7 +155,8 @@ class ServoProcess:
             if self._process is None:
                 return
             self._pipe.hang_up()
-            self._process.send_signal(signal.SIGCONT)  # one that stands still goes on, so that it can end in order
+            if sys.platform != "win32":
+                self._process.send_signal(signal.SIGCONT)  # one that stands still goes on, so that it can end in order
             if self._reader.ident is not None:
                 self._reader.join(STOP_LIMIT_S)
             how = self._end_process()

@@ -10,11 +10,11 @@ holds every committed transaction and nothing of an uncommitted one, and the nex
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
 import sqlite3
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
@@ -223,15 +223,18 @@ def _lock(directory: Path) -> int:
     """Lock the directory: one process holds the lock, and the system releases it when that process ends."""
     path = directory / "lock"
     try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if sys.platform != "win32":  # which has no such lock
+                import fcntl
+
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BaseException:
-            holder = os.pread(lock, 32, 0).decode("ascii", "replace").strip()
+            holder = os.read(lock, 32).decode("ascii", "replace").strip()
             os.close(lock)
             raise
         os.ftruncate(lock, 0)
-        os.pwrite(lock, f"process {os.getpid()}".encode(), 0)
+        os.write(lock, f"process {os.getpid()}".encode())
     except BlockingIOError:
         raise HapnetError(f"another process runs the sweep in {directory}: {holder}") from None
     except OSError as error:

@@ -7,7 +7,6 @@ never blocks Zenoh's threads: what does not fit is lost. A user who sets RUST_LO
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import re
@@ -36,6 +35,8 @@ _DENIED = re.compile(  # a put counts only as a cached result: otherwise Zenoh w
     r"|Using cached result: (?P<cached>\w+) is unauthorized to (?P<which>Put|Declare Subscriber|Liveliness Token))"
     r" \(ingress\) on (?P<key>\S+)/"
 )
+_IS_POSIX: bool = sys.platform != "win32"
+"""Windows has no pipe that never blocks who writes: refusals are not named there."""
 _MOST_NAMES = 256
 _PIPE_BYTES = 2**20
 
@@ -95,16 +96,20 @@ def watched(settings: ZenohSettings) -> Iterator[Refusals]:
     config = zenoh_config(settings)
     encrypted = any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in endpoints_of(config, "listen"))
     controlled = json.loads(config.get_json("access_control")).get("enabled") is True
-    if "RUST_LOG" in os.environ or not (encrypted or controlled):
+    if "RUST_LOG" in os.environ or not _IS_POSIX or not (encrypted or controlled):
         yield refusals
         return
     directives = "off" + ",zenoh_link_tls=warn,zenoh_link_quic=warn" * encrypted
     directives += ",zenoh::net::routing::interceptor::access_control=trace" * controlled
     sys.stdout.flush()
     before, (source, sink) = os.dup(1), os.pipe()
-    os.set_blocking(sink, False)
-    with contextlib.suppress(AttributeError, OSError):  # Linux only: room for a reader that is held up
-        fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    if sys.platform != "win32":
+        os.set_blocking(sink, False)
+    if sys.platform == "linux":  # room for a reader that is held up
+        import fcntl
+
+        with contextlib.suppress(OSError):
+            fcntl.fcntl(sink, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
     os.dup2(sink, 1)
     os.close(sink)
     stdout, sys.stdout = sys.stdout, os.fdopen(os.dup(before), "w", encoding="utf-8", errors="backslashreplace")

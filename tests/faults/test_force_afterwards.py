@@ -43,15 +43,20 @@ HAND = {
 
 
 class Noted(SimulatedDevice):
-    """It notes when its force changes [ns], and to what [N]."""
+    """It notes when its force changes [ns], and to what [N], by its own time: a board's watchdog waits for nobody."""
 
     times_ns: list[int]
     forces_N: list[float]
+    began_ns = 0
+
+    def advance(self) -> float:
+        self.began_ns = self.began_ns or time.monotonic_ns() - round(self.period * 1e9)
+        return super().advance()
 
     def apply(self, force: Vector) -> Vector:
         applied = super().apply(force)
         self.forces_N.append(abs(applied[0]))
-        self.times_ns.append(time.monotonic_ns())
+        self.times_ns.append(self.began_ns + round(self.ticks * self.period * 1e9))
         return applied
 
 
