@@ -20,12 +20,13 @@ from hapnet.assembly.links import link_profile
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.options import PageOptions, ZenohOptions
-from hapnet.commands.side import CONSOLE, ENDING, PAGE, zenoh_settings
+from hapnet.commands.side import CONSOLE, PAGE, zenoh_settings
 from hapnet.commands.view import show
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.processes.frames import frames
+from hapnet.processes.signals import ENDING
 from hapnet.processes.start import PIPE, Program, end, module, started
 from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.view.controls import Direction, require_no_file

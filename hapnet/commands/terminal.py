@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import os
 import sys
-import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 
 def is_ours() -> bool:
     """May a process that this one starts read standard input? A terminal stops whoever reads in the background."""
-    return not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    ours = True
+    if sys.platform != "win32":
+        ours = not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    return ours
 
 
 @contextmanager
 def left_as_it_was() -> Iterator[None]:
     """At the end the terminal is in the mode that it had, even if whoever changed it was killed."""
-    before = termios.tcgetattr(sys.stdin.fileno()) if sys.stdin.isatty() and is_ours() else None
-    try:
+    if sys.platform == "win32" or not sys.stdin.isatty() or not is_ours():
         yield
-    finally:
-        if before is not None:
+    else:
+        import termios
+
+        before = termios.tcgetattr(sys.stdin.fileno())
+        try:
+            yield
+        finally:
             termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, before)

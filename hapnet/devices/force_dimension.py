@@ -18,7 +18,7 @@ from hapnet.devices.driver import Driver
 from hapnet.devices.rotation import quaternion
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 
-_NAMES = ("drd", "dhd")
+_NAMES = ("drd", "dhd", "drd64", "dhd64")  # the last two on Windows
 """`libdrd` has the functions of `libdhd` too, and calibrates a device by itself."""
 
 _WATCHDOG_TICKS = 160
