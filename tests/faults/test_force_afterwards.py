@@ -151,7 +151,7 @@ def faults(kind: str, who: str, what: str, times: int, directory: Path) -> list[
             run.mkdir()
             with pair(run, "--dof", 1, "--scene", "wall", device=(*words, *more)) as sides:
                 while len(outcomes) < times:
-                    outcomes.append(fault(sides, who, what, rng, stand_in))
+                    outcomes.append(fault(sides, kind, who, what, rng, stand_in))
                     if what == KILLED:
                         break
     finally:
@@ -159,13 +159,15 @@ def faults(kind: str, who: str, what: str, times: int, directory: Path) -> list[
     return outcomes
 
 
-def fault(sides: Pair, who: str, what: str, rng: random.Random, stand_in: StandIn) -> Outcome:
+def fault(sides: Pair, kind: str, who: str, what: str, rng: random.Random, stand_in: StandIn) -> Outcome:
     sides.device.until("a force", lambda: stand_in.force_N > FELT_N)
     let_pass(rng.uniform(0.0, 1.0))
     sides.device.until("a force", lambda: stand_in.force_N > FELT_N)
     process = sides.device.process.pid
+    servo = None if kind == "thread" else child_of(process, "hapnet.realtime.servo_child")
     if who == "servo":
-        process = child_of(process, "hapnet.realtime.servo_child")
+        assert servo is not None
+        process = servo
     released = stand_in.handle.released
     at_ns = time.monotonic_ns()
     if what == UNPLUGGED:
@@ -182,6 +184,8 @@ def fault(sides: Pair, who: str, what: str, rng: random.Random, stand_in: StandI
         stand_in.plug()
     elif what == STOPPED:
         os.kill(process, signal.SIGCONT)
+    elif servo is not None:  # it lets go of the port by itself
+        until(lambda: not Path(f"/proc/{servo}").exists())
     return found
 
 
