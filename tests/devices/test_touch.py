@@ -232,8 +232,11 @@ def test_after_an_error_of_the_amplifiers_there_is_no_force_for_a_second(
     stub.tick()
     stub.c.stub_error(0)
     assert said in device.braked()
-    stub.tick(998)
+    for _ in range(998):
+        device.apply((1.0, 0.0, 0.0))
+        stub.tick()
     assert device.braked()
+    assert stub.force == NOTHING  # the amplifiers are back long since
     device.apply((1.0, 0.0, 0.0))
     stub.tick(3)
     assert device.braked() == ""
@@ -345,7 +348,7 @@ def test_at_the_end_the_force_is_taken_away_and_the_device_closed(device: Touch,
     device.close()
     ticking.join()
     device.close()
-    assert stub.force == NOTHING
+    assert stub.commanded == NOTHING
     assert [stub.state(what) for what in (OPEN, RUNNING, OFF_AT_END)] == [0, 0, 1]
 
 

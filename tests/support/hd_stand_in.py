@@ -53,6 +53,13 @@ class Stub:
         return tuple(force)
 
     @property
+    def commanded(self) -> Vector:
+        """The force that was set last, in the library's axes [N]."""
+        force = Three()
+        self.c.hdGetDoublev(oh.FORCE, force)
+        return tuple(force)
+
+    @property
     def work_J(self) -> float:
         return float(self.c.stub_work())
 
