@@ -12,7 +12,7 @@ from hapnet import HapnetError, read_recording
 
 
 def both_ports(device: Any, world: Any) -> float:
-    """The least energy put in at both ports on one clock [J], with and without the world's step that is running."""
+    """The minimum energy put in at both ports on one clock [J], with and without the world's step that is running."""
     times = np.union1d(device["time_ns"], world["time_ns"])
     of_device = np.append(0.0, device["work_J"])[np.searchsorted(device["time_ns"], times, side="right")]
     begun = np.searchsorted(world["time_ns"], times, side="right")

@@ -44,7 +44,7 @@ class Lateness:
     """Time from due to release at 2,000 releases per second [us]: medians of the runs' (p50, p99), for three releasers.
 
     `link` : `AsyncLink`. `bare` : a timerfd on an otherwise idle asyncio loop. `thread` : a thread that only reads a
-    timerfd, the least possible on this machine.
+    timerfd, the minimum possible on this machine.
     """
 
     runs: int

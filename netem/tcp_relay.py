@@ -5,7 +5,7 @@
 
 A stream must lose nothing, so the link's losses become waiting, as over a real line: each direction of a connection is
 cut into segments, which the other end acknowledges through the other link. A segment is sent again when three that
-were sent after it are acknowledged, or when its timer ends (RFC 6298, with Linux's least time of 200 ms, doubled at
+were sent after it are acknowledged, or when its timer ends (RFC 6298, with Linux's minimum of 200 ms, doubled at
 each try). What arrives early waits for what is missing. There is no congestion control: a loss costs time, not rate.
 
 Clients share the two links, as they would share a line. A rate counts the payload: ``rate 1mbit 40`` adds the headers

@@ -26,7 +26,7 @@ _SHADE = 0.25
 
 
 def table(rows: Sequence[Row]) -> RenderableType:
-    """One line per row: least, median, p99; the reference's median and p99; ratios; limits, and if each is met."""
+    """One line per row: min, median, p99; the reference's median and p99; ratios; limits, and if each is met."""
     from rich import box
     from rich.console import Group
     from rich.table import Table

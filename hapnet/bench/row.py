@@ -60,7 +60,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures over the rounds: the least value, the median of the medians, and the median of the 99th percentiles."""
+    """Figures over the rounds: the minimum, the median of the medians, and the median of the 99th percentiles."""
 
     minimum: float
     median: float

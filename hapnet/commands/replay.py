@@ -102,8 +102,8 @@ def table(compared: dict[str, Any]) -> Table:
     for label, unit, key, scale in (
         ("energy that came out, most", "mJ", "energy_out_J", 1e3),
         ("margin at the end", "mJ", "margin_end_J", 1e3),
-        ("device's half, least margin", "mJ", "device_margin_J", 1e3),
-        ("world's half, least margin", "mJ", "world_margin_J", 1e3),
+        ("device's half, minimum margin", "mJ", "device_margin_J", 1e3),
+        ("world's half, minimum margin", "mJ", "world_margin_J", 1e3),
         ("force, largest", "N", "peak_force_N", 1.0),
         ("position error, free (rms)", "mm", "free_rms_m", 1e3),
         ("position error, in contact (rms)", "mm", "contact_rms_m", 1e3),

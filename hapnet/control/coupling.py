@@ -93,7 +93,7 @@ class CouplingState(Protocol):
         ----------
         sent_s : when it was sent, on the other side's clock [s].
         age_s : how old it is now [s]. Of a `Proxy` that has aimed: the time since the device's own time for which it
-            stands, exactly. Of another sample: since it was sent, estimated from the least round trip.
+            stands, exactly. Of another sample: since it was sent, estimated from the minimum round trip.
         """
 
     def credit(self, energy: float) -> None:

@@ -121,7 +121,7 @@ class SampledServo(Record):
         self.guard = guard or ForceGuard()
         self._max_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
         self._hold_time = HoldTime(self._max_hold, math.inf if holding is None else holding.most)
-        self._followed: tuple[float, float, float] | None = None  # for how long, P then, and the least P since
+        self._followed: tuple[float, float, float] | None = None  # for how long, P then, and the smallest P since
         self.measured = MeasuredHarvest(self.trusted_damping, resolution)
         self.position, self.low, self.high = list(position), list(position), list(position)
         for name in ("held", "commanded", "before", "velocity", "wanted", "pull"):
@@ -217,7 +217,7 @@ class SampledServo(Record):
         return update
 
     def skippable_ticks(self, dt: float) -> int:
-        """As `DeviceCoupling.resting`: PSPM does not run in these ticks."""
+        """As `DeviceCoupling.skippable_ticks`: PSPM does not run in these ticks."""
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
     def follow(self, dt: float, x: Vector) -> None:

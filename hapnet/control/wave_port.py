@@ -91,7 +91,7 @@ class WaveDevice(_Port, DeviceEnd):
 
     @property
     def energy(self) -> float:
-        """Energy that came in and was not sent, on the axis with the least [J]: it covers what the hold leaks."""
+        """Energy that came in and was not sent, on the axis with the smallest [J]: it covers what the hold leaks."""
         return min(self.energies)
 
     @equation

@@ -7,7 +7,7 @@ or adds dissipation, so Theorem 1 holds for both.
 | what | rule | source |
 |---|---|---|
 | damping b, added in free motion | 2 zeta sqrt(K m) - B, zeta = `contact_model.damping_ratio` | critical at zeta = 1 |
-| PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | least delay |
+| PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | minimum delay |
 | lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
 | behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |

@@ -40,7 +40,7 @@ class Endpoint(Record):
     first, waiting, backlog : the samples that wait for the next tick are a ring. credits : how many credits wait too.
     used : the newest sample in use.
     kind : what it sends. waves : are waves sent to it? accepts_stale : does it accept such messages?
-    stream_bytes, energy_bytes : the least size of its messages. plane_bytes, level_bytes : what each plane, and the
+    stream_bytes, energy_bytes : the smallest size of its messages. plane_bytes, level_bytes : what each plane, and the
     level, add. stale, leaps : messages that were dropped, and the number of the last stale one; came_late : did it come
     after later ones? impossible : it would send what no receiver accepts.
     """

@@ -30,7 +30,7 @@ _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _WHAT_IT_MEANS = {
     "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
     "(Theorem 1). The line above says how much came out at most, how much of the bound was left at the end, and the "
-    "least that was left after the first second.",
+    "minimum that was left after the first second.",
     "bad": "More energy came out than the account allows: Theorem 1 does not hold for this run.",
     "unknown": "The known data do not show whether Theorem 1 held throughout.",
 }

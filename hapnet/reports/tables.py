@@ -54,8 +54,8 @@ class _Row(NamedTuple, Generic[Part]):
 _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("given out, most", "mJ", lambda of: of["ledger"]["energy_out_J"], millijoule),
     _Row("margin at the end", "mJ", lambda of: of["ledger"]["margin_end_J"], millijoule),
-    _Row("slack, least", "mJ", lambda of: of["ledger"]["slack_J"], millijoule),
-    _Row("true slack, least", "mJ", lambda of: of["true_slack_J"], millijoule),
+    _Row("slack, min", "mJ", lambda of: of["ledger"]["slack_J"], millijoule),
+    _Row("true slack, min", "mJ", lambda of: of["true_slack_J"], millijoule),
     _Row("reservoir, min", "mJ", lambda of: of["reservoir_min_J"], millijoule),
     _Row("set-positions modulated", "%", lambda of: of["modulated_share"], percent),
     _Row("deficit, largest", "mJ", lambda of: of["deficit_max_J"], millijoule),
@@ -87,13 +87,13 @@ _BOTH: tuple[_Row[Theorem], ...] = (
     _Row("bound d²", "mJ", lambda of: of["bound_J"], millijoule),
     _Row("energy that came out, most", "mJ", lambda of: of["energy_out_J"], millijoule),
     _Row("margin at the end", "mJ", lambda of: of["margin_end_J"], millijoule),
-    _Row("margin after 1 s, least", "mJ", lambda of: of["margin_later_J"], millijoule),
+    _Row("margin after 1 s, min", "mJ", lambda of: of["margin_later_J"], millijoule),
 )
 _ENVIRONMENT: tuple[_Row[Environment], ...] = (
     _Row("stiffness of the wall", "N/m", lambda of: of["stiffness_N_m"], number),
     _Row("felt stiffness of the wall", "N/m", lambda of: of["felt_stiffness_N_m"], number),
     _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
-    _Row("balance of its own account, least", "mJ", lambda of: of["env_slack_J"], millijoule),
+    _Row("balance of its own account, min", "mJ", lambda of: of["env_slack_J"], millijoule),
     _Row("put in by what moves it", "mJ", lambda of: of["env_supplied_J"], millijoule),
     _Row("stored at the end", "mJ", lambda of: of["env_stored_J"], millijoule),
     _Row("would have given of its own", "mJ", lambda of: of["env_given_J"], millijoule),

@@ -159,7 +159,7 @@ def story(plan: Plan, outcomes: Sequence[Outcome]) -> str:
         best = min(kept, key=lambda name: max(kept[name]))
         low, high = min(kept[best]), max(kept[best])
         spread = f"{low:.2g} %" if f"{low:.2g}" == f"{high:.2g}" else f"{low:.2g} to {high:.2g} %"
-        lines.append(f"{who}{best} has the least force error: {spread} (a link's median)")
+        lines.append(f"{who}{best} has the smallest force error: {spread} (a link's median)")
     return "\n".join(fill(line, _STORY) for line in lines)
 
 

@@ -107,7 +107,7 @@ def bound(own_damping: float, servo_hz: float, damping: object) -> float:
 
 
 def stiffest(params: Params, ratio: float = RATIO) -> ZWidth:
-    """The stiffest K that is stable, and the least tried that is not [N/m]; they are within a factor of `ratio`.
+    """The stiffest K that is stable, and the smallest tried that is not [N/m]; they are within a factor of `ratio`.
 
     Hand, world, link and duration are set here. It supposes that a softer spring than a stable one is stable.
 
@@ -140,7 +140,7 @@ def _rendered(recording: Recording, setup: Setup) -> float:
 
 
 def as_dict(found: Mapping[Case, ZWidth], params: Params) -> dict[str, Any]:
-    """All of it for JSON [N/m]; `stable` is the stiffest K that is, `unstable` the least tried that is not."""
+    """All of it for JSON [N/m]; `stable` is the stiffest K that is, `unstable` the smallest tried that is not."""
     return {
         "judged": JUDGED,
         "searches": [

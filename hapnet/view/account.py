@@ -24,7 +24,7 @@ class Account:
         """The sum of both sides' present margins [J]."""
         self.min_J: float | None = None
         self.later_J: float | None = None
-        """The least sum: over all samples, and over those from `START_S` after the first on."""
+        """The minimum sum: over all samples, and over those from `START_S` after the first on."""
         self._anew: set[Role] = set()
         self._forget()
 

@@ -93,7 +93,7 @@ class History:
     """Keeps the messages given to `take`; `snapshot` copies them for drawing.
 
     A `Status` with a new incarnation means that its side has restarted: that side's past is forgotten, and so is the
-    least margin. A sample is dropped if it is older than the newest of its side, or has another number of axes.
+    minimum margin. A sample is dropped if it is older than the newest of its side, or has another number of axes.
 
     Parameters
     ----------

@@ -54,8 +54,8 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
         ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
         ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
         ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
-        ("least so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
-        ("least after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
+        ("min so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
+        ("min after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
     ]
     if recording:
         rows.append(("recording", PurePath(recording).name))

@@ -301,15 +301,15 @@ def test_the_summary_as_a_table() -> None:
     rows = cells(text)
     assert rows["energy that came out, most [mJ]"] == ["68.8"]
     assert rows["bound d² [mJ]"] == ["100"]
-    assert "margin after 1 s, least [mJ]" not in rows
+    assert "margin after 1 s, min [mJ]" not in rows
     assert rows["given out, most [mJ]"] == ["30", "40"]
     assert rows["margin at the end [mJ]"] == ["70", "-"]
     assert rows["reservoir, min [mJ]"] == ["1.2", "-"]
     assert rows["sent [mJ]"] == ["1123", "-"]
     assert rows["credited [mJ]"] == ["5e-06", "-"]
-    assert rows["slack, least [mJ]"] == ["0", "0"]
+    assert rows["slack, min [mJ]"] == ["0", "0"]
     assert rows["deficit, largest [mJ]"] == ["0", "-"]
-    assert rows["true slack, least [mJ]"] == ["3", "-"]
+    assert rows["true slack, min [mJ]"] == ["3", "-"]
     assert "quantisation [mJ]" not in rows
     assert rows["servo late p99 [µs]"] == ["61.2", "-"]
     assert rows["step mean [ms]"] == ["-", "30"]

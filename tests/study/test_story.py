@@ -33,7 +33,7 @@ def test_the_best_of_those_that_were_passive_is_named_and_those_that_were_not() 
     }  # fmt: skip
     assert story(PLAN, outcomes(reported)).splitlines() == [
         "not passive in all cases: zoh (4g)",
-        "of the others pspm has the least force error: 0.5 to 0.7 % (a link's median)",
+        "of the others pspm has the smallest force error: 0.5 to 0.7 % (a link's median)",
     ]
 
 
@@ -41,7 +41,7 @@ def test_where_all_were_passive_it_says_so() -> None:
     reported = {("pspm", "lan"): (0.5, 0.1), ("pspm", "4g"): (0.5, 0.1)}
     assert story(PLAN, outcomes(reported)).splitlines() == [
         "every coupling was passive in all cases",
-        "pspm has the least force error: 0.5 % (a link's median)",
+        "pspm has the smallest force error: 0.5 % (a link's median)",
     ]
 
 
