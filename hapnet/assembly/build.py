@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
@@ -13,13 +12,13 @@ import numpy as np
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
-from hapnet.assembly.own_parts import named_failures, require_parts
+from hapnet.assembly.own_parts import named_failures, named_section, require_parts
 from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import check_units
 from hapnet.assembly.user_device import UserDevice, servo_rate
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
-from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
+from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
@@ -84,6 +83,8 @@ class Setup:
     warnings: tuple[str, ...] = field(default=())
     hand: Operator | None = None
     """The simulated hand, instead of the one that the parameters name."""
+    ends: Ends = field(default_factory=Ends)
+    """Makes the coupling's ends faster."""
 
     @property
     def dof(self) -> int:
@@ -220,12 +221,12 @@ def device_side(
     drive = dataclasses.replace(_drive(setup, clock, write), write_motion=write_motion)
     if setup.servo == "continuous":
         make = _continuous(setup)
-        with _named("device"):
+        with named_section("device"):
             make(simulated.position, 0.0, False)  # so that an error shows now and not at pairing
         side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, drive)
     else:
         hold = _held(setup)
-        with _named("device"):
+        with named_section("device"):
             hold(simulated.position, False)
         side = SampledDeviceSide(endpoint, simulated, hold, drive)
     if isinstance(hand, LiveHand):
@@ -262,7 +263,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
         for warning in held_torque.check(own, setup.harvest, setup.dof):
             write(Event(clock(), "warning", warning, "warning"))
     hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
-    with _named("device"):
+    with named_section("device"):
         hold((0.0,) * setup.dof, False)
     drive = _drive(setup, clock, write)
     if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
@@ -274,7 +275,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
 def virtual_mass(setup: Setup) -> Mass:
     """The virtual mass at the scene's start, among its contacts. Raises InvalidParameter."""
     world, scene = setup.params.world, setup.scene
-    with _named("world"):
+    with named_section("world"):
         mass: Mass | None = scene.proxy(world.mass, world.damping, world.stiffness)
         if mass is None:
             mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, scene.start)
@@ -289,7 +290,8 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     mass = virtual_mass(setup)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
-        return _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
+        end = _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
+        return setup.ends.steps(end, mass, setup.scene.contacts)
 
     make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
@@ -328,7 +330,8 @@ def _held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
     device = setup.params.device
 
     def make(position: Vector, empty: bool = False) -> DeviceCoupling:
-        return _end(setup, setup.coupling.device, DeviceCoupling, _start(setup, device, position, empty))
+        start = _start(setup, device, position, empty)
+        return setup.ends.servo(_end(setup, setup.coupling.device, DeviceCoupling, start))
 
     return make
 
@@ -388,14 +391,3 @@ def _scene(params: Params) -> tuple[World, list[str]]:
         if entry:
             raise InvalidParameter(f"{name}, {entry}", error.value, error.allowed) from error
         raise InvalidParameter(name, params.get(name), error.allowed) from error
-
-
-@contextmanager
-def _named(section: str) -> Iterator[None]:
-    """Name the section in a part's error: a part knows only its parameter's own name."""
-    try:
-        yield
-    except InvalidParameter as error:
-        if error.name not in ("mass", "damping", "stiffness"):
-            raise
-        raise InvalidParameter(f"{section}.{error.name}", error.value, error.allowed) from error

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
 
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.laws import GROUP as LAWS
 from hapnet.loading import LENT, cause, published
 from hapnet.params import Params
@@ -77,3 +77,14 @@ def _modules(trace: TracebackType | None) -> Iterator[str]:
     while trace is not None:
         yield str(trace.tb_frame.f_globals.get("__name__"))
         trace = trace.tb_next
+
+
+@contextmanager
+def named_section(section: str) -> Iterator[None]:
+    """Name the section in a part's error: a part knows only its parameter's own name."""
+    try:
+        yield
+    except InvalidParameter as error:
+        if error.name not in ("mass", "damping", "stiffness"):
+            raise
+        raise InvalidParameter(f"{section}.{error.name}", error.value, error.allowed) from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import cycle
 
 import numpy as np
@@ -13,6 +14,7 @@ from hapnet.bench.endpoints import pair
 from hapnet.bench.references import NumpyMidpoint, PenaltyWorld
 from hapnet.bench.row import Limit, Options, Row, row
 from hapnet.bench.traffic import KILOHERTZ
+from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
@@ -23,13 +25,14 @@ _WALL_M = 0.010
 
 
 class PressedWorld:
-    """A world whose mass is pressed into the wall; every step has a new set-position.
+    """A world whose mass is pressed into the wall; every step has a new set-position. It is compiled as in real time.
 
     own : parameters besides the scene. steps_s : minimum and maximum time between two steps [s].
     """
 
     def __init__(self, own: Mapping[str, object], steps_s: tuple[float, float]) -> None:
         setup = prepare(Params().set({"scene": "wall", "world.wall.position_m": _WALL_M, **own}), "sampled")
+        setup = replace(setup, ends=real_time.ends())
         self._target = _TARGET[: setup.dof]
         self._device = DeviceEndpoint(device_session(setup, 1))
         self._world = WorldEndpoint(world_session(setup, 2))

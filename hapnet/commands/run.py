@@ -56,6 +56,7 @@ def run(
     from hapnet.commands.pair import Pair
     from hapnet.commands.repeats import Repeats
     from hapnet.commands.side import exit_code, held_back
+    from hapnet.kernel import real_time
     from hapnet.summary.structure import SIDES
 
     setup = prepare(chosen, "sampled")
@@ -97,6 +98,8 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
+            for end in real_time.missing(setup.coupling, (real_time.SERVO, real_time.WORLD)):
+                real_time.make_ready(end)
             reads = chosen.hardware != "simulated" and terminal.is_ours()
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)
             with terminal.left_as_it_was():

@@ -21,6 +21,7 @@ from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter
 from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop
@@ -98,6 +99,9 @@ def _main(
     log = Log(role, words, log_to, progress=given.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
+    for end in real_time.missing(setup.coupling, (real_time.SERVO if role == "device" else real_time.WORLD,)):
+        log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
+        real_time.make_ready(end)
     written, started_by_run = output.Written(), PARENT in os.environ
     page = os.environ.pop(PAGE, None)
     caught: list[signal.Signals] = []

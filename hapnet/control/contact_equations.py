@@ -102,6 +102,15 @@ def take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
 
 
 @equation
+def go_on(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+    """The rest of a step among flat planes, once what came is known: y."""
+    take_lead(model, n, dt, x)
+    forget_forces(model, model.count)
+    rest(model, model.planes, model.count, n, x)
+    answer(model, n, dt, x, y)
+
+
+@equation
 def answer(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
     """y, for the place where the proxy rests."""
     model.freedom = model.freedom + dt / (model.fade_s + dt) * ((0.0 if model.touches else 1.0) - model.freedom)

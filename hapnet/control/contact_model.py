@@ -170,6 +170,16 @@ class ContactModel(ContactState):
         """The answer that the next step takes, when it was sent, and how old it is [s]; None: nothing came."""
         return self._pending
 
+    @property
+    def goes_on(self) -> bool:
+        """Is the next step `begin` and `go_on` of its record: has nothing come, and are all planes flat and smooth?"""
+        return self._pending is None and self._reports and not self._bends and not self._rubbing.rubs
+
+    def went_on(self, dt: float, x: Vector) -> None:
+        """Such a step was made, on the record."""
+        self._self_motion.observe(dt, x)
+        self._rubbing.place = tuple(self.s)
+
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
         if not isinstance(sample, Proxy):
@@ -205,7 +215,7 @@ class ContactModel(ContactState):
         if self._rubbing.rubs and not news:
             slip = tuple([a - b - (c - d) for a, b, c, d in zip(s, before, x, self.made_x, strict=True)])
             if math.hypot(*slip) > SLIP_M:  # it has slipped off something round
-                self.fading[:] = map(sub, self.fading, slip)
+                self.fading[:] = list(map(sub, self.fading, slip))
         if not self.added.velocity.known:
             self.added.velocity.reset_at(x)
         answer(self, n, dt, x, y)
@@ -228,7 +238,7 @@ class ContactModel(ContactState):
             self._rubbing.reported(self.planes, reported.position if reported.force != self._still else None)
         after = self._model(x)
         if after != before:
-            self.fading[:] = map(add, self.fading, map(sub, before, after))
+            self.fading[:] = list(map(add, self.fading, map(sub, before, after)))
 
     def _remembered(self, planes: Sequence[ContactPlane], reported: Proxy) -> list[ContactPlane]:
         """The earlier planes that this answer neither has nor denies; with its own as many as one answer may have."""

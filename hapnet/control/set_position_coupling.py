@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control import pspm, smoothing, zoh
-from hapnet.control.coupling import CouplingSample, Update, level_of, vector_of
+from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.pspm import Modulation, SetPositionModulator
@@ -376,17 +376,21 @@ class SetPositionSteps:
 
     def __init__(self, coupling: SetPositionCoupling, reporter: Teller | None = None) -> None:
         self.coupling = coupling
-        self._reporter = reporter
+        self.reporter = reporter
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
         done = mass.step(dt, self.coupling.set_position, contacts)
-        if self._reporter is not None:
-            self._reporter.moved(done, contacts)
+        if self.reporter is not None:
+            self.reporter.moved(done, contacts)
         return done
+
+    def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
+        """`control.coupling.counted`."""
+        return counted(self, dt, x, kinetic, work, dissipated)
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
         """Run PSPM at the start of a step. The sample for the device is x, with what is known of the place."""
-        reporter = self._reporter
+        reporter = self.reporter
         if reporter is not None:
             reporter.look(dt, x)
         sent = self.coupling.update(dt, x, dissipated).sent

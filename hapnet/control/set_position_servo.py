@@ -104,7 +104,7 @@ class SampledServo(Record):
         self.n = n = len(position)
         self.due = period - TICK_SLACK_S
         self.sender = Sender(sending)
-        self._model = model
+        self.model = model
         self.harvest = harvest
         self.ranged = int(harvest == "range")
         self.resolution, self.rounding = resolution, rounding(resolution, n)
@@ -160,7 +160,7 @@ class SampledServo(Record):
         x = tuple(self.position)
         spring = self.coupling.spring.force(self.coupling.set_position, x)
         damper = tuple([-b * v for b, v in zip(self.damping, self.velocity, strict=True)])
-        return parts_of(self.coupling, self._model, x, spring, damper)
+        return parts_of(self.coupling, self.model, x, spring, damper)
 
     def figures(self) -> dict[str, Any]:
         """What is known about the zero-order hold, by the summary's keys; empty if `holding` is unknown."""
@@ -220,6 +220,10 @@ class SampledServo(Record):
         """As `DeviceCoupling.skippable_ticks`: PSPM does not run in these ticks."""
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
+    def is_late(self, dt: float) -> bool:
+        """Is this tick late, `dt` seconds after the last, or was one lately? Then it counts what that costs."""
+        return dt > self._max_hold or self._hold_time.expected > self._max_hold or self._followed is not None
+
     def follow(self, dt: float, x: Vector) -> None:
         """The device has come to x [m] in further `dt` seconds, under the force that is held, while the servo is late.
 
@@ -269,6 +273,16 @@ def move(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals
         for i in range(n):
             servo.low[i], servo.high[i] = min(servo.low[i], x[i]), max(servo.high[i], x[i])
     ledgers.observe(coupling.ledger, potential(coupling, x), account(servo, coupling))
+
+
+@equation
+def hold_on(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> bool:
+    """A tick of a servo that is in time begins, `dt` seconds after the last: does PSPM run in it?"""
+    if servo.resolution != 0.0:
+        blur(servo, coupling)
+    move(servo, coupling, dt, x)
+    servo.elapsed += dt
+    return coupling.has_sample != 0 or servo.elapsed >= servo.due
 
 
 @equation

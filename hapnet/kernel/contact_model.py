@@ -34,9 +34,7 @@ def step(model: ContactState, reported: Answer, n: int, dt: float, x: Floats, y:
     equations.begin(model, n, dt, x)
     if reported.pending:
         _take(model, reported, n, x)
-    equations.take_lead(model, n, dt, x)
-    _rest(model, n, x)
-    equations.answer(model, n, dt, x, y)
+    equations.go_on(model, n, dt, x, y)
 
 
 @equation

@@ -94,8 +94,7 @@ def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Messa
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
     pull = drag(law, dt)
-    if mass.factored_dt != dt or mass.factored_drag != pull:
-        integrator.factor(mass, dt, pull)
+    integrator.factored(mass, dt, pull)
     integrator.carry_on(mass, dt)
     for i in range(n):
         mass.c[i] += law.push[i]

@@ -137,13 +137,9 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
     devices.read(device)
     _take(side, wire, now_ns)
     x, v = device.read_position, device.read_velocity
-    if servo.resolution != 0.0:
-        servos.blur(servo, coupling)
-    servos.move(servo, coupling, dt, x)
-    servo.elapsed += dt
     servo.sender.sends = 0
     coupling.shuffled = 0.0
-    if coupling.has_sample or servo.elapsed >= servo.due:
+    if servos.hold_on(servo, coupling, dt, x):
         _choose(side, servo.elapsed, x)
         servos.update_held(servo, coupling, x)
     servos.render(servo, coupling, x, v)
@@ -276,7 +272,8 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
     mass, coupling, ledger, n = side.mass, side.coupling, side.coupling.ledger, side.mass.n
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
-    _move(mass, side.contacts, dt, coupling.modulator.ybar)
+    integrator.factored(mass, dt, integrator.OWN)
+    move_among(mass, side.contacts, dt, coupling.modulator.ybar)
     _receive(side, wire, now_ns)
     ledgers.put_in(ledger, mass.work)
     kinetic = integrator.kinetic(mass)
@@ -288,7 +285,7 @@ def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Mess
         if wire.endpoint.kind == PROXY:
             reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
             _say(side, min(_MOST_REACH_M, reach_m), dt, message)
-        _predict(side, dt, coupling.y)
+        predict_among(side.predicted, side.around, n, dt, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
     couplings.update(coupling, dt, mass.x, mass.dissipated, 0.0)
@@ -310,10 +307,8 @@ def count_step(counts: Counts, dt: float) -> None:
 
 
 @equation
-def _move(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
-    """`PassiveIntegrator.step`."""
-    if mass.factored_dt != dt or mass.factored_drag != integrator.OWN:
-        integrator.factor(mass, dt, integrator.OWN)
+def move_among(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
+    """`PassiveIntegrator.step`, which is `factored`."""
     integrator.drive(mass, dt, ybar)
     meet(mass, contacts, dt)
     integrator.finish(mass, dt)
@@ -335,9 +330,8 @@ def meet(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
 
 
 @equation
-def _predict(side: WorldSide, dt: float, y: Floats) -> None:
-    """`PredictedDevice.step`, among the planes that the world sends."""
-    predicted, around, n = side.predicted, side.around, side.mass.n
+def predict_among(predicted: PredictedDevice, around: Planes, n: int, dt: float, y: Floats) -> None:
+    """`PredictedDevice.step`, among these planes."""
     ahead = prediction.aim(predicted, n, dt)
     if predicted.stop_s != 0.0 and ahead != 0.0:
         for k in range(around.count):

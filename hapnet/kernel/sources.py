@@ -7,6 +7,7 @@ import os
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 
 _HERE = Path(__file__).parent
@@ -38,9 +39,11 @@ def digest() -> str:
     return found.hexdigest()
 
 
-def is_switched_off() -> bool:
-    """Does numba's own switch say that nothing is to be compiled?"""
-    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+def no_compiler() -> str | None:
+    """Why nothing can be compiled here; None: it can."""
+    if find_spec("numba") is None:
+        return "numba is not installed (extra fast)"
+    return "NUMBA_DISABLE_JIT is set" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else None
 
 
 def are_compiled(kind: str) -> bool:

@@ -294,6 +294,12 @@ def factor(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
 
 
 @equation
+def factored(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
+    """`factor`, unless it was for this step that A was factored last."""
+    return (mass.factored_dt == dt and mass.factored_drag == drag) or factor(mass, dt, drag)
+
+
+@equation
 def solve(mass: PassiveIntegrator, b: Reals, z: Floats) -> None:
     """A^-1 b into z, by substitution: the residual stays at rounding, however badly conditioned A is."""
     n, L, pivots = mass.n, mass.L, mass.inverse_pivots

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, world_session
+from hapnet.kernel import real_time
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_process import ServoProcess
@@ -31,5 +32,7 @@ def control_of(
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
     session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():
+        for end in real_time.missing(setup.coupling, (real_time.SERVO,)):
+            real_time.make_ready(end)  # the servo's process only loads it
         return ServoProcess(setup, session, callbacks)
     return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from hapnet.assembly.build import Setup, device_side, world_side
 from hapnet.assembly.user_device import is_blocking
 from hapnet.checks import Vector
+from hapnet.kernel.real_time import ends
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
 from hapnet.recording.samples import Event, Sample
@@ -81,7 +82,7 @@ class ThreadedDevice:
     ) -> None:
         endpoint = DeviceEndpoint(session)
         self.wire: WireHalf = endpoint
-        self.side: DeviceSide = device_side(setup, endpoint, clock, callbacks.write)
+        self.side: DeviceSide = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
         self._coupling = setup.params.coupling
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
         self._clock = clock
@@ -149,7 +150,7 @@ class ThreadedWorld:
     ) -> None:
         endpoint = WorldEndpoint(session)
         self.wire: WireHalf = endpoint
-        self.side: WorldSide = world_side(setup, endpoint, rng, callbacks.write)
+        self.side: WorldSide = world_side(replace(setup, ends=ends()), endpoint, rng, callbacks.write)
         self._coupling = setup.params.coupling
         self._send, self._wake = callbacks.send, callbacks.wake
         self._stepper = Stepper(self._step, callbacks.fail, clock)

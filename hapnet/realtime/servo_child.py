@@ -13,12 +13,14 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from hapnet.assembly.build import device_side, prepare
 from hapnet.assembly.own_parts import named_failure
 from hapnet.assembly.user_device import is_blocking
 from hapnet.errors import HapnetError
+from hapnet.kernel.real_time import ends
 from hapnet.params import Params
 from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.parent_watch import ParentWatch
@@ -44,7 +46,7 @@ class ServoChild:
         params = Params().set(setup["params"])
         self._pipe = pipe
         self._params, self._coupling = params, params.coupling
-        prepared = prepare(params, "sampled")
+        prepared = replace(prepare(params, "sampled"), ends=ends())
         waiting = backlog(prepared.coupling.sends("world", params))
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
         self.side: DeviceSide = device_side(prepared, self._control, time.monotonic_ns, self._write)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from functools import partial
 from typing import Protocol
 
 from hapnet.checks import Vector
@@ -25,8 +26,10 @@ from hapnet.control.coupling import (
     Update,
     Wave,
     WorldCoupling,
+    counted,
 )
 from hapnet.control.deadband import Deadband
+from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.mechanics.plane import Plane
 from hapnet.side.content import NANO as NANO
 from hapnet.side.content import sample_of
@@ -369,7 +372,7 @@ class WorldControl(ControlHalf):
 
     def start(self, coupling: WorldCoupling) -> None:
         """Begin to step: the coupling is at rest at the virtual mass's position."""
-        self._world = coupling
+        self._counted = coupling.counted if isinstance(coupling, SetPositionSteps) else partial(counted, coupling)
         self._coupling = coupling.coupling
 
     def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
@@ -381,18 +384,12 @@ class WorldControl(ControlHalf):
         x, kinetic : position x_k [m] and kinetic energy kappa_k [J] of the virtual mass.
         work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.
         dissipated : D_{k-1} = |vhat|_B'^2 T of the step that has ended [J]. An engine's step measures it, and it may be
-            negative: then it is charged before the ledger is checked.
+            negative.
 
-        Returns the position message to send, unless it is held back. The ledger is checked before the law (steps to k-1
-        with ybar_{k-1}) and after it (with ybar_k): both pairings of Theorem 1.
+        Returns the position message to send, unless it is held back.
         """
-        coupling = self.take(now_ns)
-        ledger = coupling.ledger
-        ledger.put_in(work)
-        ledger.observe(kinetic + coupling.potential(x), coupling.account + min(0.0, dissipated))
-        update = self._world.update(dt, x, dissipated)
-        ledger.observe(kinetic + coupling.potential(x), coupling.account)
-        return self._send(now_ns, update)
+        self.take(now_ns)
+        return self._send(now_ns, self._counted(dt, x, kinetic, work, dissipated))
 
 
 class DeviceEndpoint(WireHalf, DeviceControl):

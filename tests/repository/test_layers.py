@@ -51,13 +51,13 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "metrics": BELOW_ASSEMBLY | {"summary"},
     "transport": {"records", "wire"},
     "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "reports", "processes"},  # a result draws itself
-    "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "transport", "processes"},
+    "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "transport", "processes"},  # its ends are compiled
     "reports": BELOW_ASSEMBLY | {"assembly", "summary"},
     "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "reports", "processes"},
     "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
     "view": BELOW_ASSEMBLY | {"summary", "reports", "transport"},  # it subscribes to telemetry
     "bench": BELOW_ASSEMBLY
-    | {"assembly", "summary", "simulation", "transport", "realtime", "view", "study", "reports", "processes"},
+    | {"assembly", "summary", "simulation", "kernel", "transport", "realtime", "view", "study", "reports", "processes"},
 }
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",

@@ -231,6 +231,7 @@ class Contacts(Record, Surroundings):
         self.separate: bool = True
         """Are all axes independent, for the A that `require_separate` has seen?"""
         self._units = [tuple([float(i == j) for j in range(self.dof)]) for i in range(self.dof)]
+        self._planes = [Plane(wall.normal, wall.offset, wall.stiffness, wall.damping) for wall in self.walls]
         self.axes = self._axes()
         self.lines, self.faces = len(self.axes), len(self.walls)
         self.normals = [list(wall.normal) for wall in self.walls]
@@ -276,8 +277,7 @@ class Contacts(Record, Surroundings):
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The walls at `position` (n,) [m], or within `reach_m` [m] of it: at most four, the deepest first."""
-        near = [self.walls[k] for k in self.near[: self.nearest(position, reach_m)]]
-        return tuple([Plane(wall.normal, wall.offset, wall.stiffness, wall.damping) for wall in near])
+        return tuple([self._planes[k] for k in self.near[: self.nearest(position, reach_m)]])
 
     @equation
     def nearest(self, position: Reals, reach_m: float) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from importlib.util import find_spec
 
 from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
+from hapnet.kernel.sources import no_compiler
 from hapnet.params import Params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
@@ -86,13 +86,6 @@ def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None
     if why is not None or kind is None:
         return why
     return unavailable(setup, kind) if kernel is None else no_compiler()
-
-
-def no_compiler() -> str | None:
-    """Why nothing can be compiled here; None: it can."""
-    if find_spec("numba") is None:
-        return "numba is not installed (extra fast)"
-    return "NUMBA_DISABLE_JIT is set" if sources.is_switched_off() else None
 
 
 def why_not(setup: Setup) -> str | None:

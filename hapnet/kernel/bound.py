@@ -1,0 +1,128 @@
+"""Records of plain Python whose fields lie in compiled memory: Python and compiled code work on the same ones.
+
+So nothing is copied when a servo's tick is compiled and the rest of its side is not. A bound record is read and written
+as before, at twice the time: its class gets a property for each field.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from operator import attrgetter
+from types import SimpleNamespace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.kernel.memory import layout
+from hapnet.records.record import Record, element, fields
+
+R = TypeVar("R", bound=Record)
+
+_SCALARS: dict[type, Any] = {float: ctypes.c_double, int: ctypes.c_int64}
+
+
+def memory(kind: Any) -> tuple[NDArray[Any], Any]:
+    """A record of this kind, all zero: as an array of one, which a compiled function takes, and its place, where the
+    fields are read and written."""
+    array: Any = np.zeros(1, layout(kind))
+    place: Any = _structure(kind).from_buffer(array)  # it has the record's names
+    return array, place
+
+
+def copy(place: R, record: R) -> None:
+    """Copy a record, and all that is in it, to its place."""
+    for name, (of, shape) in _fields(type(record)).items():
+        _write(place, name, of, shape, getattr(record, name))
+
+
+def bind(place: R, record: R, as_kind: type[Record] | None = None, *, copied: tuple[type[Record], ...] = ()) -> None:
+    """Move a record, and the records in it, to their place; all who know it see it there.
+
+    as_kind : the class that it gets, one that adds methods to its own; None: it keeps its own.
+    copied : records of these classes are only copied. Nobody writes into them, but several sides share them.
+    """
+    views = SimpleNamespace()
+    for name, (of, shape) in _fields(type(record)).items():
+        value = getattr(record, name)
+        setattr(views, name, _view(place, name, of, shape, value))
+        if isinstance(value, Record) and not isinstance(value, copied):
+            bind(getattr(place, name), value, copied=copied)
+        else:
+            _write(place, name, of, shape, value)
+    for name in _fields(type(record)):
+        vars(record).pop(name, None)
+    vars(record).update(bound_at=place, bound_views=views)
+    kind: Any = as_kind or type(record)
+    record.__class__ = _bound(kind)
+
+
+def _fields(kind: Any) -> dict[str, tuple[Any, tuple[int, ...]]]:
+    return {name: element(type_) for name, type_ in fields(kind).items()}
+
+
+@cache
+def _structure(kind: Any) -> type[ctypes.Structure]:
+    """The layout of a record, as `memory.layout` has it."""
+    described = []
+    for name, (of, shape) in _fields(kind).items():
+        one: Any = _structure(of) if issubclass(of, Record) else _SCALARS[of]
+        for length in reversed(shape):
+            one = one * length
+        described.append((name, one))
+    made = type(kind.__name__, (ctypes.Structure,), {"_fields_": described})
+    assert ctypes.sizeof(made) == layout(kind).itemsize, kind
+    return made
+
+
+@cache
+def _bound(kind: Any) -> Any:
+    """The class of bound records of this kind; it may be such a class already."""
+    if any("bound_at" in vars(one) for one in kind.__mro__):
+        return kind
+    return type(kind.__name__, (kind,), {"bound_at": None, **_properties(kind)})
+
+
+def _properties(kind: type[Record]) -> dict[str, property]:
+    return {name: _property(name, *of) for name, of in _fields(kind).items()}
+
+
+def _property(name: str, of: type, shape: tuple[int, ...]) -> property:
+    if not shape and not issubclass(of, Record):
+        return property(attrgetter(f"bound_at.{name}"), lambda record, value: setattr(record.bound_at, name, value))
+
+    def write(record: Any, value: Any) -> None:
+        assert shape, f"{name} is a record, which stays in its place"
+        setattr(record.bound_views, name, _view(record.bound_at, name, of, shape, value))
+        _write(record.bound_at, name, of, shape, value)
+
+    return property(attrgetter(f"bound_views.{name}"), write)
+
+
+def _view(place: Any, name: str, of: type, shape: tuple[int, ...], value: Any) -> Any:
+    """What a bound record has for a vector, as long as `value`; records in a vector are Python's own."""
+    if issubclass(of, Record) or not shape:
+        return value
+    whole = getattr(place, name)
+    if len(shape) == 1:
+        return (_SCALARS[of] * len(value)).from_buffer(whole)
+    return [(_SCALARS[of] * len(row)).from_buffer(one) for one, row in zip(whole, value, strict=False)]
+
+
+def _write(place: Any, name: str, of: type, shape: tuple[int, ...], value: Any) -> None:
+    """Copy a field to its place; of a vector as many elements as it has."""
+    if not shape:
+        if issubclass(of, Record):
+            copy(getattr(place, name), value)
+        else:
+            setattr(place, name, value)
+        return
+    whole = getattr(place, name)
+    for at, one in enumerate(value):
+        if issubclass(of, Record):
+            copy(whole[at], one)
+        elif len(shape) == 1:
+            whole[at] = one
+        else:
+            whole[at][: len(one)] = one

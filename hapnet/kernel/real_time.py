@@ -1,0 +1,114 @@
+"""The compiled ends of a side in real time: which there are, and how a side gets them when control starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+from hapnet.control.contact_model import ContactModel
+from hapnet.control.coupling import DeviceCoupling, Ends, WorldCoupling
+from hapnet.control.prediction import PredictedDevice
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_servo import SampledServo
+from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
+from hapnet.control.zoh import ZeroOrderHold
+from hapnet.couplings.spec import CouplingSpec
+from hapnet.kernel import bound, progress, servo_end, sources, world_end
+from hapnet.kernel.servo_end import CompiledServo, ServoEnd
+from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
+from hapnet.mechanics.contacts import Mass, Surroundings
+from hapnet.mechanics.spring import Spring
+from hapnet.plant.integrator import PassiveIntegrator, kinetic
+from hapnet.plant.worlds.walls import MOST, Contacts
+from hapnet.records.record import AXES
+
+SERVO, WORLD = "servo", "world"
+"""The ends."""
+
+_STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [VelocityPredictor, SmoothingFilter])
+
+
+@cache
+def make_ready(name: str) -> Any:
+    """The compiled function of an end, `SERVO` or `WORLD`; loads or makes the machine code, once in a process."""
+    module, kind = (servo_end, ServoEnd) if name == SERVO else (world_end, WorldEnd)
+    from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
+
+    run: Any = entry(module.entry_of(f"{sources.digest()} {name}"), str(sources.directory()), {})
+    array, _ = bound.memory(kind)
+    with as_one_unit(), reporting(progress.reported.get()):
+        run(array)  # of no axes
+    run.disable_compile()  # what has other arguments is an error, not half a minute without a tick
+    sources.mark(name)
+    return run
+
+
+def missing(spec: CouplingSpec[Any], wanted: Iterable[str]) -> list[str]:
+    """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet."""
+    if spec.compiled is None or sources.no_compiler() is not None:
+        return []
+    laws = dict(zip((SERVO, WORLD), spec.compiled, strict=True))
+    return [end for end in wanted if laws[end] is None and not sources.are_compiled(end)]
+
+
+def ends() -> Ends:
+    """What makes compiled ends; where nothing can be compiled, it leaves them as they are."""
+    return CompiledEnds() if sources.no_compiler() is None else Ends()
+
+
+class CompiledEnds(Ends):
+    """Makes ends of set-positions into compiled ones; those of other laws stay Python's."""
+
+    def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
+        """The same servo, whose ticks are compiled from now on, if that is possible."""
+        if type(servo) is not SampledServo or servo.n > AXES or not _is_covered(servo.coupling):
+            return servo
+        model = servo.coupling.source
+        if model is not servo.model or type(model) not in (ContactModel, type(None)):
+            return servo
+        array, end = bound.memory(ServoEnd)
+        bound.bind(end.coupling, servo.coupling, copied=(Spring,))
+        if servo.model is not None:
+            bound.bind(end.model, servo.model)
+        bound.bind(end.servo, servo, CompiledServo)
+        compiled: Any = servo
+        assert isinstance(compiled, CompiledServo)
+        compiled.runs(array, end, make_ready(SERVO))
+        return servo
+
+    def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
+        """The same end, whose steps are compiled, if that is possible; those of the mass too, if it is among walls."""
+        if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling):
+            return steps
+        source, n = steps.coupling.source, len(steps.coupling.y)
+        if n > AXES or not (source is None or type(source) is PredictedDevice):
+            return steps
+        array, end = bound.memory(WorldEnd)
+        run, end.n = make_ready(WORLD), n
+        coupling: Any = steps.coupling
+        bound.bind(end.coupling, coupling, CompiledCoupling, copied=(Spring,))
+        coupling.runs(array, end, run)
+        if source is not None:
+            source.predictor.make_room(n)
+            bound.bind(end.predicted, source)
+        made = CompiledSteps(coupling, steps.reporter, array, end, run)
+        if (type(mass) is PassiveIntegrator or isinstance(mass, CompiledMass)) and _are_walls(contacts):
+            end.kinetic = kinetic(mass)
+            assert isinstance(contacts, Contacts)
+            bound.copy(end.contacts, contacts)
+            bound.bind(end.mass, mass, CompiledMass)
+            assert isinstance(mass, CompiledMass)
+            mass.belongs(end)
+            made.mass, made.contacts = mass, contacts
+        return made
+
+
+def _is_covered(coupling: SetPositionCoupling) -> bool:
+    stages = [type(stage) for stage in coupling.stages.stages]
+    return type(coupling.modulator) in (SetPositionModulator, ZeroOrderHold) and stages in _STAGES
+
+
+def _are_walls(contacts: Surroundings) -> bool:
+    return type(contacts) is Contacts and contacts.separate and len(contacts.walls) <= MOST

@@ -1,0 +1,176 @@
+"""A step of the virtual mass, and of the world's end of a coupling, as compiled calls for real time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import inf
+from typing import Any
+
+from hapnet.checks import Vector
+from hapnet.control import ledger as ledgers
+from hapnet.control import prediction
+from hapnet.control import set_position_coupling as couplings
+from hapnet.control.coupling import CouplingSample, Update, level_of, vector_of
+from hapnet.control.prediction import PredictedDevice
+from hapnet.control.reporter import Teller
+from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
+from hapnet.kernel.sides import Planes, move_among, predict_among
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.plant import integrator
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.walls import Contacts
+from hapnet.records.equation import equation
+from hapnet.records.record import OfAxes, Record
+from hapnet.records.vectors import copy
+
+RECEIVE, MOVE, UPDATE = range(3)
+"""What is to be done."""
+
+
+class WorldEnd(Record):
+    """The world's end of a coupling of set-positions, with the virtual mass among walls, and the arguments of a call.
+
+    around : what stops the prediction. doing : `RECEIVE`, `MOVE` or `UPDATE`. x, kinetic, work, dissipated : of the
+    update, as in `WorldControl.step`; of the sample that came x, `sent_s`, `age_s` and `level`, below 0: none.
+    """
+
+    mass: PassiveIntegrator
+    contacts: Contacts
+    coupling: SetPositionCoupling
+    predicted: PredictedDevice
+    around: Planes
+    doing: int
+    n: int
+    dt: float
+    x: OfAxes
+    kinetic: float
+    work: float
+    dissipated: float
+    sent_s: float
+    age_s: float
+    level: float
+
+
+@equation
+def run_end(end: WorldEnd) -> bool:
+    """Do it. False: a step cannot be made, and nothing has changed."""
+    if end.doing == RECEIVE:
+        couplings.receive(end.coupling, end.n, end.x, end.sent_s)
+        if end.coupling.shares:
+            end.coupling.peer_level = end.level
+        if end.predicted.in_use:
+            prediction.receive(end.predicted, end.n, end.x, end.sent_s, end.age_s)
+    elif end.doing == UPDATE:
+        _update(end)
+    else:
+        total = 0.0
+        for i in range(end.n):
+            total += end.coupling.modulator.ybar[i]
+        if not abs(total) < inf or not integrator.factored(end.mass, end.dt, integrator.OWN):
+            return False
+        move_among(end.mass, end.contacts, end.dt, end.coupling.modulator.ybar)
+        end.kinetic = integrator.kinetic(end.mass)
+    return True
+
+
+@equation
+def _update(end: WorldEnd) -> None:
+    """`SetPositionSteps.counted`, once what is around is known."""
+    coupling, ledger, x = end.coupling, end.coupling.ledger, end.x
+    ledgers.put_in(ledger, end.work)
+    stored = end.kinetic + couplings.potential(coupling, x)
+    ledgers.observe(ledger, stored, coupling.account + min(0.0, end.dissipated))
+    if end.predicted.in_use:
+        predict_among(end.predicted, end.around, end.n, end.dt, coupling.y)
+    else:
+        copy(end.n, coupling.received, coupling.y)
+    couplings.update(coupling, end.dt, x, end.dissipated, 0.0)
+    ledgers.observe(ledger, end.kinetic + couplings.potential(coupling, x), coupling.account)
+
+
+def entry_of(sources: str) -> Callable[[Sequence[WorldEnd]], bool]:
+    """The function that compiled code is entered by. sources : their digest."""
+
+    def run(ends: Sequence[WorldEnd]) -> bool:
+        """Do what the end asks for; False: it cannot be done."""
+        return run_end(ends[0]) if sources is not None else False
+
+    return run
+
+
+class CompiledCoupling(SetPositionCoupling):
+    """A `SetPositionCoupling`, with its prediction, that takes what comes by a compiled call."""
+
+    def runs(self, array: Any, end: Any, run: Any) -> None:
+        """array, end : the end's memory. run : the compiled function."""
+        self._array, self._end, self._run = array, end, run
+
+    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
+        end, level = self._end, level_of(sample)
+        end.x[: end.n], end.level = vector_of(sample), -1.0 if level is None else level
+        end.sent_s, end.age_s, end.doing = sent_s, age_s, RECEIVE
+        self._run(self._array)
+
+
+class CompiledMass(PassiveIntegrator):
+    """A virtual mass that compiled steps move."""
+
+    def belongs(self, end: Any) -> None:
+        """end : the place of its end."""
+        self._end = end
+
+    @property
+    def kinetic_J(self) -> float:
+        kinetic: float = self._end.kinetic
+        return kinetic
+
+    def ended(self) -> Step:
+        """The step that was made."""
+        tau, end = tuple(self.coupling_force[:]), tuple(self.x[:])
+        return Step(tuple(self.vhat[:]), tuple(self.force[:]), self.work, self.dissipated, tau, end, self.penetration)
+
+
+class CompiledSteps(SetPositionSteps):
+    """`SetPositionSteps` whose steps are compiled; those of `mass` too, as long as it is among `contacts`.
+
+    Parameters
+    ----------
+    coupling, reporter : as those of `SetPositionSteps`. array, end : the end's memory. run : the compiled function.
+    """
+
+    def __init__(self, coupling: CompiledCoupling, reporter: Teller | None, array: Any, end: Any, run: Any) -> None:
+        super().__init__(coupling, reporter)
+        self._array, self._end, self._run = array, end, run
+        ahead = coupling.source
+        self._ahead = ahead if isinstance(ahead, PredictedDevice) and ahead.stop_s else None
+        self.mass: CompiledMass | None = None
+        self.contacts: Surroundings | None = None
+
+    def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
+        if self.mass is None or mass is not self.mass or contacts is not self.contacts or not self._moves(dt):
+            return super().advance(mass, dt, contacts)
+        done = self.mass.ended()
+        if self.reporter is not None:
+            self.reporter.moved(done, contacts)
+        return done
+
+    def _moves(self, dt: float) -> bool:
+        self._end.dt, self._end.doing = dt, MOVE
+        return bool(self._run(self._array))
+
+    def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
+        end, reporter, ahead, n = self._end, self.reporter, self._ahead, len(x)
+        if reporter is not None:
+            reporter.look(dt, x)
+        if ahead is not None:
+            around = end.around
+            around.count = len(ahead.planes)
+            for k, plane in enumerate(ahead.planes):
+                around.normal[k][:n] = plane.normal
+                around.offset[k], around.velocity[k] = plane.offset_m, plane.velocity_mps
+        end.doing, end.dt, end.x[:n] = UPDATE, dt, x
+        end.kinetic, end.work, end.dissipated = kinetic, work, dissipated
+        self._run(self._array)
+        coupling = self.coupling
+        sample = x if reporter is None else reporter.proxy(x, coupling.level)
+        return Update(sample, coupling.shuffled)

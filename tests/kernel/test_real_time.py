@@ -1,0 +1,208 @@
+"""The compiled ends of real time beside those of plain Python, over the same input: the same bits, in every field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapnet.assembly.build import Setup, prepare, virtual_mass
+from hapnet.checks import Vector
+from hapnet.control.coupling import DeviceCoupling, Ends, Position, Proxy, WorldCoupling, counted
+from hapnet.control.set_position_coupling import SetPositionSteps
+from hapnet.couplings.spec import CouplingStart
+from hapnet.kernel import real_time
+from hapnet.kernel.servo_end import CompiledServo
+from hapnet.kernel.world_end import CompiledMass, CompiledSteps
+from hapnet.mechanics.curvature import Curvature
+from hapnet.mechanics.plane import Plane
+from hapnet.params import Params
+from hapnet.records.record import Record, element, fields
+
+TICKS = 1500
+DT = 1e-3
+
+
+def setup_of(changes: dict[str, Any]) -> Setup:
+    return prepare(Params().set({"scene": "wall", **changes}), "sampled")
+
+
+def start_of(setup: Setup, side: Any, position: Vector) -> CouplingStart[Any]:
+    return CouplingStart(setup.params, setup.tuning, position, side.ceiling_J, 0.0, setup.harvest)
+
+
+ROOM = {"spring", "offset", "wanted", "pull", "error", "c", "damper", "product"}
+"""Fields that only lend room to an equation, and the spring, which nobody writes into else."""
+
+
+def state(record: Any, n: int) -> Any:
+    """All fields of a record, those of the records in it too; of vectors the n numbers that are used."""
+    found = {}
+    for name, type_ in fields(type(record)).items():
+        if name in ROOM:
+            continue
+        of, shape = element(type_)
+        value = getattr(record, name)
+        if issubclass(of, Record):
+            found[name] = state(value, n) if not shape else [state(one, n) for one in value]
+        elif len(shape) == 2:
+            found[name] = [tuple(row)[:n] for row in value]
+        else:
+            found[name] = tuple(value)[: n if shape == (3,) else None] if shape else value
+    return found
+
+
+def planes(rng: np.random.Generator, n: int, kind: str) -> tuple[Plane, ...] | None:
+    if kind == "none":
+        return None
+    found = []
+    for _ in range(int(rng.integers(0, 3))):
+        normal = rng.standard_normal(n)
+        normal /= np.linalg.norm(normal)
+        bends = (Curvature(tuple(np.eye(n)[0].tolist()), 20.0),) if kind == "bends" and n > 1 else ()
+        friction = 0.4 if kind == "rubs" else 0.0
+        offset, velocity = float(rng.uniform(-0.005, 0.01)), float(rng.choice([0.0, 0.02]))
+        found.append(Plane(tuple(normal.tolist()), offset, 2000.0, 5.0, velocity, bends, friction))
+    return tuple(found)
+
+
+def inputs(seed: int, n: int, kinds: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+    """What happens to a device's end: ticks, samples, energy, late ticks, releases, another peer."""
+    rng = np.random.default_rng(seed)
+    x, phase = np.zeros(n), rng.uniform(0.0, 6.0, n)
+    for k in range(TICKS):
+        before = x
+        x = 0.01 * np.sin(20.0 * DT * k + phase) - 0.01 * np.sin(phase)
+        if rng.uniform() < 0.1:
+            told = planes(rng, n, str(rng.choice(kinds)))
+            force = rng.normal(size=n) * float(rng.choice([0.0, 1.0]))
+            place = x + rng.normal(size=n) * 0.002
+            sample = Proxy(tuple(place.tolist()), k * DT, tuple(force.tolist()), told, 0.02, float(rng.uniform()))
+            yield "sample", (sample, k * DT - 0.02, 0.03)
+        if rng.uniform() < 0.05:
+            yield "credit", float(rng.uniform(0.0, 1e-4))
+        if k == 700:
+            yield "peer", None
+        dt = float(rng.choice([DT, DT, DT, 1.01 * DT])) if k % 400 != 399 else 0.04
+        yield "tick", (dt, tuple(x.tolist()), tuple(((x - before) / dt).tolist()), 900 < k < 905)
+
+
+def drive(servo: DeviceCoupling, happened: Iterator[tuple[str, Any]]) -> Iterator[Any]:
+    for what, value in happened:
+        if what == "sample":
+            servo.coupling.receive(*value)
+        elif what == "credit":
+            servo.coupling.credit(value)
+        elif what == "peer":
+            yield servo.coupling.on_peer_changed()
+        else:
+            dt, x, v, release = value
+            update = servo.tick(dt, x, v, release=release)
+            yield update, servo.force, servo.account, servo.coupling.potential(x), servo.parts
+
+
+CASES: dict[str, tuple[dict[str, Any], int, tuple[str, ...]]] = {
+    "one axis": ({}, 1, ("flat",)),
+    "three axes": ({"dof": 3}, 3, ("flat",)),
+    "whatever a world may send": ({"dof": 3}, 3, ("flat", "bends", "rubs", "none")),
+    "as in the paper": ({"rendering": "paper", "dof": 2}, 2, ("none",)),
+    "zoh, smoothed and predicted": (
+        {"coupling": "zoh", "dof": 2, "device.smoothing_s": 0.005, "device.predict_s": 0.01}, 2, ("flat",),
+    ),
+    "by range, with encoders": (
+        {"rendering": "paper", "device.harvest": "range", "device.resolution_m": 5e-5}, 1, ("none",),
+    ),
+    "encoders, limits and needed energy": (
+        {"dof": 3, "device.resolution_m": 5e-5, "device.force_limit_N": 1.0, "device.shuffle": "needed",
+         "device.on_silence": "release", "device.silence_after_s": 0.05}, 3, ("flat",),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_compiled_servo_gives_the_same_bits(case: str) -> None:
+    changes, n, kinds = CASES[case]
+    setup = setup_of(changes)
+    plain, fast = (
+        ends.servo(setup.coupling.device(start_of(setup, setup.params.device, (0.0,) * n)))
+        for ends in (Ends(), real_time.CompiledEnds())
+    )
+    assert isinstance(fast, CompiledServo)
+    assert not isinstance(plain, CompiledServo)
+    for one, other in zip(drive(plain, inputs(7, n, kinds)), drive(fast, inputs(7, n, kinds)), strict=True):
+        assert one == other
+    assert state(plain, n) == state(fast, n)
+    assert state(plain.coupling, n) == state(fast.coupling, n)
+    assert plain.figures() == fast.figures()
+
+
+def world_of(setup: Setup, ends: Ends) -> tuple[WorldCoupling, Any]:
+    mass = virtual_mass(setup)
+    made = setup.coupling.world(start_of(setup, setup.params.world, mass.position))
+    return ends.steps(made, mass, setup.scene.contacts), mass
+
+
+WORLDS: dict[str, dict[str, Any]] = {
+    "one axis": {},
+    "three axes in a box": {"scene": "box", "dof": 3},
+    "as in the paper": {"rendering": "paper", "scene": "box", "dof": 2},
+    "zoh": {"coupling": "zoh"},
+    "smoothed, predicted, released": {
+        "rendering": "paper", "dof": 2, "world.smoothing_s": 0.01, "world.predict_s": 0.02,
+        "world.on_silence": "release", "world.silence_after_s": 0.1, "world.step_limit_N": 0.5,
+    },
+    "with matrices": {"dof": 2, "world.shuffle": "needed"},
+    "a ball, whose contacts stay Python's": {"scene": "sphere"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WORLDS)
+def test_a_compiled_world_gives_the_same_bits(case: str) -> None:
+    setup = setup_of(WORLDS[case])
+    n = setup.dof
+    made = [world_of(setup, ends) for ends in (Ends(), real_time.CompiledEnds())]
+    assert [isinstance(steps, CompiledSteps) for steps, _ in made] == [False, True]
+    rng = np.random.default_rng(3)
+    sent_s = 0.0
+    for k in range(600):
+        dt = float(rng.uniform(0.001, 0.03))
+        x = tuple((0.02 * np.sin(0.05 * k + np.arange(n))).tolist())
+        sent_s += dt
+        sample = Position(x, 0.3) if k % 3 else x
+        energy = float(rng.uniform(0.0, 1e-4)) if k % 5 == 0 else 0.0
+        results = []
+        for steps, mass in made:
+            coupling = steps.coupling
+            if k % 7:
+                coupling.receive(sample, sent_s, 0.02)
+            if energy:
+                coupling.credit(energy)
+            if k == 300:
+                results.append(coupling.on_peer_changed())
+            done = steps.advance(mass, dt, setup.scene.contacts)
+            count = steps.counted if isinstance(steps, SetPositionSteps) else None
+            update = (count or (lambda *given, own=steps: counted(own, *given)))(
+                dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J
+            )
+            results.append((done, update, mass.velocity, mass.kinetic_J, coupling.set_position, coupling.account))
+        half = len(results) // 2
+        assert results[:half] == results[half:], k
+    (plain, mass), (fast, moved) = made
+    assert state(plain.coupling, n) == state(fast.coupling, n)
+    if isinstance(moved, CompiledMass):
+        assert state(mass, n) == state(moved, n)
+
+
+def test_an_end_that_is_not_covered_stays_as_it_is() -> None:
+    setup = setup_of({"coupling": "wave"})
+    servo = setup.coupling.device(start_of(setup, setup.params.device, (0.0,)))
+    assert real_time.CompiledEnds().servo(servo) is servo
+
+
+def test_nothing_is_compiled_while_a_servo_runs() -> None:
+    """Other arguments are an error, not seconds without a tick."""
+    run = real_time.make_ready(real_time.SERVO)
+    with pytest.raises(TypeError, match="No matching definition"):
+        run(1.0)
