@@ -260,7 +260,7 @@ def test_the_command_writes_what_it_measured(tmp_path: Path, capsys: pytest.Capt
     assert rows == json.loads((tmp_path / "o" / "bench.json").read_text("utf-8"))
     assert (tmp_path / "o" / "bench.png").stat().st_size > 10_000
     assert "1/2 device_tick" in err
-    assert "median ≤ 15" in err
+    assert "median ≤ 5 " in err
 
 
 def test_a_row_that_fails_costs_no_other(
