@@ -10,6 +10,7 @@ The public names, which stay stable:
 * `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
 * `simulate`, `simulate_batch`: both sides in virtual time, once (a `Result`) or many times. `read_recording`: what a
   run wrote, a `Recording`: numpy's arrays, or a table of pandas. An emulated link of your own is `netem.Link`.
+* `report`, `export`: that as a page and pictures (a `Report`), and as tables in files.
 * `compare`, `sweep`, `tune`: many runs measured alike, as the commands of these names make them. They give a
   `Comparison`, a `SweepResult` and a `Tuning`, whose `rows` are what pandas takes.
 * `connect_device`, `connect_world`: one side in real time, in your asyncio program. ``async with`` gives a
@@ -57,8 +58,10 @@ if TYPE_CHECKING:
     from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld, SetPosition
     from hapnet.realtime.runner import RealtimeSide
     from hapnet.realtime.side_events import SideEvent
+    from hapnet.recording.export import export
     from hapnet.recording.mcap import read_recording
     from hapnet.recording.samples import Recording
+    from hapnet.reports.report import Report, report
     from hapnet.side.notices import Notice
     from hapnet.simulation.batch import simulate_batch
     from hapnet.simulation.result import Result
@@ -89,6 +92,7 @@ _HOMES = {
     "Plane": "hapnet.mechanics.plane",
     "RealtimeSide": "hapnet.realtime.runner",
     "Recording": "hapnet.recording.samples",
+    "Report": "hapnet.reports.report",
     "Result": "hapnet.simulation.result",
     "Scene": "hapnet.plant.worlds.scene",
     "SetPosition": "hapnet.realtime.connected",
@@ -104,10 +108,12 @@ _HOMES = {
     "compare": "hapnet.study.comparison",
     "connect_device": "hapnet.realtime.connect",
     "connect_world": "hapnet.realtime.connect",
+    "export": "hapnet.recording.export",
     "held_law": "hapnet.couplings.ends",
     "parameter": "hapnet.param_values",
     "prepare": "hapnet.assembly.build",
     "read_recording": "hapnet.recording.mcap",
+    "report": "hapnet.reports.report",
     "simulate": "hapnet.simulation.simulation",
     "simulate_batch": "hapnet.simulation.batch",
     "stepped_law": "hapnet.couplings.ends",
@@ -136,6 +142,7 @@ __all__ = [
     "Plane",
     "RealtimeSide",
     "Recording",
+    "Report",
     "Result",
     "Scene",
     "SetPosition",
@@ -151,10 +158,12 @@ __all__ = [
     "compare",
     "connect_device",
     "connect_world",
+    "export",
     "held_law",
     "parameter",
     "prepare",
     "read_recording",
+    "report",
     "simulate",
     "simulate_batch",
     "stepped_law",

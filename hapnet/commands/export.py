@@ -9,7 +9,7 @@ import typer
 
 from hapnet.commands import complete, flags, output
 from hapnet.commands.progress import Progress
-from hapnet.errors import InvalidParameter, OutputError, RecordingError
+from hapnet.errors import OutputError, RecordingError
 
 
 def export(
@@ -30,29 +30,24 @@ def export(
     One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty.
     """
     from hapnet.recording import alignment
-    from hapnet.recording.export import formats, write
-    from hapnet.recording.mcap import read_recording
-    from hapnet.recording.samples import join
+    from hapnet.recording.export import export as exported
+    from hapnet.recording.export import formats
+    from hapnet.recording.opened import opened
 
-    if not 1 <= len(files) <= 2:
-        raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
-    endings = formats(table)
+    formats(table)
     words = output.console(json_to)
     with Progress(output.progress_console(), "reading"):
-        recordings = [read_recording(file) for file in files]
-        ordered = sorted(zip(files, recordings, strict=True), key=lambda one: one[1].device is None)
-        whole = recordings[0] if len(files) == 1 else join(*recordings)
-    if whole.device is None and whole.world is None and not whole.events:
-        raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
-    for file, recording in ordered:
+        found = opened(files)
+    whole = found.whole
+    for file, recording in zip(found.files, found.parts, strict=True):
         if recording.torn:
             words.print(f"{file} is torn (its writer was killed): its tables end where it ends", markup=False)
-    if len(files) == 2:
+    if len(found.files) == 2:
         words.print(f"clocks: {alignment.words(whole.meta)}")
-    directory = files[0].parent if out is None else output.run_directory(out, None)
+    directory = found.files[0].parent if out is None else output.run_directory(out, None)
     try:
         with Progress(output.progress_console(), "writing"):
-            paths = write(whole, directory, [file.stem for file, _ in ordered], endings)
+            paths = exported(found, directory, format=table)
     except RecordingError as error:
         raise OutputError(str(error)) from None
     output.show_files(words, [path.name for path in paths], directory)

@@ -11,10 +11,11 @@ from hapnet.assembly.build import Setup
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
-from hapnet.commands.report import source_of, write
+from hapnet.commands.report import write
 from hapnet.errors import InvalidParameter, RecordingError
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
+from hapnet.reports.report import PAGE, Report, source_of
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.run import Summary
@@ -92,4 +93,4 @@ def write_files(found: Outcome, directory: Path, written: output.Written) -> Non
         output.write_json(found.summary, str(directory / "summary.json"))
     if found.recording is not None:
         with Progress(output.progress_console(), "drawing"):
-            write(found.recording, found.sources, directory, "report.html", {"run": "figure.png"}, written)
+            write(Report(found.recording, tuple(found.sources)), directory, PAGE, {"run": "figure.png"}, written)

@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.recording.frames import knows_utc, table
 from hapnet.recording.mcap import complete_or_absent
+from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording, plain, utc_less_clock_ns
 
 FORMATS = ("auto", "csv", "parquet", "both")
@@ -35,6 +37,31 @@ def formats(word: str) -> tuple[str, ...]:
     if word in ("parquet", "both") and not there:
         raise MissingLibrary(f"--format {word}", "pyarrow", "sweep")
     return {"csv": ("csv",), "parquet": ("parquet",)}.get(word, ("csv", "parquet") if there else ("csv",))
+
+
+def export(what: Recorded, directory: str | PathLike[str] | None = None, *, format: str = "auto") -> list[Path]:
+    """Write what was recorded of a run as tables, as `hapnet export` does; returns their paths.
+
+    ``export("runs/1", format="csv")``. What is recorded may be a run's result, a file, the device's and the world's, or
+    a run's directory.
+
+    directory : where they go; None: beside the file. format : csv, parquet, both, or auto: both where pyarrow is there.
+
+    Raises
+    ------
+    InvalidParameter : there are no samples, or no directory where nothing is a file. MissingLibrary : pyarrow is asked
+        for and missing. RecordingError : a recording cannot be read, or a table cannot be written.
+    """
+    endings = formats(format)
+    found = opened(what)
+    whole = found.whole
+    if whole.device is None and whole.world is None and not whole.events:
+        raise InvalidParameter("FILE", str(found.files[0] if found.files else whole), "a recording with samples")
+    if directory is None and not found.files:
+        raise InvalidParameter("directory", None, "where the tables go, as nothing was read from a file")
+    ordered = sorted(zip(found.files, found.parts, strict=False), key=lambda one: one[1].device is None)
+    into = found.files[0].parent if directory is None else Path(directory)
+    return write(whole, into, [file.stem for file, _ in ordered] or ["run"], endings)
 
 
 def write(recording: Recording, directory: Path, stems: Sequence[str], endings: Iterable[str]) -> list[Path]:

@@ -23,20 +23,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_POINTS = 4000  # a curve keeps at most about this many: more than print can resolve
-_TITLE = 300  # letters of a title's part: a link's text is shorter
+_POINTS = 20000  # a curve keeps at most about this many: more than print can resolve, and enough to zoom in
+_TITLE = 300  # letters of a title's part: a link's words are shorter
 # device, proxy (or world), and a thinner third: they differ in dash and grey value as well as in hue
 _DEVICE: dict[str, Any] = {"color": DEVICE_COLOR, "linestyle": "-"}
 _WORLD: dict[str, Any] = {"color": WORLD_COLOR, "linestyle": (0, (5, 1.5))}
 _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidth": 0.8}
 
 
-def figure(recording: Recording) -> Figure:
+def figure(recording: Recording, *, titled: bool = True) -> Figure:
     """Positions, forces, reservoirs (of couplings that have them) and passivity margin against time, 180 mm wide.
 
     With several axes, positions and forces are drawn along one, which the labels name: the axis with the largest mean
     contact force or, if there was no contact, the axis along which the device moved most. The path in the plane is
-    added for the scene ``paper``, and whenever the device moves along two axes.
+    added for the scene ``paper``, and whenever the device moves along two axes. titled : the settings and the verdict
+    stand above it, for a figure that stands alone.
     """
     require("report", "a figure")
     import matplotlib
@@ -50,7 +51,8 @@ def figure(recording: Recording) -> Figure:
         height = (200 if full else 160) + (0 if plane is None else 80)
         fig = Figure(figsize=(180 * MM, height * MM), dpi=150, layout="constrained")
         FigureCanvasAgg(fig)
-        fig.suptitle(_title(recording), fontsize=9, parse_math=False)
+        if titled:
+            fig.suptitle(_title(recording), fontsize=9, parse_math=False)
         rows = len(ratios)
         ratios += [] if plane is None else [1.7]
         grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)

@@ -1,4 +1,7 @@
-"""A report as one HTML file, for any browser and for print: no script, nothing loaded from elsewhere."""
+"""A report as one HTML file, for any browser and for print: nothing is loaded from elsewhere.
+
+The only script is plotly.js, in the page itself where the extra `zoom` is installed; without scripts it shows pictures.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,6 +22,7 @@ from hapnet.reports.html import Html, element, join, table
 from hapnet.reports.pictures import Picture
 from hapnet.reports.settings import Setting, commands, of_side, settings
 from hapnet.reports.words import get, has_reservoirs, number, outcome, tuning, verdict
+from hapnet.reports.zoomed import library
 from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
 
 FOLDED = 12
@@ -26,7 +31,16 @@ FOLDED = 12
 MOST_EVENTS = 500
 """Further events are in the recording only."""
 
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+_POLICY = "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'"
+_ZOOM = """
+for (const shown of document.querySelectorAll(".zoom")) {
+  const {data, layout} = JSON.parse(shown.firstElementChild.textContent);
+  Plotly.newPlot(shown, data, layout, {
+    responsive: true, scrollZoom: true, displaylogo: false, modeBarButtonsToRemove: ["sendChartToCloud"],
+  });
+}
+"""
+_HOW_TO_ZOOM = " Drag over a part to zoom into it, turn the wheel, or double-click to see all again."
 _WHAT_IT_MEANS = {
     "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
     "(Theorem 1). The line above says how much came out at most, how much of the bound was left at the end, and the "
@@ -91,17 +105,25 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
         _section("Versions", _versions(recording)),
         _section("Files", _files(sources)),
     )
+    scripts = [library(), _ZOOM] if any(picture.zoomed for picture in drawn.values()) else []
     style = Html((files("hapnet.reports") / "style.css").read_text("utf-8"))
     head = element(
         "head",
         element("meta", charset="utf-8"),
-        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("meta", http_equiv="Content-Security-Policy", content=_policy(scripts)),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", name="color-scheme", content="light dark"),
         element("title", f"{title}: hapnet report"),
         element("style", style),
     )
-    return f"<!doctype html>\n{element('html', head, element('body', body), lang='en')}\n"
+    run = [element("script", Html(script)) for script in scripts]
+    return f"<!doctype html>\n{element('html', head, element('body', body, *run), lang='en')}\n"
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """Only these scripts run, known by their digests."""
+    digests = [f"'sha256-{b64encode(sha256(script.encode()).digest()).decode('ascii')}'" for script in scripts]
+    return f"{_POLICY}; script-src {' '.join(digests)}" if scripts else _POLICY
 
 
 _ENERGY = (
@@ -259,7 +281,12 @@ def _picture(picture: Picture | None) -> Html:
         return Html()
     source = f"data:image/png;base64,{b64encode(picture.png).decode('ascii')}"
     image = element("img", src=source, alt=picture.alternative)
-    return element("figure", element("div", image, class_="wide", tabindex="0"), element("figcaption", picture.caption))
+    shown, caption = element("div", image, class_="wide", tabindex="0"), picture.caption
+    if picture.zoomed:
+        content = element("script", Html(picture.zoomed), type="application/json")
+        shown = join(element("div", content, class_="wide zoom"), element("noscript", shown))
+        caption += _HOW_TO_ZOOM
+    return element("figure", shown, element("figcaption", caption))
 
 
 def _of_device(recording: Recording, name: str) -> Any:

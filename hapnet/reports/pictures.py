@@ -5,22 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hapnet.recording.samples import Recording
+from hapnet.reports import zoomed
 from hapnet.reports.figures import figure
 from hapnet.reports.files import png
 from hapnet.reports.histograms import lateness_histogram, link_histogram
 from hapnet.reports.scene_figure import scene_figure
-from hapnet.reports.words import has_reservoirs, number, verdict
+from hapnet.reports.words import has_reservoirs, number
 from hapnet.summary.structure import DIRECTIONS, read
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG. `name` is the end of its file's name; `caption` says how to read it, `alternative` what it shows."""
+    """A PNG. `name` is the end of its file's name; `caption` says how to read it, `alternative` what it shows.
+
+    zoomed : the same for plotly.js, which can zoom it; empty: this picture is looked at as it is.
+    """
 
     name: str
     png: bytes
     caption: str
     alternative: str
+    zoomed: str = ""
 
 
 def pictures(recording: Recording) -> dict[str, Picture]:
@@ -29,7 +34,11 @@ def pictures(recording: Recording) -> dict[str, Picture]:
     full = has_reservoirs(summary["coupling"])
     panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"
     caption = _RUN.format(reservoirs=_RESERVOIRS if full else "")
-    found = [Picture("run", png(figure(recording)), caption, f"Against time: {panels}. {verdict(summary)}.")]
+    run = figure(recording, titled=False)  # the page has the verdict above it
+    drawn = png(run)  # this also lays the panels out
+    found = [
+        Picture("run", drawn, caption, f"Against time: {panels}.", zoomed.zoomed(run) if zoomed.can_zoom() else "")
+    ]
     if (scene := scene_figure(recording)) is not None:
         found.append(Picture("scene", png(scene), _SCENE, "The scene in 3-D, with the paths of device and proxy."))
     if (links := link_histogram(summary)) is not None:

@@ -66,11 +66,12 @@ def felt(environment: object, *, springs: bool = True) -> str | None:
 
 def tuning(summary: Summary) -> str | None:
     """What the coupling's own rule chose, if it had anything to choose."""
-    return ", ".join(f"{name} {number(value)}" for name, value in summary["tuning"].items()) or None
+    chosen = [name if value is True else f"{name} {number(value)}" for name, value in summary["tuning"].items()]
+    return ", ".join(chosen) or None
 
 
 def text(value: Any) -> str:
-    return "-" if value is None else str(value)
+    return "-" if value is None else {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
 def number(value: Any) -> str:

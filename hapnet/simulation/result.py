@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING
 
@@ -39,6 +39,11 @@ class Result:
     def __repr__(self) -> str:
         seed, duration_s = self.summary["seed"], self.summary["duration_s"]
         return f"Result({verdict(self.summary)}; seed {seed}, {duration_s:g} s; {self.recording})"
+
+    def _repr_html_(self) -> str:
+        from hapnet.reports.notebook import html  # here, since it loads matplotlib
+
+        return html(replace(self.recording, summary=self.summary))
 
     def to_pandas(self, side: str = "device") -> DataFrame:
         """The samples of the device or the world as a table of pandas; see `hapnet.recording.frames.to_pandas`."""

@@ -14,6 +14,7 @@ import pytest
 
 import hapnet
 from tests.conftest import ROOT
+from tests.support.notebooks import NOTEBOOKS, code
 from tests.support.pages import ALL
 
 
@@ -47,6 +48,9 @@ def test_what_readme_and_examples_show_has_strict_types(tmp_path: Path) -> None:
     for number, block in enumerate(shown):
         (tmp_path / f"readme_{number}.py").write_text(block.text, "utf-8")
     shutil.copytree(ROOT / "examples", tmp_path / "examples", ignore=shutil.ignore_patterns("pictures", "__pycache__"))
+    for notebook in NOTEBOOKS:  # whose cells end in what they show
+        text = "\n".join(["# pyright: reportUnusedExpression=false", *code(notebook)])
+        (tmp_path / f"{notebook.stem}_cells.py").write_text(text, "utf-8")
     settings = {"typeCheckingMode": "strict", "extraPaths": [str(Path(hapnet.__file__).parents[1])]}
     (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings), "utf-8")
     command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson", "-p", str(tmp_path)]

@@ -125,9 +125,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=8, help="moments of the change, with each hand")
     asked = parser.parse_args()
-    print(
-        "| the wall | coupling | largest step [N] | smallest slack [J] | min margin [J] | off by, median, most [N] |"
-    )
+    print("| the wall | coupling | largest step [N] | smallest slack [J] | min margin [J] | off by, median, most [N] |")
     print("|---|---|---|---|---|---|")
     for change, coupling, runs in rows(asked.moments, ("pspm", "zoh")):
         wrong = [one.wrong for one in runs if one.wrong is not None]

@@ -1,0 +1,82 @@
+"""The recording of a run, however it is given: one that is there, a file, the files of both sides, or a directory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.recording.mcap import read_recording
+from hapnet.recording.samples import Recording, join
+
+ROLES = ("device", "world")
+
+
+class HasRecording(Protocol):
+    """What a run gives, such as `hapnet.Result`."""
+
+    @property
+    def recording(self) -> Recording: ...
+    @property
+    def summary(self) -> Mapping[str, object]: ...
+
+
+File: TypeAlias = str | PathLike[str]
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A run's recording.
+
+    whole : with both sides where both are there. parts : as they were recorded, each in its file. files : the paths of
+    these; none where no file was read.
+    """
+
+    whole: Recording
+    parts: tuple[Recording, ...]
+    files: tuple[Path, ...] = ()
+
+
+Recorded: TypeAlias = Recording | HasRecording | Opened | File | Sequence[File]
+
+
+def opened(what: Recorded) -> Opened:
+    """Read and join what was recorded of a run: a recording, a file, both sides' files, or a run's directory.
+
+    Raises
+    ------
+    InvalidParameter : these are more than two files, or a directory without a recording. RecordingError : one cannot be
+        read, or the two are not of one run.
+    """
+    if isinstance(what, Opened):
+        return what
+    if isinstance(what, Recording):
+        return Opened(what, (what,))
+    if isinstance(what, str | PathLike):
+        return opened([what])
+    if not isinstance(what, Sequence):
+        return opened(replace(what.recording, summary=what.summary))
+    named = [Path(one) for one in what]
+    files = [file for one in named for file in (_recordings_in(one) if one.is_dir() else [one])]
+    if not 1 <= len(files) <= 2:
+        raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
+    parts = [read_recording(file) for file in files]
+    return Opened(parts[0] if len(parts) == 1 else join(*parts), tuple(parts), tuple(files))
+
+
+def _recordings_in(directory: Path) -> list[Path]:
+    """The recordings in a run's directory. One that was cut off before its first samples counts if it is alone."""
+    there = [file for role in ROLES if (file := directory / f"{role}.mcap").exists()]
+    found = []
+    for file in there:
+        with suppress(RecordingError):
+            recording = read_recording(file)
+            if recording.device is not None or recording.world is not None:
+                found.append(file)
+    if not there:
+        raise InvalidParameter("FILE", str(directory), "a recording, or a directory with device.mcap or world.mcap")
+    return found or there[:1]

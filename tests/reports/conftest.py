@@ -1,0 +1,10 @@
+"""The page as it is without plotly, wherever the tests run; `test_zoomed.py` has the one with it."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapnet.reports.zoomed.can_zoom", lambda: False)
