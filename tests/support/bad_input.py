@@ -317,7 +317,7 @@ COMMANDS = [
     bad("emulate", "nosuch", says="nosuch|serial"),
     bad("emulate", "serial:noise=loud", says="noise|loud"),
     bad("emulate", "serial", "--duration", "-1", says="--duration|-1"),
-    bad("doctor", "--device", "nosuch", says="nosuch|serial"),
+    bad("doctor", "--device", "xyz", says="xyz|serial"),
     bad("doctor", "--ramp", "1", says="--ramp|--device"),
     bad("doctor", "-e", "tcp/nowhere.invalid", says="nowhere.invalid"),
     bad("device", "--device", "serial:/dev/nothere", "-e", "tcp/127.0.0.1:1", says="/dev/nothere"),
