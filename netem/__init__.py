@@ -1,4 +1,4 @@
-"""netem: a seeded link emulator with the words of Linux's tc-netem, for any Python program.
+"""netem: a seeded link emulator in the syntax of Linux's tc-netem, for any Python program.
 
 profile = LinkProfile.parse("delay 40ms 10ms distribution normal loss gemodel 1% 20%")
 link = Link(profile, seed=1)
@@ -6,7 +6,7 @@ link.send(now_ns, item, size=64)
 for due_ns, item in link.poll(now_ns): ...
 link.next_due_ns
 
-`LinkProfile` describes in words what a link does. `Link` does it without clock or I/O, and `netem.aio.AsyncLink` on an
+`LinkProfile` describes what a link does. `Link` does it without clock or I/O, and `netem.aio.AsyncLink` on an
 asyncio loop. `Timeline` changes a link while it runs, and `expect` computes the statistics to expect.
 """
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="netem",
-    help="A link emulator with the words of Linux's tc-netem. It needs no root and no kernel module, and the same seed "
+    help="A link emulator in the syntax of Linux's tc-netem. It needs no root and no kernel module, and the same seed "
     "gives the same link.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -45,7 +45,7 @@ Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="WORDS",
-        help="A profile's name (`netem profiles`), or tc-netem's words, such as 'delay 40ms 10ms loss gemodel 1% 20%'.",
+        help="A profile's name (`netem profiles`), or tc-netem's text, such as 'delay 40ms 10ms loss gemodel 1% 20%'.",
         autocompletion=_profiles,
     ),
 ]
@@ -91,7 +91,7 @@ class Effects:
     resend: Resend = None
 
     def compose(self, words: list[str] | None) -> LinkProfile:
-        """These options, and what is given in words or as a profile's name.
+        """These options, and what is given as text or as a profile's name.
 
         Raises
         ------
@@ -153,7 +153,7 @@ def profiles(json_to: JsonTo = None) -> None:
         output.write_json(dict(PRESETS), json_to)
     if json_to != "-":
         width = max(map(len, PRESETS))
-        print(f"{'name':<{width}}  one direction, in tc-netem's words")
+        print(f"{'name':<{width}}  one direction, in tc-netem's syntax")
         for name, words in PRESETS.items():
             print(f"{name:<{width}}  {words or '(nothing)'}")
 

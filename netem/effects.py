@@ -1,4 +1,4 @@
-"""The parts of a profile with several values: loss models and slots, in tc-netem's words, and resends."""
+"""The parts of a profile with several values: loss models and slots, in tc-netem's syntax, and resends."""
 
 from __future__ import annotations
 

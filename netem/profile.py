@@ -1,4 +1,4 @@
-"""Describes a link in the words of Linux's tc-netem: converts text to a frozen `LinkProfile` and back."""
+"""Describes a link in the syntax of Linux's tc-netem: converts text to a frozen `LinkProfile` and back."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["PRESETS", "LinkProfile", "compose"]
 class LinkProfile:
     """What a link does to the messages of one direction; times in ns, probabilities and correlations in [0, 1].
 
-    The default does nothing. `parse` reads tc-netem's words and `str` writes them; ``parse(str(p)) == p``. `limit` is
+    The default does nothing. `parse` reads tc-netem's syntax and `str` writes it; ``parse(str(p)) == p``. `limit` is
     the most messages in flight, 1000 by default as in tc; the link counts those that it drops above that. A `trace`
     replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files. `others`
     are of `netem.impairments`. More than twenty attributes: all that a profile's words can say.
@@ -78,7 +78,7 @@ class LinkProfile:
             effects.check_int("seed", self.seed, 0, 2**64 - 1)
 
     def __str__(self) -> str:
-        """The profile in tc's words. Default values are left out, so the ideal link is the empty string."""
+        """The profile in tc-netem's syntax. Default values are left out, so the ideal link is the empty string."""
         out = []
         if self.delay_ns or self.jitter_ns or self.delay_correlation:
             out.append(f"delay {units.format_time(self.delay_ns)}")
@@ -121,7 +121,7 @@ class LinkProfile:
 
     @classmethod
     def parse(cls, text: str) -> LinkProfile:
-        """The profile that tc-netem's words describe.
+        """The profile that a text in tc-netem's syntax describes.
 
         ``delay T [J [C]]``, ``distribution NAME``, ``loss [random] P [C]``, ``loss state P13 [P31 [P32 [P23 [P14]]]]``,
         ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD

@@ -21,7 +21,7 @@ class LinkStats:
     """A snapshot: offered = delivered + lost + lost_down + dropped_limit + in_flight, always.
 
     `offered` counts the copies that `duplicate` makes too, and `duplicated` only them. `profile` is the active one, in
-    tc's words. `lost` counts the messages lost by the loss model or a trace and not recovered by resends, and
+    tc-netem's syntax. `lost` counts the messages lost by the loss model or a trace and not recovered by resends, and
     `loss_bursts` their runs. `resent` counts the resends, `recovered` the messages that a resend delivers; both count
     when the message is offered. `lost_down` counts messages offered to a link that was down (these are not resent),
     `dropped_limit` those that found the link full. `reordered` counts messages delivered after one that was sent later

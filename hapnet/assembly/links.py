@@ -8,7 +8,7 @@ from netem import LinkProfile, Timeline
 
 
 def link_profile(name: str, words: str) -> LinkProfile:
-    """The emulated link that the parameter `name` describes: tc-netem's words, or a profile's name.
+    """The emulated link that the parameter `name` describes: tc-netem's syntax, or a profile's name.
 
     Raises
     ------

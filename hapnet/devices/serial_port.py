@@ -98,7 +98,7 @@ class SerialPort:
             port.close()
 
     def remedy(self) -> str:
-        """What to do where bytes wait in the port's adapter, in words."""
+        """A text that says what to do if bytes wait in the port's adapter."""
         timer = self._timer()
         if timer.exists():
             return f"echo 1 | sudo tee {timer}"

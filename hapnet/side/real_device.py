@@ -53,13 +53,13 @@ class RealDevice(Device, Protocol):
         """The force that acted between the last two readings [N], if the device reports it."""
 
     def interval(self) -> float | None:
-        """The time between the last two readings [s] by the device's own clock, if it tells it."""
+        """The time between the last two readings [s] by the device's own clock, if it reports that."""
 
     def orientation(self) -> Vector | None:
-        """How its handle is turned, as of the last reading: a unit quaternion, or None where it does not tell."""
+        """How its handle is turned, as of the last reading: a unit quaternion, or None if it is not known."""
 
     def signal(self, name: str, value: Signal) -> None:
-        """The world tells a value beside the stream."""
+        """The world sends a value beside the stream."""
 
     def braked(self) -> str:
         """Why it renders no force now; empty: it does."""
@@ -74,7 +74,7 @@ class RealDevice(Device, Protocol):
 class RealDeviceSide(SampledDeviceSide):
     """A real device, its servo and its endpoint.
 
-    More than twenty attributes: each silence, brake and switch is told once, so what was told last is kept.
+    More than twenty attributes: each silence, brake and switch is reported once, so the last report is kept.
 
     limiter : of the force that goes to the actuators. check : pushes the handle before control begins; None: nobody
     does. Other parameters as for `SampledDeviceSide`.
@@ -113,7 +113,7 @@ class RealDeviceSide(SampledDeviceSide):
         self._reports = False
         self._sent: Vector = (0.0,) * device.dof
         self._held_before: Vector | None = None  # what may still be held, as a command did not go out
-        self._was_released = False  # so that one that is not held at the start is told
+        self._was_released = False  # so that one that is not held at the start is reported
         self._was_braked = ""
         self._reading: tuple[Vector, Vector] = (), ()
         self._risk_J = 0.0
@@ -316,7 +316,7 @@ class RealDeviceSide(SampledDeviceSide):
         servo.force = tuple([share * f if put_out[worst] > 0.0 else 0.0 for f in possible[worst]])
 
     def _keep_still(self, now_ns: int, error: DeviceSilent) -> None:
-        """Miss a reading or a command. From when the watchdog acts: no force, as far as the device can be told."""
+        """Miss a reading or a command. From when the watchdog acts: no force, as far as the device takes commands."""
         self.missed += 1
         if not self._silent:
             if self._heard_ns is not None and now_ns - self._heard_ns <= self._patience_ns:
@@ -353,7 +353,7 @@ class _Clocks:
     def apart(self, reported_s: float, lived_s: float, *, late: bool) -> str | None:
         """Another interval [s]; returns by how much the clocks differ, in words, if that cannot be.
 
-        late : the servo was away. Of what the device told meanwhile some may be lost, and the rest comes later.
+        late : the servo was away. Of what the device reported meanwhile some may be lost, and the rest comes later.
         """
         self._reported_s += reported_s
         self._lived_s += lived_s

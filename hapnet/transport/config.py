@@ -232,7 +232,7 @@ def _endpoints(config: zenoh.Config, side: str) -> object:
 
 
 def where(config: zenoh.Config) -> str:
-    """Where a side listens, whom it dials and whether it scouts, in words."""
+    """Where a side listens, whom it dials and whether it scouts, as text."""
     words = []
     for side, verb in (("listen", "listening on"), ("connect", "dialling")):
         endpoints = _endpoints(config, side)

@@ -42,13 +42,13 @@ _PIPE_BYTES = 2**20
 
 
 class Log:
-    """Reads lines of Zenoh's log, and says in words who was refused."""
+    """Reads lines of Zenoh's log, and says who was refused."""
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}  # of nodes
 
     def refusal(self, line: str) -> str | None:
-        """The refusal that a line reports, in words; None: it reports none."""
+        """The refusal that a line reports, as text; None: it reports none."""
         text = _COLOURS.sub("", line)
         if found := _CERTIFICATE.search(text):
             return f"refused a side that dials: {found[1]}"

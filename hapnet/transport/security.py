@@ -24,7 +24,7 @@ ENCRYPTED = ("tls", "quic")
 """Zenoh's protocols to which the TLS flags apply."""
 
 UNTIMELY = {10: "has expired", 9: "is not valid yet"}
-"""OpenSSL's X509_V_ERR_CERT_HAS_EXPIRED and X509_V_ERR_CERT_NOT_YET_VALID in words."""
+"""OpenSSL's X509_V_ERR_CERT_HAS_EXPIRED and X509_V_ERR_CERT_NOT_YET_VALID as text."""
 
 MIN_SECRET = 8
 """The fewest characters of a secret."""

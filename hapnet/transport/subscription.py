@@ -46,7 +46,7 @@ class Subscription:
 
     @property
     def where(self) -> str:
-        """Whom it dials, in words."""
+        """Whom it dials, as text."""
         return where(self._config)
 
     def open(self) -> None:

@@ -1,4 +1,4 @@
-"""What a link does to messages beside tc-netem's words: each impairment is a file, and its word is the file's name.
+"""What a link does to messages beside tc-netem's: each impairment is a file, and its word is the file's name.
 
 `IMPAIRMENTS` finds it. It acts on what loss and resends let through, before limit, reordering, delay, rate and slot.
 """
