@@ -75,6 +75,7 @@ class Board:
     def __init__(self, link: Path, about: wire.About = ABOUT, homed: bool = True) -> None:
         self._link, self.about, self.homed = link, about, homed
         self.heard: list[wire.Command] = []
+        self.period_s = 1e-3
         self.plug_in()
 
     def plug_in(self) -> None:
@@ -123,7 +124,7 @@ class Board:
 
     def _stream(self) -> None:
         start_s = time.monotonic()
-        while not self._quiet.wait(1e-3):
+        while not self._quiet.wait(self.period_s):
             self.state(round((time.monotonic() - start_s) * 1e6))
 
 
@@ -221,6 +222,44 @@ def test_one_that_was_pulled_out_is_silent_until_it_is_back(axis: SerialAxis, bo
 
     until(back)
     assert axis.acted() is None  # the board may have started anew
+
+
+def test_one_that_had_no_power_has_lost_its_zero(axis: SerialAxis, board: Board) -> None:
+    board.pull_out()
+    board.homed = True
+    board.plug_in()
+    with pytest.raises(DeviceSilent, match="has gone"):
+        axis.read()
+
+    def sent(homed: bool) -> bool:
+        board.homed = homed
+        board.state(1000)
+        try:
+            return bool(axis.read())
+        except DeviceSilent:
+            return False
+
+    until(lambda: sent(True))  # one that knows its place goes on
+    threading.Timer(0.01, board.state, (2000,)).start()
+    axis.home()
+    with pytest.raises(HapnetError, match="has started anew and lost its zero"):
+        until(lambda: not sent(False))
+
+
+def test_states_that_get_lost_on_the_way_are_named(board: Board, tmp_path: Path) -> None:
+    """The board says that it makes one each 1 ms, and one each 4 ms arrives."""
+    board.about, board.period_s = ABOUT._replace(made_us=1000), 4e-3
+    with pytest.raises(
+        HapnetError, match=r"a state each 1000 us, but one each .* us arrives: is its baud rate too low"
+    ):
+        SerialAxis(1, port=str(tmp_path / "axis"))
+
+
+def test_one_that_is_slower_than_it_promises_says_its_rate(board: Board, tmp_path: Path) -> None:
+    board.period_s = 4e-3
+    axis = SerialAxis(1, port=str(tmp_path / "axis"))
+    assert 20.0 < axis.rate_hz <= 250.0
+    axis.close()
 
 
 def test_one_that_is_not_calibrated_says_how(board: Board, tmp_path: Path) -> None:
