@@ -106,9 +106,12 @@ class Board:
     def write(self, data: bytes) -> None:
         os.write(self._pty.board, data)
 
-    def state(self, time_us: int, position_nm: int = 0, impulse: int = 0, buttons: int = 0, counted: int = 0) -> None:
+    def state(
+        self, time_us: int, position_nm: int = 0, impulse: int = 0, buttons: int = 0, counted: int = 0, age_us: int = 0
+    ) -> None:
         flags = wire.flags(buttons, homed=self.homed, counted=counted)
-        self.write(wire.state(wire.State(flags, 0, time_us % wire.WRAP, position_nm, 0, impulse % wire.WRAP)))
+        state = wire.State(flags, 0, time_us % wire.WRAP, position_nm, age_us, impulse % wire.WRAP)
+        self.write(wire.state(state))
 
     def _answer(self) -> None:
         unread = b""
@@ -167,6 +170,30 @@ def test_a_reading_in_si_units(axis: SerialAxis, board: Board) -> None:
     assert [x, v] == pytest.approx([0.012385, 0.02])
     assert axis.interval() == pytest.approx(1e-3)
     assert axis.buttons() == (False, True)
+
+
+def test_a_count_is_where_two_positions_meet(axis: SerialAxis, board: Board) -> None:
+    """Up from 0 to 1, and down from 1 to 0, is the same place: no velocity."""
+    board.state(LATER_US, position_nm=1000, counted=1)
+    axis.read()
+    board.state(LATER_US + 1000, position_nm=0, counted=-1)
+    assert axis.read() == ((0.0,), (0.0,))
+
+
+def test_a_position_of_unknown_age_makes_no_velocity(axis: SerialAxis, board: Board) -> None:
+    board.state(LATER_US, age_us=wire.OLDEST_US)
+    axis.read()
+    board.state(LATER_US + 1000, position_nm=1000, counted=1)
+    assert axis.read()[1] == (0.0,)
+
+
+def test_a_gap_is_no_motion(axis: SerialAxis, board: Board) -> None:
+    """10 mm in a second that nobody saw; then 20 mm/s."""
+    found = []
+    for time_us, position_nm in ((0, 0), (1_000_000, 10_000_000), (1_001_000, 10_020_000)):
+        board.state(LATER_US + time_us, position_nm)
+        found.append(axis.read()[1][0])
+    assert found == pytest.approx([0.0, 0.0, 0.02])
 
 
 def test_a_command_in_parts_of_the_maximum_force(axis: SerialAxis, board: Board) -> None:
