@@ -12,10 +12,11 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.commands import output
@@ -31,6 +32,7 @@ from hapnet.processes.start import (
     PIPE,
     ProgramOnLoop,
     how_it_ended,
+    module,
     side_command,
     standing_still,
     stands_still,
@@ -39,6 +41,38 @@ from hapnet.processes.start import (
 from hapnet.realtime.servo_process import NOT_STARTED
 from hapnet.side.notices import Notice
 from hapnet.transport.config import free_address, local_address
+
+
+class Standby(NamedTuple):
+    """A process that waits to be a side (standby.py). report : the pipe of its summary, which it calls `file`."""
+
+    child: ProgramOnLoop
+    report: int
+    file: int
+
+    @classmethod
+    async def started(cls) -> Standby:
+        """Start one."""
+        report, theirs = os.pipe()
+        try:
+            command = module("hapnet.commands.standby")
+            child = await started_on_loop(command, stdin=PIPE, keeps=(theirs,), own_group=True)
+        except BaseException:
+            os.close(report)
+            raise
+        finally:
+            os.close(theirs)
+        return cls(child, report, theirs)
+
+    async def end(self) -> None:
+        """End it, as it is not needed."""
+        os.close(self.report)
+        with contextlib.suppress(ProcessLookupError):
+            self.child.kill()
+        await self.child.communicate()
+
+
+NONE_READY: Mapping[str, Standby] = MappingProxyType({})
 
 STOP_LIMIT_S = 30.0
 """How long the processes may take to end after the request [s]; then they are killed."""
@@ -98,8 +132,11 @@ class Pair:
         if place is not None:
             self._environment[PLACE] = json.dumps(place)
 
-    async def start(self) -> None:
-        """Start both. Raises HapnetError if the parameters cannot be written."""
+    async def start(self, ready: Mapping[str, Standby] = NONE_READY) -> None:
+        """Start both, by role as one of the processes that are `ready`, if any is; these are for a pair with `console`.
+
+        Raises HapnetError if the parameters cannot be written.
+        """
         try:
             (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
         except OSError as error:
@@ -107,7 +144,7 @@ class Pair:
         link = self._link()
         listens = ["--listen", link] if self._address is None else ["--listen", link, "--listen", self._address]
         for role, endpoints in (("world", listens), ("device", ["--connect", link])):
-            self._children[role] = await self._start(role, endpoints)
+            self._children[role] = await self._start(role, endpoints, ready.get(role))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Wait until both have ended: normally, because one failed or stood still, or because `stop` was set."""
@@ -166,18 +203,18 @@ class Pair:
         self._at_end.callback(shutil.rmtree, sockets, ignore_errors=True)
         return local_address(sockets)
 
-    async def _start(self, role: str, endpoints: list[str]) -> ProgramOnLoop:
+    async def _start(self, role: str, endpoints: list[str], standby: Standby | None) -> ProgramOnLoop:
+        if standby is not None:
+            argv = self._command(role, endpoints, standby.file)[len(module("hapnet")) :]
+            assert standby.child.stdin is not None
+            standby.child.stdin.write(json.dumps({"argv": argv, "environment": self._environment}).encode() + b"\n")
+            self._reports[role] = asyncio.create_task(_read(standby.report))
+            return standby.child
         report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
-        flags = [*endpoints, "--progress", "--no-files", *["--realtime"] * (self._realtime and role == "device")]
-        record = self.recording(role) if self._record else None
-        command = side_command(
-            role, *flags, session=self._session, params=self._directory / "params.toml", seed=self._seed,
-            record=record, summary=f"/dev/fd/{theirs}",
-        )  # fmt: skip
         try:
             child = await started_on_loop(
-                command,
-                stdin=PIPE if self._console else self._keyboard if role == "device" else NOTHING,
+                self._command(role, endpoints, theirs),
+                stdin=PIPE if self._console else NOTHING,
                 keeps=(theirs,),
                 environment=self._environment,
                 own_group=self._console,
@@ -186,6 +223,14 @@ class Pair:
             os.close(theirs)
         self._reports[role] = asyncio.create_task(_read(report))
         return child
+
+    def _command(self, role: str, endpoints: list[str], report: int) -> list[str]:
+        flags = [*endpoints, "--progress", "--no-files", *["--realtime"] * (self._realtime and role == "device")]
+        record = self.recording(role) if self._record else None
+        return side_command(
+            role, *flags, session=self._session, params=self._directory / "params.toml", seed=self._seed,
+            record=record, summary=f"/dev/fd/{report}",
+        )  # fmt: skip
 
     async def _watch(self, role: str) -> None:
         child = self._children[role]

@@ -16,6 +16,7 @@ from hapnet.assembly.links import link_profile
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
+from hapnet.commands.reserve import Reserve
 from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
@@ -63,7 +64,7 @@ class Stage:
     ) -> None:
         self._params, self._seed, self._out, self._address = params, seed, out, address
         self._words, self._history, self._realtime = console, history, realtime
-        self._first_scene, self._first_dof = params.scene, params.dof
+        self._first = params
         self._meshes: Path | None = None
         self._episodes = 0
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -71,6 +72,7 @@ class Stage:
         self._over = asyncio.Event()
         self._position: Vector | None = None
         self._elsewhere = False
+        self.reserve: Reserve = Reserve()
         self._directory: Path | None = None
         self._recorded = 0
         self._recording = False
@@ -86,7 +88,10 @@ class Stage:
         self._loop = asyncio.get_running_loop()
         with tempfile.TemporaryDirectory(prefix="hapnet-") as meshes:
             self._meshes = Path(meshes)
-            await self._run(stop)
+            try:
+                await self._run(stop)
+            finally:
+                await self.reserve.close()
 
     async def _run(self, stop: asyncio.Event) -> None:
         stopping = asyncio.create_task(stop.wait())
@@ -101,8 +106,9 @@ class Stage:
                     realtime=self._realtime, session=SESSION, address=self._address, place=self._handle(),
                 )  # fmt: skip
                 self._elsewhere = False
-                await pair.start()
+                await pair.start(await self.reserve.take())
                 self._pair = pair
+                self.reserve.prepare()
                 if (link := self._params.link) != params.link:  # it changed while the processes started
                     self._link("up", link.up)
                     self._link("down", link.down)
@@ -137,10 +143,10 @@ class Stage:
         self._anew(changes)
 
     def scene(self, label: str) -> None:
-        words = {**SCENES, self._first_scene: self._first_scene}.get(label)
+        words = {**SCENES, self._first.scene: self._first.scene}.get(label)
         if words is None:
             raise InvalidParameter("scene", label, ", ".join(SCENES), SCENES)
-        self._anew({"scene": words, "dof": self._first_dof if words == self._first_scene else 0})
+        self._anew({"scene": words, "dof": self._first.dof if words == self._first.scene else 0})
 
     def mesh(self, name: str, content: bytes) -> None:
         if self._meshes is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable
+from itertools import groupby
 from pathlib import PurePath
 
 import viser
@@ -15,6 +16,7 @@ from hapnet.summary.verdict import judge
 from hapnet.view.choices import label_of, words_of
 from hapnet.view.force import force_now
 from hapnet.view.history import Episode, Snapshot, coupled
+from hapnet.view.scenes import scene_label
 
 _VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
 _SHORT = 20
@@ -62,7 +64,7 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
     about = device.about if device is not None else world.about if world is not None else {}
     if walls := felt(about.get("felt"), springs=False):
         rows.append(("wall", walls))
-    what = " · ".join(str(about[key]) for key in ("name", "scene") if about.get(key))
+    what = " · ".join(scene_label(str(about[key])) for key in ("name", "scene") if about.get(key))
     label = label_of(*coupled(device or world))
     how = ": ".join(filter(None, (label, words_of(label))))
     return (
@@ -82,8 +84,9 @@ def _trouble(line: str) -> str:
 
 def _lines(rows: Iterable[tuple[str, str]]) -> str:
     return "".join(
-        f'<tr><td style="{_CELL};opacity:.65">{html.escape(name)}</td><td style="{_CELL};font-weight:600;'
-        f'white-space:{"nowrap" if len(value) < _SHORT else "normal"}">{html.escape(value)}</td></tr>'
+        f'<tr><td style="{_CELL};opacity:.65;white-space:nowrap">{html.escape(name)}</td>'
+        f'<td style="{_CELL};font-weight:600;white-space:{"nowrap" if len(value) < _SHORT else "normal"}">'
+        f"{html.escape(value)}</td></tr>"
         for name, value in rows
     )
 
@@ -91,11 +94,16 @@ def _lines(rows: Iterable[tuple[str, str]]) -> str:
 def _past(episodes: Iterable[Episode]) -> str:
     """The pairs before this one, each with its own verdict."""
     said = []
-    for episode in episodes:
-        word, colour = _VERDICTS[judge(episode.account)["passive"]]
-        label = html.escape(label_of(episode.coupling, episode.rendering))
-        said.append(f'{label} <span style="color:{colour}">{word}</span>')
+    for (label, passive), alike in groupby(episodes, _outcome):
+        word, colour = _VERDICTS[passive]
+        count = len(list(alike))
+        times = f" ({count} times)" if count > 1 else ""
+        said.append(f'{html.escape(label)} <span style="color:{colour}">{word}</span>{times}')
     return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(said)}</div>' if said else ""
+
+
+def _outcome(episode: Episode) -> tuple[str, bool | None]:
+    return label_of(episode.coupling, episode.rendering), judge(episode.account)["passive"]
 
 
 def _link(status: Status | None, key: str, factor: float, digits: int) -> str:

@@ -78,10 +78,14 @@ class Page:
     def _fit(self, client: viser.ClientHandle) -> None:
         """Leave the scene most of this client's window: in a narrow one the plots fold, and a click opens them."""
         self._plots.fit(client.camera.image_height)
-        if client.camera.image_width < _NARROW_BELOW:
-            client.gui.main_panel.set_width(_NARROW[0])
-            self._plots_panel.set_width(_NARROW[1])
+        narrow = client.camera.image_width < _NARROW_BELOW
+        main, plots = _NARROW if narrow else _WIDTHS
+        client.gui.main_panel.set_width(main)
+        self._plots_panel.set_width(plots)
+        if narrow:
             self._plots_panel.minimize()
+        else:
+            self._plots_panel.expand()
 
     def draw_scene(self, now_s: float) -> None:
         """Draw the 3-D part; to be called some 60 times a second."""

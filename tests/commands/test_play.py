@@ -6,7 +6,7 @@ import asyncio
 import os
 import signal
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from io import StringIO
 from pathlib import Path
@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from hapnet import cli
-from hapnet.commands.pair import Pair
+from hapnet.commands.pair import Pair, Standby
 from hapnet.commands.play import led
 from hapnet.commands.stage import SESSION, Stage
 from hapnet.errors import HapnetError, InvalidParameter
@@ -26,10 +26,10 @@ from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.view.history import History
 from hapnet.view.watcher import Watcher
 from netem.errors import NetemError
-from tests.conftest import mostly_slow
+from tests.conftest import ROOT, mostly_slow
 from tests.support.processes import started
 
-WAIT_S = 30.0
+WAIT_S = 90.0
 
 
 class Playing:
@@ -180,6 +180,45 @@ async def test_the_hand_stays_where_it_is_when_the_coupling_changes(tmp_path: Pa
     assert second.device["position_m"].min() > 0.02
 
 
+@pytest.mark.slow
+async def test_the_next_pair_is_one_of_processes_that_wait_for_it(tmp_path: Path) -> None:
+    """They are there some seconds after a pair has begun; what is not needed ends with the stage, as do broken ones."""
+    async with playing(tmp_path) as play:
+        await play.until(lambda: len(play.stage.reserve.processes) == 2)
+        waiting = {role: standby.child.pid for role, standby in play.stage.reserve.processes.items()}
+        play.stage.coupling("zoh", "paper")
+        await play.until(lambda: play.coupled("zoh"))
+        assert play.stage._pair is not None
+        assert {role: child.pid for role, child in play.stage._pair._children.items()} == waiting
+        await play.until(lambda: len(play.stage.reserve.processes) == 2)
+        left = {standby.child.pid for standby in play.stage.reserve.processes.values()}
+        play.stage.reserve.processes["world"].child.kill()  # the next world is started as the first was
+        await play.until(lambda: play.stage.reserve.processes["world"].child.returncode is not None)
+        play.stage.coupling("pspm", "paper")
+        await play.until(lambda: play.coupled("pspm"))
+    assert not alive(left)
+
+
+@pytest.mark.slow
+async def test_another_scene_begins_where_it_begins(tmp_path: Path) -> None:
+    async with playing(tmp_path, link__up="", link__down="") as play:
+        await play.until(lambda: play.coupled("pspm"))
+        play.stage.lead((0.03,))
+        await play.until(lambda: play.handle_m > 0.015)
+        with pytest.raises(InvalidParameter, match="nowhere"):
+            play.stage.scene("nowhere")
+        play.stage.scene("sphere")
+        await play.until(lambda: (d := play.device) is not None and d.about["scene"].startswith("sphere"))
+        await play.until(lambda: (t := play.history.snapshot().device) is not None and t.position_m.shape[1] == 3)
+        track = play.history.snapshot().device
+        assert track is not None
+        assert abs(track.position_m[0]).max() < 0.012
+        play.stage.mesh("mine.OBJ", (ROOT / "examples" / "ring.obj").read_bytes())
+        await play.until(lambda: (d := play.device) is not None and d.about["scene"].startswith("mesh"))
+        play.stage.scene("wall")  # the one of the command line, too
+        await play.until(lambda: (d := play.device) is not None and d.about["scene"] == "wall")
+
+
 async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -> None:
     play = Playing(tmp_path)
     await play.until(lambda: play.coupled("pspm"))
@@ -197,8 +236,8 @@ async def test_what_is_asked_while_the_processes_start_is_not_lost(
     play = Playing(tmp_path)
     start = Pair.start
 
-    async def asked(pair: Pair) -> None:
-        await start(pair)
+    async def asked(pair: Pair, ready: Mapping[str, Standby]) -> None:
+        await start(pair, ready)
         play.stage.link("down", "delay 33ms")
         play.stage.record(True)
         await asyncio.sleep(0)

@@ -20,6 +20,7 @@ import pytest
 pytest.importorskip("viser", reason="the live page's library is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright drives the browser and is not installed")
 
+import numpy as np
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
 from hapnet.params import Params
@@ -151,6 +152,38 @@ def test_who_watches_only_can_press_and_drag_nothing(browser: Browser) -> None:
         assert shown.controls.calls == []
 
 
+@pytest.mark.soak
+@pytest.mark.parametrize("size", [(390, 844), (700, 800), (1280, 720)])
+def test_a_press_within_30_pixels_takes_hold_of_the_handle(browser: Browser, size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(20)
+    with opened(browser, size) as shown:
+        page, controls = shown.page, shown.controls
+        page.wait_for_timeout(2000)  # until the ball around the handle is as large as this window needs
+        found = 0
+        for distance, angle in zip(30.0 * np.sqrt(rng.random(20)), 2.0 * math.pi * rng.random(20), strict=True):
+            x, y = shown.scene_point(0.0)
+            x, y = x + distance * math.cos(angle), y + distance * math.sin(angle)
+            before = len(controls.named("lead"))
+            page.mouse.move(x, y)
+            page.mouse.down()
+            for step in range(1, 4):
+                page.mouse.move(x + 6.0 * step, y)
+            page.mouse.up()
+            found += controls.wait(lambda before=before: len(controls.named("lead")) > before, 20.0)
+        assert found == 20
+
+
+@pytest.mark.soak
+def test_the_scene_has_more_than_half_of_a_telephones_height(browser: Browser) -> None:
+    with opened(browser, (390, 844)) as shown:
+        box = shown.page.locator("canvas").first.bounding_box()
+        sheet = shown.page.locator('[style*="max-height: 60%"]').bounding_box()
+        assert box is not None
+        assert sheet is not None
+        assert box["height"] > 844 / 2
+        assert sheet["y"] >= box["y"] + box["height"] - 8.0
+
+
 @pytest.mark.slow
 def test_a_drag_leads_the_hand_where_the_mouse_is(playing: Open) -> None:
     page, controls = playing.page, playing.controls
@@ -221,6 +254,7 @@ def test_words_are_put_in_force_by_enter_and_bad_ones_are_told(playing: Open) ->
 def test_buttons_and_switches_call_theirs(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     state = page.locator(".hapnet-state")
+    page.get_by_text("more", exact=True).click()
     for pressed, call, after in (
         ("pause", ("pause", True), "paused"),
         ("go on", ("pause", False), "running"),
