@@ -65,29 +65,57 @@ class Failure(NamedTuple):
         return f"{known.get(self.code, 'unknown error')} (0x{self.code:04X}, internal {self.internal})"
 
 
-_SLOW: dict[str, tuple[Any, list[Any]]] = {
+_FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "hdBeginFrame": (None, [c_uint]),
     "hdCheckCalibration": (c_uint, []),
+    "hdDisable": (None, [c_uint]),
     "hdDisableDevice": (None, [c_uint]),
+    "hdEnable": (None, [c_uint]),
     "hdEndFrame": (None, [c_uint]),
+    "hdGetDoublev": (None, [c_uint, POINTER(c_double)]),
+    "hdGetError": (ErrorInfo, []),
+    "hdGetIntegerv": (None, [c_uint, POINTER(c_int)]),
+    "hdGetString": (c_char_p, [c_uint]),
     "hdInitDevice": (c_uint, [c_char_p]),
+    "hdIsEnabled": (c_ubyte, [c_uint]),
     "hdScheduleAsynchronous": (c_ulong, [CALLBACK, c_void_p, c_ushort]),
     "hdScheduleSynchronous": (None, [CALLBACK, c_void_p, c_ushort]),
+    "hdSetDoublev": (None, [c_uint, POINTER(c_double)]),
     "hdStartScheduler": (None, []),
     "hdStopScheduler": (None, []),
     "hdUnschedule": (None, [c_ulong]),
     "hdUpdateCalibration": (None, [c_uint]),
 }
-_QUICK: dict[str, tuple[Any, list[Any]]] = {
-    "hdDisable": (None, [c_uint]),
-    "hdEnable": (None, [c_uint]),
-    "hdGetDoublev": (None, [c_uint, POINTER(c_double)]),
-    "hdGetError": (ErrorInfo, []),
-    "hdGetIntegerv": (None, [c_uint, POINTER(c_int)]),
-    "hdGetString": (c_char_p, [c_uint]),
-    "hdIsEnabled": (c_ubyte, [c_uint]),
-    "hdSetDoublev": (None, [c_uint, POINTER(c_double)]),
-}
+
+
+class Calls:
+    """The library's functions, as `c`, and what is put together of them."""
+
+    def __init__(self, library: Any) -> None:
+        for name, (result, arguments) in _FUNCTIONS.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+        self.c: Any = library
+
+    def errors(self) -> Iterator[Failure]:
+        """All errors since the last call, the newest first."""
+        for _ in range(_MOST_ERRORS):
+            info = self.c.hdGetError()
+            if info.code == SUCCESS:
+                return
+            yield Failure(info.code, info.internal)
+
+    def doubles(self, name: int, count: int) -> list[float]:
+        """The `count` numbers of the parameter `name`; of one that the device does not have they are 0."""
+        values = (c_double * count)()
+        self.c.hdGetDoublev(name, values)
+        return list(values)
+
+    def integer(self, name: int) -> int:
+        """The parameter `name`; of one that the device does not have 0."""
+        value = c_int()
+        self.c.hdGetIntegerv(name, ctypes.byref(value))
+        return value.value
 
 
 class OpenHaptics:
@@ -95,9 +123,10 @@ class OpenHaptics:
 
     Attributes
     ----------
-    slow : functions that may wait, for the device or for the scheduler's thread. Other threads of Python run meanwhile.
-    quick : functions that only copy. To let go of the interpreter for each would cost more, and beside a busy thread up
-        to 0.1 ms.
+    slow : calls that may wait, for the device or for a lock that the scheduler's thread holds while it waits for the
+        interpreter. Other threads of Python run meanwhile.
+    quick : calls in the scheduler's own thread that only copy. To let go of the interpreter for each would cost more,
+        and beside a busy thread up to 0.1 ms.
 
     Raises
     ------
@@ -110,30 +139,9 @@ class OpenHaptics:
             raise HapnetError(f"the device needs {NEEDED}")
         loader: Any = getattr(ctypes, "WinDLL", ctypes.CDLL)
         try:
-            self.slow = _declared(loader(found), _SLOW)
-            self.quick = _declared(ctypes.PyDLL(found), _QUICK)
+            self.slow, self.quick = Calls(loader(found)), Calls(ctypes.PyDLL(found))
         except (OSError, AttributeError) as error:
             raise HapnetError(f"{found} cannot be loaded as OpenHaptics' libHD: {error}") from None
-
-    def errors(self) -> Iterator[Failure]:
-        """All errors since the last call, the newest first."""
-        for _ in range(_MOST_ERRORS):
-            info = self.quick.hdGetError()
-            if info.code == SUCCESS:
-                return
-            yield Failure(info.code, info.internal)
-
-    def doubles(self, name: int, count: int) -> list[float]:
-        """The `count` numbers of the parameter `name`; of one that the device does not have they are 0."""
-        values = (c_double * count)()
-        self.quick.hdGetDoublev(name, values)
-        return list(values)
-
-    def integer(self, name: int) -> int:
-        """The parameter `name`; of one that the device does not have 0."""
-        value = c_int()
-        self.quick.hdGetIntegerv(name, ctypes.byref(value))
-        return value.value
 
     def in_scheduler(self, work: Callable[[], None]) -> None:
         """Do `work` once in the scheduler's thread, which must run, and wait for it."""
@@ -142,17 +150,10 @@ class OpenHaptics:
             work()
             return DONE
 
-        self.slow.hdScheduleSynchronous(CALLBACK(once), None, DEFAULT_PRIORITY)
+        self.slow.c.hdScheduleSynchronous(CALLBACK(once), None, DEFAULT_PRIORITY)
 
 
 NEEDED = "OpenHaptics (libHD) and the device's driver, both from 3D Systems, where the system finds libraries"
-
-
-def _declared(library: Any, functions: dict[str, tuple[Any, list[Any]]]) -> Any:
-    for name, (result, arguments) in functions.items():
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    return library
 
 
 def find() -> str:

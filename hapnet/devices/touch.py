@@ -65,8 +65,8 @@ class Touch(Driver):
         self.dof = dof
         self._axes = Axes(axes, dof)
         self._hd = oh.OpenHaptics(library)
-        self._handle = self._hd.slow.hdInitDevice(name.encode() if name else None)
-        failure = next(self._hd.errors(), None)
+        self._handle = self._hd.slow.c.hdInitDevice(name.encode() if name else None)
+        failure = next(self._hd.slow.errors(), None)
         if failure is not None or self._handle == oh.NO_DEVICE:
             called = f"named {name!r}" if name else "of 3D Systems"
             raise HapnetError(f"no device {called}: {failure or 'no handle'}; look into the maker's setup program")
@@ -75,7 +75,7 @@ class Touch(Driver):
         self._last: Frame | None = None
         self._acted: Vector | None = None
         self._interval_s: float | None = None
-        self.model: str = (self._hd.quick.hdGetString(oh.MODEL) or b"").decode(errors="replace")
+        self.model: str = (self._hd.slow.c.hdGetString(oh.MODEL) or b"").decode(errors="replace")
         self._learn_limits()
         try:
             self._frames.start()
@@ -101,12 +101,12 @@ class Touch(Driver):
         HapnetError : the user must put the stylus into the inkwell first, or calibrate with the maker's program.
         """
         if self._calibration() == oh.NEEDS_UPDATE:
-            styles = self._hd.integer(oh.STYLES)
+            styles = self._hd.slow.integer(oh.STYLES)
             style = next((each for each in (oh.AUTO, oh.INKWELL, oh.ENCODER_RESET) if styles & each), oh.INKWELL)
-            self._hd.in_scheduler(lambda: self._hd.slow.hdUpdateCalibration(style))
+            self._hd.in_scheduler(lambda: self._hd.slow.c.hdUpdateCalibration(style))
         if (state := self._calibration()) == oh.CALIBRATED:
             return
-        if state == oh.NEEDS_INPUT and self._hd.integer(oh.STYLES) & oh.INKWELL:
+        if state == oh.NEEDS_INPUT and self._hd.slow.integer(oh.STYLES) & oh.INKWELL:
             raise HapnetError(f"{self.model} is not calibrated: put its stylus into the inkwell, then start again")
         raise HapnetError(f"{self.model} is not calibrated: do that with the maker's diagnostic program first")
 
@@ -164,12 +164,12 @@ class Touch(Driver):
     def close(self) -> None:
         if self._handle != oh.NO_DEVICE:
             self._frames.close()
-            self._hd.slow.hdDisableDevice(self._handle)
+            self._hd.slow.c.hdDisableDevice(self._handle)
             self._handle = oh.NO_DEVICE
 
     def _learn_limits(self) -> None:
         """What the library says of the device; what it does not say stays as it is."""
-        hd = self._hd
+        hd = self._hd.slow
         self.resolution = _FINE_RESOLUTION_M if any(word in self.model.lower() for word in _FINE) else _RESOLUTION_M
         force_N, continuous_N, stiffness = (
             hd.doubles(name, 1)[0] for name in (oh.MAX_FORCE, oh.CONTINUOUS_FORCE, oh.MAX_STIFFNESS)
@@ -189,7 +189,7 @@ class Touch(Driver):
         state = [0]
 
         def check() -> None:
-            state[0] = self._hd.slow.hdCheckCalibration()
+            state[0] = self._hd.slow.c.hdCheckCalibration()
 
         self._hd.in_scheduler(check)
         return state[0]

@@ -128,10 +128,10 @@ class Frames:
         ------
         HapnetError : the library cannot.
         """
-        self._hd.quick.hdDisable(oh.FORCE_OUTPUT)
-        self._scheduled = self._hd.slow.hdScheduleAsynchronous(self._callback, None, oh.HIGHEST_PRIORITY)
-        self._hd.slow.hdStartScheduler()
-        if (failure := next(self._hd.errors(), None)) is not None:
+        self._hd.slow.c.hdDisable(oh.FORCE_OUTPUT)
+        self._scheduled = self._hd.slow.c.hdScheduleAsynchronous(self._callback, None, oh.HIGHEST_PRIORITY)
+        self._hd.slow.c.hdStartScheduler()
+        if (failure := next(self._hd.slow.errors(), None)) is not None:
             raise HapnetError(f"the library's scheduler does not start: {failure}")
 
     def enable(self) -> None:
@@ -167,9 +167,9 @@ class Frames:
             return
         self._closing = True
         self._ended.wait(_CLOSING_S)  # for the frame that sets the last force
-        self._hd.slow.hdStopScheduler()
+        self._hd.slow.c.hdStopScheduler()
         if not self._ended.is_set():
-            self._hd.slow.hdUnschedule(self._scheduled)
+            self._hd.slow.c.hdUnschedule(self._scheduled)
         self._scheduled = None
 
     def _tick(self, _: object) -> int:
@@ -181,27 +181,29 @@ class Frames:
 
     def _frame(self) -> int:
         """One frame, in the library's thread."""
-        hd, quick = self._hd, self._hd.quick
-        hd.slow.hdBeginFrame(self._handle)
+        slow, quick = self._hd.slow.c, self._hd.quick
+        slow.hdBeginFrame(self._handle)
         now_s = self._clock()
         if self._output and not self._has_output:
             self._has_output = True
-            quick.hdEnable(oh.FORCE_OUTPUT)
-        quick.hdGetDoublev(oh.POSITION, self._three)
+            quick.c.hdEnable(oh.FORCE_OUTPUT)
+        quick.c.hdGetDoublev(oh.POSITION, self._three)
         position = tuple(self._three)
-        quick.hdGetDoublev(oh.VELOCITY, self._three)
+        quick.c.hdGetDoublev(oh.VELOCITY, self._three)
         velocity = tuple(self._three)
-        quick.hdGetDoublev(oh.TRANSFORM, self._sixteen)
-        quick.hdGetIntegerv(oh.BUTTONS, byref(self._buttons))
+        quick.c.hdGetDoublev(oh.TRANSFORM, self._sixteen)
+        quick.c.hdGetIntegerv(oh.BUTTONS, byref(self._buttons))
+        failures = list(quick.errors())
         if self._count % _TEMPERATURE_EVERY == 0:
-            self._hottest = max(hd.doubles(oh.TEMPERATURE, 6))
+            self._hottest = max(quick.doubles(oh.TEMPERATURE, 6))
+            list(quick.errors())  # of a device that does not tell it
         self._count += 1
         wanted, at_s = self._command
         if now_s - at_s > WATCHDOG_S or self.faults.off(now_s) or self._closing:
             wanted = _NONE
-        quick.hdSetDoublev(oh.FORCE, (c_double * 3)(*wanted))
-        hd.slow.hdEndFrame(self._handle)
-        had_errors = self.faults.take(now_s, list(hd.errors()), self._hottest)
+        quick.c.hdSetDoublev(oh.FORCE, (c_double * 3)(*wanted))
+        slow.hdEndFrame(self._handle)
+        had_errors = self.faults.take(now_s, failures + list(quick.errors()), self._hottest)
         if self.faults.lost:
             self._command = _NONE, now_s
         else:
@@ -209,7 +211,7 @@ class Frames:
             self._frames.append(Frame(self._count, now_s, position, velocity, turned, buttons, wanted, had_errors))
             self._came.set()
         if self._closing:
-            quick.hdDisable(oh.FORCE_OUTPUT)
+            quick.c.hdDisable(oh.FORCE_OUTPUT)
             self._ended.set()
             return oh.DONE
         return oh.CONTINUE

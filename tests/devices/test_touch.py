@@ -223,6 +223,14 @@ def test_warm_motors_have_no_force_until_they_are_cool(device: Touch, stub: Stub
     assert stub.force == pytest.approx((1.0, 0.0, 0.0))
 
 
+def test_one_that_does_not_tell_its_temperature_runs_as_well(device: Touch, stub: Stub) -> None:
+    stub.c.stub_hot(-1.0)
+    device.apply((1.0, 0.0, 0.0))
+    stub.tick(101)
+    device.read()
+    assert device.braked() == ""
+
+
 @pytest.mark.parametrize(("code", "said"), [(0x0202, "its force jumped"), (0x0203, "it went faster than its limit")])
 def test_after_an_error_of_the_amplifiers_there_is_no_force_for_a_second(
     device: Touch, stub: Stub, code: int, said: str

@@ -163,7 +163,7 @@ void hdGetDoublev(unsigned int what, double *to) {
     case NOMINAL_MAX_STIFFNESS: *to = 0.9; break;
     case NOMINAL_MAX_FORCE: *to = MAX_N; break;
     case NOMINAL_MAX_CONTINUOUS_FORCE: *to = 0.88; break;
-    case MOTOR_TEMPERATURE: memcpy(to, hot, 3 * sizeof *hot); break;
+    case MOTOR_TEMPERATURE: if (hot[0] < 0.0) fail(INVALID_ENUM); else memcpy(to, hot, 3 * sizeof *hot); break;
     case CURRENT_BUTTONS: case CALIBRATION_STYLE: case DEVICE_MODEL_TYPE: fail(INVALID_INPUT_TYPE); break;
     default: fail(INVALID_ENUM);
   }
