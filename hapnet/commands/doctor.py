@@ -71,7 +71,7 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
             raise InvalidParameter("--damping", damping_N, "without --ramp: one after the other")
         checks = measure(
             device, rate_hz, time.monotonic_ns, time.sleep, ramp_N, damping_N,
-            known_mass=known_devices.mass_of(hardware) or (),
+            known_mass=known_devices.mass_of(hardware, dof) or (),
             on_mass=lambda mass: known_devices.remember(hardware, mass),
         )  # fmt: skip
         return _show(checks, json_to)

@@ -22,13 +22,16 @@ def file() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "hapnet" / "devices.json"
 
 
-def mass_of(device: str) -> Vector | None:
-    """The apparent mass of each axis, when the device was checked [kg]; empty: it could not be seen; None: new here."""
+def mass_of(device: str, dof: int) -> Vector | None:
+    """The apparent mass of each axis, when the device was checked [kg]; None: it is new here.
+
+    Empty: it could not be seen, or it was checked with another number of axes than `dof`.
+    """
     try:
         masses = [float(mass) for mass in _all()[device][MASS]]
     except (KeyError, TypeError, ValueError):
         return None
-    return tuple(masses)
+    return tuple(masses) if len(masses) == dof else ()
 
 
 def remember(device: str, mass: Vector) -> None:
@@ -49,7 +52,7 @@ def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
     """
     if not _is_pushed(params):
         return params
-    if (mass := mass_of(params.hardware)) is None:
+    if (mass := mass_of(params.hardware, params.dof)) is None:
         if ask is not None:
             ask(
                 f"{params.hardware} is new here. At the start hapnet pushes its handle to and fro, by up to"
@@ -63,7 +66,12 @@ def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
 def learn(params: Params, summary: Summary) -> None:
     """After a run: a device that was new is not any more."""
     device = summary["device"]
-    if _is_pushed(params) and device is not None and device["driver"] is not None and mass_of(params.hardware) is None:
+    if (
+        _is_pushed(params)
+        and device is not None
+        and device["driver"] is not None
+        and mass_of(params.hardware, params.dof) is None
+    ):
         remember(params.hardware, tuple(device["driver"]["mass_kg"] or ()))
 
 

@@ -250,7 +250,7 @@ def test_a_position_that_stands_still_while_the_force_changes_is_named(changes_N
 def test_a_new_device_is_asked_about_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     asked: list[str] = []
-    params = Params().set({"hardware": "my:Arm"})
+    params = Params().set({"hardware": "my:Arm", "dof": 2})
     assert known_devices.introduced(Params(), asked.append) == Params()
     assert known_devices.introduced(params, asked.append) == params
     (text,) = asked
@@ -258,6 +258,8 @@ def test_a_new_device_is_asked_about_once(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert "up to 0.3 N" in text
     known_devices.learn(params, {"device": {"driver": {"mass_kg": [0.2, 0.3]}}})  # type: ignore[typeddict-item]
     assert known_devices.introduced(params, asked.append).device.known_mass_kg == (0.2, 0.3)
+    one = params.set({"dof": 1})  # which axis of the two nobody knows
+    assert known_devices.introduced(one, asked.append) == one
     assert len(asked) == 1
 
 
@@ -266,14 +268,14 @@ def test_a_file_that_is_broken_makes_devices_new(content: str, monkeypatch: pyte
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     known_devices.file().parent.mkdir()
     known_devices.file().write_text(content)
-    assert known_devices.mass_of("my:Arm") is None
+    assert known_devices.mass_of("my:Arm", 1) is None
 
 
 def test_what_cannot_be_written_is_no_failure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     known_devices.remember("my:Arm", (0.1,))
-    assert known_devices.mass_of("my:Arm") is None
+    assert known_devices.mass_of("my:Arm", 1) is None
 
 
 def test_a_mass_for_another_number_of_axes_is_refused(capsys: Capture) -> None:

@@ -47,7 +47,7 @@ static int depth, running, open_, in_frame, framed, output = 1, disabled_at_end,
 static int calibration = CALIBRATION_OK, code, buttons, stalled, unset;
 static double x[3], v[3], seen_x[3], seen_v[3], transform[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 static double commanded[3], held[3], hot[6], off_until_s, last_s, start_s, work_J, most_J, late_us[MOST];
-static double fault_at_s = INFINITY, fault_s;
+static double fault_at_s = INFINITY, fault_s, enabled_s = INFINITY;
 static int fault_code;
 
 static int by_hand;
@@ -109,11 +109,16 @@ unsigned int hdInitDevice(const char *name) {
   work_J = most_J = off_until_s = 0.0;
   calibration = getenv("STUB_CALIBRATION") ? strtol(getenv("STUB_CALIBRATION"), NULL, 0) : CALIBRATION_OK;
   start_s = last_s = now_s();
+  enabled_s = INFINITY;
   if (getenv("STUB_FAULT")) sscanf(getenv("STUB_FAULT"), "%lf:%lf:%i", &fault_at_s, &fault_s, &fault_code);
   return 0;
 }
 void hdDisableDevice(unsigned int device) { (void)device; disabled_at_end = !output; open_ = 0; }
-void hdEnable(unsigned int what) { if (what == FORCE_OUTPUT) output = 1; else fail(INVALID_ENUM); }
+void hdEnable(unsigned int what) {
+  if (what != FORCE_OUTPUT) { fail(INVALID_ENUM); return; }
+  output = 1;
+  enabled_s = now_s();
+}
 void hdDisable(unsigned int what) { if (what == FORCE_OUTPUT) output = 0; else fail(INVALID_ENUM); }
 unsigned char hdIsEnabled(unsigned int what) { if (what != FORCE_OUTPUT) fail(INVALID_ENUM); return what == FORCE_OUTPUT && output; }
 const char *hdGetString(unsigned int what) {
@@ -123,7 +128,7 @@ const char *hdGetString(unsigned int what) {
 }
 
 static int active(void) {
-  double age = now_s() - start_s;
+  double age = now_s() - enabled_s; /* a fault counts from when the motors were switched on */
   return age > fault_at_s && age < fault_at_s + fault_s ? fault_code : code;
 }
 
