@@ -16,7 +16,8 @@ import pytest
 from hypothesis import settings
 
 from hapnet.checks import Array
-from hapnet.kernel import sources
+from hapnet.couplings.registry import coupling
+from hapnet.kernel import real_time, sources
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.simulation.compiled.coverage import kind_of, no_compiler
@@ -84,6 +85,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         return
     from hapnet.simulation.compiled.run import make_ready  # here: it loads numba
 
+    for end in real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD)):
+        real_time.make_ready(end)
     found = {kind.name: kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None}
     kinds = [found[name] for name in sorted(found)]
     first = len(kinds) // 2 * (os.environ.get("PYTEST_XDIST_WORKER", "gw0") != "gw0")
