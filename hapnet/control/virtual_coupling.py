@@ -1,10 +1,18 @@
 """The device's end of a plain virtual coupling, with its force held from tick to tick: f = -K (x - y) - B v.
 
 y is the newest position that the world sent (Colgate, Stanley, Brown 1995). Nothing here makes it passive over a
-network; PO/PC and energy bounding add that.
+network; PO/PC and energy bounding add that, each with an account of the energy that the hand put in, axis by axis.
+
+Both laws' authors bound that account: energy put in long ago would otherwise pay for what is given out now. Where no
+force was rendered for a while, nothing is being touched, and a surplus is forgotten (`Reset`; Hannaford and Ryu 2002
+reset their observer so; energy bounding for several axes begins anew after a tick without force). A debt stays. So
+what a law claims of its port then holds from each reset on, too.
 """
 
 from __future__ import annotations
+
+import math
+from typing import NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
@@ -16,16 +24,29 @@ from hapnet.records.record import Floats, OfAxes, Reals
 from hapnet.records.vectors import copy
 
 
+class Reset(NamedTuple):
+    """When a law's account of an axis forgets a surplus."""
+
+    below_N: float = 0.0
+    """A force below this counts as none [N]; 0: none does."""
+    after_s: float = math.inf
+    """For longer than this there was none [s]; 0: for one tick."""
+
+
+NEVER = Reset()
+
+
 class VirtualCoupling(DeviceEnd):
     """A spring, which may saturate, tied to the newest position, and a damper.
 
     Parameters
     ----------
-    spring : K. damping : B's diagonal [Ns/m]. position : x(0) [m], where it starts at rest.
+    spring : K. damping : B's diagonal [Ns/m]. position : x(0) [m], where it starts at rest. reset : of the account.
 
     Attributes
     ----------
     position : the last measured one [m]. moved : from the one before [m]. energies : a law's account of each axis [J].
+    idle : how long each axis has had no force [s].
     """
 
     spring: Spring
@@ -33,11 +54,15 @@ class VirtualCoupling(DeviceEnd):
     position: OfAxes
     moved: OfAxes
     energies: OfAxes
+    idle: OfAxes
+    below_N: float
+    after_s: float
 
-    def __init__(self, spring: Spring, damping: Vector, position: Vector) -> None:
+    def __init__(self, spring: Spring, damping: Vector, position: Vector, reset: Reset = NEVER) -> None:
         super().__init__(position)
         self.spring, self.damping, self.position = spring, list(damping), list(position)
-        self.moved, self.energies = [0.0] * self.n, [0.0] * self.n
+        self.moved, self.energies, self.idle = [0.0] * self.n, [0.0] * self.n, [0.0] * self.n
+        self.below_N, self.after_s = reset
 
     def receive(self, sample: CouplingSample) -> None:
         """A position arrived [m]."""
@@ -81,3 +106,12 @@ def pass_to(law: VirtualCoupling, x: Reals) -> None:
     for i in range(law.n):
         law.moved[i] = x[i] - law.position[i]
         law.position[i] = x[i]
+
+
+@equation
+def forget(law: VirtualCoupling, dt: float, held: Reals) -> None:
+    """`held` was rendered for dt. The surplus of an axis that has had no force for so long is forgotten."""
+    for i in range(law.n):
+        law.idle[i] = law.idle[i] + dt if abs(held[i]) < law.below_N else 0.0
+        if law.idle[i] > law.after_s:
+            law.idle[i], law.energies[i] = 0.0, min(law.energies[i], 0.0)

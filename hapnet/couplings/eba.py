@@ -11,7 +11,14 @@ tick, E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx over dx.
     |F_n| <= sqrt(4 E_n b / T)
 
 This also holds within the tick, where T is smaller. It assumes nothing about the network or the hand, but b must really
-be there. E has no ceiling: energy put in long ago may come out again.
+be there.
+
+Where no force was rendered for `eba.reset_s`, E begins anew at zero, axis by axis: energy put in long ago would
+otherwise pay for a force now. Its authors' form for several axes does so after one tick without any force; but a
+coupling's spring, unlike a wall, is never without, so what people hardly notice (0.05 N) counts as none.
+
+From zero on a push at the speed v earns 2 b v more force each tick (derived here: F_n^2 = (F_{n-1} + 2 b v)^2). So a
+spring is rendered whole up to K = 2 b / T, the bound of Colgate and Schenkel (1997), and a stiffer one as that.
 
 Ticks of unequal length (derived here): in E_n, T is the time that has passed, or an upper bound of it. In the clip, T
 is the time to come, the servo's period. A tick that is late, after T', may leave E_n below zero, by at most
@@ -33,11 +40,11 @@ from dataclasses import dataclass
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceLaw, WorldCoupling
-from hapnet.control.virtual_coupling import VirtualCoupling, couple, pass_to
+from hapnet.control.virtual_coupling import NEVER, Reset, VirtualCoupling, couple, forget, pass_to
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.rendering import PREDICT_S, predicts
-from hapnet.couplings.set_position import device_spring, plain_world
+from hapnet.couplings.set_position import RESET_FORCE, RESET_S, device_spring, plain_world
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring
@@ -54,7 +61,7 @@ class EnergyBounding(VirtualCoupling):
     ----------
     spring, damping, position : of the coupling.
     own_damping : b [Ns/m], a lower bound of the device's own damping on every axis.
-    period : T [s], of the servo. resolution : r [m], of the encoders.
+    period : T [s], of the servo. resolution : r [m], of the encoders. reset : of E.
 
     Attributes
     ----------
@@ -75,8 +82,9 @@ class EnergyBounding(VirtualCoupling):
         own_damping: float,
         period: float,
         resolution: float = 0.0,
+        reset: Reset = NEVER,
     ) -> None:
-        super().__init__(spring, damping, position)
+        super().__init__(spring, damping, position, reset)
         self.before = [0.0] * self.n
         self.own = own_damping
         self.gain = 4.0 * own_damping / period
@@ -111,6 +119,7 @@ def _account(law: EnergyBounding, dt: float, x: Reals, held: Reals) -> None:
         changed = 0.5 * law.resolution * abs(F - law.before[i])
         law.energies[i] = law.energies[i] + harvest * path * path - F * dx - changed
         law.before[i] = F
+    forget(law, dt, held)
 
 
 @equation
@@ -130,6 +139,8 @@ class EbaParams:
         0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", NOT_NEGATIVE
     )
     predict_s: float = parameter(0.06, PREDICT_S, NOT_NEGATIVE)
+    reset_force_N: float = parameter(0.05, RESET_FORCE, NOT_NEGATIVE)
+    reset_s: float = parameter(0.1, RESET_S, NOT_NEGATIVE)
 
 
 @dataclass(frozen=True)
@@ -148,13 +159,14 @@ def tune(params: Params, link: Delays) -> Tuning:
 
 
 def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
-    device = start.params.device
+    device, own = start.params.device, start.params.of(EbaParams)
     return EnergyBounding(
         *device_spring(start.params, len(start.position)),
         start.position,
         own_damping=start.tuning.damping_Ns_m,
         period=1.0 / device.servo_hz,
         resolution=device.resolution_m,
+        reset=Reset(own.reset_force_N, own.reset_s),
     )
 
 

@@ -181,6 +181,7 @@ class WorldPD(_Gained, WorldEnd):
 class PdParams:
     """PD over a constant delay (Lee, Spong 2006)."""
 
+    stiffness: float = parameter(0.0, "K_p [N/m]; 0: device.stiffness. K_d by the rule limits it", NOT_NEGATIVE)
     damping: float = parameter(0.0, "K_d, which dissipates what the delay generates [Ns/m]; 0: by a rule", NOT_NEGATIVE)
     coordination: float = parameter(0.0, "K_v, on the difference of the velocities [Ns/m]", NOT_NEGATIVE)
     extra_damping: float = parameter(0.0, "P_e, on each side's own velocity [Ns/m]", NOT_NEGATIVE)
@@ -201,7 +202,7 @@ class Tuning:
 def tune(params: Params, link: Delays) -> Tuning:
     """Choose K_p so that the device can render the K_d that the rule demands. A K_d given by the user keeps K_p."""
     device, own = params.device, params.of(PdParams)
-    K = scalar_stiffness(params)
+    K = own.stiffness or scalar_stiffness(params)
     held_back = 2.0 * MAX_S if params.wire.deadband else 0.0
     trip = round_trip(
         link.round_trip_bound_s + held_back, device.pspm_period_s, params.world.step_max_s, 1.0 / device.servo_hz
@@ -272,7 +273,7 @@ LAW = CouplingSpec(
     warn=warn,
     compiled=(DevicePD, WorldPD),
     searched={
-        "pd.damping": Between(0.2, RENDERED_DAMPING, log=True),
+        "pd.stiffness": Between(5.0, 1000.0, log=True),
         "pd.coordination": Between(0.0, 2.0),
         "pd.extra_damping": Between(0.0, 2.0),
     },

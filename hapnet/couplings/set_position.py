@@ -36,6 +36,10 @@ Side = DeviceParams | WorldParams
 MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], Modulator]
 """The side's parameters, spring, position [m], energy at the start [J], reserve [J], and the torque that is held."""
 
+RESET_FORCE = "a force below this counts as none for the observer's reset [N]; 0: it is never reset"
+RESET_S = "the observer forgets a surplus after so long without force [s]"
+"""The meanings of a law's parameters for `hapnet.control.virtual_coupling.Reset`."""
+
 BOTH_SIDES = frozenset({"device", "world"})
 
 

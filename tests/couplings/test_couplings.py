@@ -102,6 +102,15 @@ def test_pd_takes_the_users_damping_and_leaves_the_spring_alone() -> None:
     assert list(tuning.values()) == [100.0, 12.0, 1.0, 0.5]
 
 
+@pytest.mark.parametrize(("K_p", "link"), [(20.0, "delay 60ms"), (50.0, "delay 30ms"), (500.0, "delay 30ms")])
+def test_pds_own_spring_keeps_its_condition(K_p: float, link: str) -> None:
+    """K_d = K_p R/2, R as above; K_p gives way where K_d would be above 5 Ns/m."""
+    tuning = tuned("pd", link, device__stiffness=100.0, pd__stiffness=K_p)
+    R = 2e-3 * float(link.strip("delay ms")) + 0.056
+    assert tuning["stiffness_N_m"] == pytest.approx(min(K_p, 10.0 / R))
+    assert tuning["damping_Ns_m"] == pytest.approx(tuning["stiffness_N_m"] * R / 2.0)
+
+
 def test_pd_says_when_the_device_does_not_damp_what_holding_its_force_needs() -> None:
     """0.3 against 100/2000 + 2.8 Ns/m; 3 would do."""
     params = Params().set({"coupling": "pd", "link.up": "ideal", "link.down": "ideal", "device.stiffness": 100.0})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hapnet.control.virtual_coupling import NEVER, Reset
 from hapnet.couplings.eba import EnergyBounding
 from hapnet.mechanics.spring import Spring
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
@@ -14,9 +15,12 @@ T = 0.001
 b = 0.3
 
 
-def bounding(dof: int = 1, *, own: float = b, resolution: float = 0.0, K: float = 500.0) -> EnergyBounding:
-    zero = (0.0,) * dof
-    return EnergyBounding(Spring(K, dof), (0.1,) * dof, zero, own_damping=own, period=T, resolution=resolution)
+def bounding(
+    dof: int = 1, *, own: float = b, resolution: float = 0.0, K: float = 500.0, reset: Reset = NEVER
+) -> EnergyBounding:
+    return EnergyBounding(
+        Spring(K, dof), (0.1,) * dof, (0.0,) * dof, own_damping=own, period=T, resolution=resolution, reset=reset
+    )  # fmt: skip
 
 
 class Port:
@@ -93,6 +97,46 @@ def wander(
 def test_the_hands_port_is_passive_whatever_the_network_and_the_hand_do(seed: int) -> None:
     port, _ = wander(bounding(), seed)
     assert port.lowest >= -1e-12
+
+
+def test_from_a_reset_on_a_push_renders_two_b_over_T() -> None:
+    """F_n^2 = (4b/T) E_n = F_{n-1}^2 + 4 b v F_{n-1} + (2 b v)^2: 2 b v a tick, 600 N/m of a wall that is stiffer."""
+    v, stiff = 0.05, bounding(K=1e6)
+    force: tuple[float, ...] = (0.0,)
+    for n in range(1, 101):
+        force = stiff.force(T, (v * T * n,), (v,), force)
+        assert force[0] == pytest.approx(-2.0 * b * v * n, rel=1e-9)
+    softer = bounding(K=500.0)
+    force = (0.0,)
+    for n in range(1, 101):
+        force = softer.force(T, (v * T * n,), (v,), force)
+    assert force[0] == pytest.approx(-500.0 * v * T * 100 - 0.1 * v)  # one that is not is left alone
+
+
+@pytest.mark.parametrize(("reset", "given"), [(NEVER, True), (Reset(0.05, 0.1), False)], ids=["never", "after 0.1 s"])
+def test_what_was_paid_for_one_wall_does_not_pay_for_the_next_pull(reset: Reset, given: bool) -> None:
+    """The hand presses 10 mm into a wall, which vanishes; after 0.2 s without force the network pulls."""
+    law, port = bounding(reset=reset), Port()
+    x = force = 0.0
+
+    def tick(dx: float) -> None:
+        nonlocal x, force
+        port.move(force, dx, T)
+        x += dx
+        force = law.force(T, (x,), (dx / T,), (force,))[0]
+
+    for _ in range(200):
+        tick(5e-5)
+    law.receive((x,))
+    for _ in range(200):
+        tick(0.0)
+    paid = port.energy
+    assert paid > 0.02  # 1/2 K x^2 = 25 mJ, but for the first ticks
+    law.receive((x + 0.1,))
+    for _ in range(500):
+        tick(force * T / (2.0 * b))  # as takes the most out
+    assert (port.energy < 0.5 * paid) is given
+    assert given or port.energy >= paid - 1e-12
 
 
 @pytest.mark.parametrize("seed", range(5))

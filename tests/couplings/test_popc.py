@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from hapnet.control.virtual_coupling import NEVER, Reset
 from hapnet.couplings.popc import PassivityController, damping_cap
 from hapnet.mechanics.spring import Spring
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
@@ -15,10 +16,12 @@ from tests.support.paper import PAPER
 T = 0.001
 
 
-def controller(dof: int = 1, K: float = 500.0, cap: float = 1e30, floor: float = 1e-30) -> PassivityController:
+def controller(
+    dof: int = 1, K: float = 500.0, cap: float = 1e30, floor: float = 1e-30, reset: Reset = NEVER
+) -> PassivityController:
     """Without limits by default."""
     zero = (0.0,) * dof
-    return PassivityController(Spring(K, dof), (0.1,) * dof, zero, velocity_floor=floor, damping_cap=cap)
+    return PassivityController(Spring(K, dof), (0.1,) * dof, zero, velocity_floor=floor, damping_cap=cap, reset=reset)
 
 
 def test_a_passive_wall_makes_the_observer_positive() -> None:
@@ -70,6 +73,35 @@ def test_what_its_limits_leave_is_not_forgotten() -> None:
         assert ticks <= 22
         assert force[0] >= -0.5 - 1e-9
     assert ticks >= 20
+
+
+def test_a_surplus_is_forgotten_where_no_force_was_rendered_and_a_debt_is_not() -> None:
+    """Each axis by itself, when there was none for longer than 8 ticks; 50 mN are a force if less is none."""
+    law = controller(dof=3, reset=Reset(0.05, 8 * 2.0**-10))
+    at, rest = (0.001, 0.001, 0.001), (0.0, 0.0, 0.0)
+    law.force(2.0**-10, at, rest, (-1.0, 1.0, -1.0))
+    for _ in range(8):
+        law.force(2.0**-10, at, rest, (-0.049, 0.0, 0.05))
+    assert law.energy == pytest.approx((0.001, -0.001, 0.001))
+    law.release(2.0**-10, at, (0.0, 0.0, 0.05))
+    assert law.energy == pytest.approx((0.0, -0.001, 0.001))
+
+
+@pytest.mark.parametrize(("reset", "damps"), [(NEVER, False), (Reset(0.05, 0.1), True)], ids=["never", "after 0.1 s"])
+def test_what_was_paid_for_one_wall_does_not_pay_for_the_next_pull(reset: Reset, damps: bool) -> None:
+    """Pressed 10 mm into 500 N/m, 25 mJ; the wall vanishes, 0.2 s pass, and 1 N pulls over 20 mm, so 20 mJ come out."""
+    law = controller(K=1e-9, reset=reset)
+    for n in range(1, 101):
+        law.force(T, (1e-4 * n,), (0.1,), (-0.05 * n,))
+    for _ in range(200):
+        law.force(T, (0.01,), (0.0,), (0.0,))
+    assert law.energy[0] == pytest.approx(0.0 if damps else 0.025 * 1.01)
+    added = 0.0
+    for n in range(1, 201):
+        added = min(added, law.force(T, (0.01 + 1e-4 * n,), (0.1,), (1.0,))[0] + 0.1 * 0.1)
+        if n == 1:
+            assert added == pytest.approx(-1.0 if damps else 0.0, abs=1e-9)  # 0.1 mJ in 1 ms at 0.1 m/s
+    assert (added < -1e-6) is damps
 
 
 def test_at_the_speed_of_the_floor_it_damps_and_below_not_and_nothing_without_a_deficit() -> None:
