@@ -18,8 +18,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = "--delay 40ms --jitter 10ms --loss 2%"
-COMPARED = "--deadband 0 --seeds 5:17 --operator hand-5 --operator hand-6 --operator hand-7 --case 4g,hand-6,5"
-LINKS = "--link lan --link 4g --link intercontinental --link leo --link wifi"
+STAGED = "pspm,zoh,popc:rendering=hapnet,eba:rendering=hapnet,pd:rendering=hapnet"
+ALONE = (
+    "pspm:rendering=paper,zoh:rendering=paper,popc,eba,pd,tdpa,wave,"
+    "wave:world.step_min_s=0.001:world.step_max_s=0.001,digital-wave"
+)
+COMPARED = f"--coupling {STAGED} --coupling {ALONE} --set device.stiffness=100 --deadband 0 --case 4g,hand-21,0"
+LINKS = "--link lan --link 4g --link intercontinental"
 
 
 @dataclass(frozen=True)
@@ -56,11 +61,8 @@ RECIPES = (
     Recipe(("hapnet transparency --link 4g --out DIR",), {"transparency.png": "transparency.png"}),
     Recipe(("hapnet tune examples/tune/pspm.toml --out DIR",), {"tune.png": "tune.png"}),
     Recipe(
-        (
-            f"hapnet compare --params examples/tuned.toml {LINKS} --trace lte={{data}}/links/ATT-LTE-driving-2016 "
-            f"{COMPARED} --operator {{data}}/hand/handwriting.csv --out DIR",
-        ),
-        {"compare.png": "tradeoff.png", "traces.png": "traces.png"},
+        (f"hapnet compare --bench hands {LINKS} {COMPARED} --out DIR",),
+        {"compare.png": "hands/tradeoff.png", "traces.png": "hands/traces.png"},
     ),
 )
 FILM = "play.gif"
