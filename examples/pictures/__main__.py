@@ -18,12 +18,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = "--delay 40ms --jitter 10ms --loss 2%"
-STAGED = "pspm,zoh,popc:rendering=hapnet,eba:rendering=hapnet,pd:rendering=hapnet"
-ALONE = (
-    "pspm:rendering=paper,zoh:rendering=paper,popc,eba,pd,tdpa,wave,"
-    "wave:world.step_min_s=0.001:world.step_max_s=0.001,digital-wave"
-)
-COMPARED = f"--coupling {STAGED} --coupling {ALONE} --set device.stiffness=100 --deadband 0 --case 4g,hand-21,0"
+SHOWN = "pspm,zoh,popc,eba,tdpa,wave,digital-wave,pd"
+COMPARED = f"--coupling {SHOWN} --set device.stiffness=100 --deadband 0 --case 4g,hand-21,0"
 LINKS = "--link lan --link 4g --link intercontinental"
 
 
