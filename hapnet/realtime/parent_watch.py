@@ -15,7 +15,8 @@ LOOK_NS = 10_000_000
 """The time between two looks [ns]; one takes 4 us, waits for nothing and allocates nothing that stays."""
 
 HANGS_LOOKS = 100
-"""A heart that does not beat for so many looks stands still. Beside four busy loops on two cores the longest was 16."""
+"""A heart that does not beat for so many looks stands still. Beside four busy loops, on two cores with a load of 14, at
+most 14 looks lay between two of 669 beats."""
 
 STOPPED = "the process that holds the network was stopped by a signal"
 HANGS = "the process that holds the network hangs"

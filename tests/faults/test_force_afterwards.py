@@ -107,18 +107,22 @@ class StandIn:
             self.close()
         self._stop = threading.Event()
 
-        def as_hardware() -> None:
-            """A board is not held up by what else this machine does, where that is allowed."""
-            with suppress(OSError):
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY + 1))
+        def as_hardware_does() -> None:
+            undisturbed()
             run(self._stop)
 
-        self._thread = threading.Thread(target=as_hardware, daemon=True)
+        self._thread = threading.Thread(target=as_hardware_does, daemon=True)
         self._thread.start()
 
     def _alone(self, stop: threading.Event) -> None:
         while not stop.wait(1e-3):
             self.handle.read(time.monotonic_ns())
+
+
+def undisturbed() -> None:
+    """Let the calling thread run as soon as it wants to, where that is allowed: a board waits for no computer."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY + 1))
 
 
 class Outcome(NamedTuple):
@@ -142,6 +146,7 @@ def faults(kind: str, who: str, what: str, times: int, directory: Path) -> list[
     """Do it so many times, in one run if it can go on."""
     rng = random.Random(f"{kind} {who} {what}")
     outcomes: list[Outcome] = []
+    undisturbed()  # this thread too, which may hold the interpreter's lock
     stand_in = StandIn(directory / "axis")
     words = ("--device", f"serial:{stand_in.link}", *(("--realtime",) if kind == "realtime" else ()))
     more = ("--set", "device.self_test_N=0", "--set", "device.force_ramp_s=0.05")
@@ -156,6 +161,7 @@ def faults(kind: str, who: str, what: str, times: int, directory: Path) -> list[
                         break
     finally:
         stand_in.close()
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     return outcomes
 
 

@@ -10,7 +10,7 @@ import pytest
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
 from hapnet.summary.run import device_summary
-from tests.side.test_real_device import Braking, Rig
+from tests.side.test_real_device import Arm, Braking, Rig
 
 
 def silent_for_10_ms(rig: Rig) -> None:
@@ -69,6 +69,21 @@ def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
     assert rig.work - before == pytest.approx(-small * 0.0005, rel=1e-6)
 
 
+def test_a_doubt_is_over_with_the_next_command() -> None:
+    """A command is lost while 2 N are held. Two ticks later the force is known again, and what it takes in counts."""
+    rig = Rig()
+    for _ in range(3):
+        rig.tick(0.0)
+    rig.arm.deaf = True
+    rig.tick(0.001)
+    rig.arm.deaf = False
+    rig.tick(0.001)
+    (force,), before = rig.arm.reported[-1], rig.work
+    assert force > 1.0
+    rig.tick(0.0005)
+    assert rig.work - before == pytest.approx(force * 0.0005, rel=1e-9)
+
+
 def test_a_device_that_is_silent_at_the_end_is_not_taken_for_passive() -> None:
     rig = Rig()
     for _ in range(3):
@@ -98,6 +113,26 @@ def test_nor_is_one_whose_cable_goes_with_its_last_command(held: bool) -> None:
     stopped = device_summary(rig.side, "pspm")["stopped"]
     assert (stopped is not None and stopped["why"] is not None) is held
     assert ("may remain" in " ".join(rig.events)) is held
+
+
+class Counted(Arm):
+    begun = ended = 0
+
+    def begin(self) -> None:
+        self.begun += 1
+
+    def close(self) -> None:
+        self.ended += 1
+
+
+def test_control_begins_once_and_the_device_is_closed_once() -> None:
+    rig = Rig(Counted)
+    assert isinstance(rig.arm, Counted)
+    for _ in range(3):
+        rig.tick(0.0)
+    for _ in range(2):
+        rig.side.stop()
+    assert (rig.arm.begun, rig.arm.ended) == (1, 1)
 
 
 class Failing(Braking):
