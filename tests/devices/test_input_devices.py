@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 from collections.abc import Iterator
@@ -167,6 +168,31 @@ def test_one_that_goes_away_is_silent_until_it_is_back(pipe: Pipe, clock: list[f
     os.rename(pipe.path + ".gone", pipe.path)
     with pytest.raises(DeviceSilent):
         pad.read()  # it looks again twice a second
+    clock[0] += 1.0
+    assert pad.read()[0] == (0.0,)
+    pad.close()
+
+
+def test_one_that_was_pulled_out_is_opened_anew(
+    pipe: Pipe, clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the kernel says of a device that is gone, it says of that file for ever."""
+    pad, read, pulled_out = Gamepad(1, path=pipe.path), os.read, [True]
+    opened = os.open
+
+    def gone(file: int, size: int) -> bytes:
+        if pulled_out[0]:
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+        return read(file, size)
+
+    def back(path: str, flags: int) -> int:
+        pulled_out[0] = False
+        return opened(path, flags)
+
+    monkeypatch.setattr("hapnet.devices.input_device.os.read", gone)
+    monkeypatch.setattr("hapnet.devices.input_device.os.open", back)
+    with pytest.raises(DeviceSilent, match="No such device"):
+        pad.read()
     clock[0] += 1.0
     assert pad.read()[0] == (0.0,)
     pad.close()

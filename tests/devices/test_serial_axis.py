@@ -230,7 +230,18 @@ def test_without_a_whole_state_it_is_silent(axis: SerialAxis, board: Board) -> N
         axis.read()
 
 
+def test_one_that_started_anew_has_lost_its_zero(axis: SerialAxis, board: Board) -> None:
+    board.state(1000)
+    axis.home()
+    board.homed = False
+    board.state(2000)
+    with pytest.raises(HapnetError, match="has started anew and lost its zero"):
+        axis.read()
+
+
 def test_one_that_was_pulled_out_is_silent_until_it_is_back(axis: SerialAxis, board: Board) -> None:
+    board.state(500)  # shortly before what comes afterwards, by the board's clock
+    axis.read()
     board.pull_out()
     with pytest.raises(DeviceSilent, match="has gone"):
         axis.read()

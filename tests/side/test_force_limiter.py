@@ -62,3 +62,13 @@ def test_hot_actuators_come_down_to_the_continuous_force() -> None:
     for _ in range(10_000):
         limiter.permit(1e-3, (0.0,), ())
     assert limiter.permit(1e-3, (4.0,), ()) == (4.0,)  # cooled down
+
+
+def test_they_cool_down_while_the_switch_is_not_held() -> None:
+    limiter = ForceLimiter(dead_man=0, peak=5.0, continuous=2.0, thermal_s=1.0)
+    for _ in range(10_000):
+        limiter.permit(1e-3, (4.0,), (True,))
+    assert limiter.permit(1e-3, (4.0,), (True,))[0] < 3.0
+    for _ in range(10_000):
+        limiter.permit(1e-3, (4.0,), (False,))
+    assert limiter.permit(1e-3, (4.0,), (True,)) == (4.0,)

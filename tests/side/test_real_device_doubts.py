@@ -115,6 +115,16 @@ def test_nor_is_one_whose_cable_goes_with_its_last_command(held: bool) -> None:
     assert ("may remain" in " ".join(rig.events)) is held
 
 
+def test_a_force_that_does_not_agree_with_the_motion_ends_in_the_same_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig()
+    for _ in range(3):
+        rig.tick(0.0)
+    assert rig.arm.reported[-1][0] == pytest.approx(2.0)
+    monkeypatch.setattr(rig.side._agreement, "wrong", lambda *reading: "is the motor reversed?")
+    rig.tick(0.0)
+    assert rig.arm.reported[-1] == (0.0,)
+
+
 class Counted(Arm):
     begun = ended = 0
 
@@ -130,6 +140,7 @@ def test_control_begins_once_and_the_device_is_closed_once() -> None:
     assert isinstance(rig.arm, Counted)
     for _ in range(3):
         rig.tick(0.0)
+    rig.side._begin()  # as the last push at the start does, before control
     for _ in range(2):
         rig.side.stop()
     assert (rig.arm.begun, rig.arm.ended) == (1, 1)
