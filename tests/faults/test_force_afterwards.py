@@ -201,7 +201,7 @@ def fault(sides: Pair, kind: str, who: str, what: str, rng: random.Random, stand
 
 
 def assert_ended(who: str, what: str, outcomes: list[Outcome]) -> None:
-    """By 50 ms there is no force; hapnet itself ends it where its parent was stopped. One that was killed dies slowly."""
+    """By 50 ms there is no force; where its parent was stopped hapnet itself ends it. A killed one dies slowly."""
     assert all(outcome.before_N > 0.0 for outcome in outcomes)
     assert [outcome.after_N for outcome in outcomes] == [0.0] * len(outcomes)
     if (who, what) == ("parent", STOPPED):
