@@ -53,7 +53,7 @@ class Playing:
 
     def spot(self, x_m: float) -> tuple[float, float]:
         """Where a point of the first axis is on the screen: 24 units of 10 mm away, seen at 30 degrees."""
-        box = self.page.locator("canvas").first.bounding_box()
+        box = self.page.locator("canvas[data-engine]").bounding_box()
         assert box is not None
         per_m = box["height"] / 2.0 / (0.24 * math.tan(math.radians(15.0)))
         return box["x"] + box["width"] / 2.0 + x_m * per_m, box["y"] + box["height"] / 2.0
