@@ -22,11 +22,12 @@ from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, L
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
-from hapnet.couplings.felt import Felt, felt
+from hapnet.couplings.felt import Felt, felt, of_springs
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
+from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params
 from hapnet.plant.device import SimulatedDevice
@@ -101,7 +102,10 @@ class Setup:
         walls = [wall.stiffness for wall in self.scene.walls]
         if not walls and "stiffness" in scene_parameters(self.params.scene):
             walls = [self.params.world.wall.stiffness]
-        return felt(self.params, self.coupling.scaled, max(walls, default=None))
+        stiffest = max(walls, default=None)
+        if self.params.coupling not in COUPLING_NAMES:  # what springs a law of the user's own has is not known
+            return of_springs(None, stiffest)
+        return felt(self.params, self.coupling.scaled, stiffest)
 
 
 def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:

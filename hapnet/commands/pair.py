@@ -214,7 +214,7 @@ class Pair:
         try:
             child = await started_on_loop(
                 self._command(role, endpoints, theirs),
-                stdin=PIPE if self._console else NOTHING,
+                stdin=PIPE if self._console else self._keyboard if role == "device" else NOTHING,
                 keeps=(theirs,),
                 environment=self._environment,
                 own_group=self._console,

@@ -70,6 +70,11 @@ class Covers(Protocol[T_contra]):
 
 
 @dataclass(frozen=True)
+class Untuned:
+    """The tuning of a law that has nothing to choose."""
+
+
+@dataclass(frozen=True)
 class CouplingSpec(Generic[T]):
     """A coupling law.
 
@@ -80,7 +85,7 @@ class CouplingSpec(Generic[T]):
     device, world : make the two ends. continuous : makes a device's end that acts within a simulated device's tick;
         None: its force is held.
     tuning : a frozen dataclass whose field names carry units. tune : applies the law's own rule to the parameters and
-        the link's delays.
+        the link's delays. Without them a law has nothing to choose.
     parameters : the law's own, a frozen dataclass of `hapnet.param_values.parameter`s, which `Params.of` finds by its
         class; None: it has none. section : of `Params`, in which they are; "": it has the law's name.
     shared : fields of the tuning that must have the same value at both ends.
@@ -105,8 +110,8 @@ class CouplingSpec(Generic[T]):
     claim: str
     device: Callable[[CouplingStart[T]], DeviceCoupling]
     world: Callable[[CouplingStart[T]], WorldCoupling]
-    tuning: type[T]
-    tune: Callable[[Params, Delays], T]
+    tuning: type[T] = Untuned  # type: ignore[assignment]
+    tune: Callable[[Params, Delays], T] = lambda params, link: Untuned()  # type: ignore[assignment,return-value]
     parameters: type[Any] | None = None
     section: str = ""
     continuous: Callable[[CouplingStart[T]], ContinuousServo] | None = None

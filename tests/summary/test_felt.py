@@ -135,3 +135,9 @@ def test_a_run_says_it_once_and_one_without_walls_does_not(capsys: Capture) -> N
     environment = json.loads(capsys.readouterr().out)["environment"]
     assert environment["stiffness_N_m"] == 3000.0
     assert environment["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
+
+
+def test_of_a_law_of_the_users_own_nothing_is_claimed() -> None:
+    """Its springs are its own affair: device.stiffness may be no part of it."""
+    own = prepare(Params().set({"coupling": "examples.own_law:Mine"})).felt
+    assert own == {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": None, "springs_N_m": None}
