@@ -266,8 +266,11 @@ class InUse(Record):
 
 @equation
 def age_s(used: InUse, now_ns: int) -> float:
-    """How old the sample is, by estimate [s]; NaN where there is none."""
-    return (now_ns - used.came_ns + used.took_ns) * _NANO if used.took_ns >= 0 else math.nan
+    """How old the sample is, by estimate [s]; NaN where there is none.
+
+    A step that begins late has a `now_ns` before a sample that came meanwhile, which is as old as its transit then.
+    """
+    return (max(0, now_ns - used.came_ns) + used.took_ns) * _NANO if used.took_ns >= 0 else math.nan
 
 
 @equation
