@@ -58,7 +58,7 @@ class World:
     def step(self, dt, position, velocity):
         raise KeyboardInterrupt
 
-class Told(World):
+class Reported(World):
     def step(self, dt, position, velocity):
         return (0.0,)
 

@@ -225,7 +225,7 @@ def test_the_compiler_tells_how_far_it_is() -> None:
 
 
 def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(coverage, "find_spec", lambda name: None)
+    monkeypatch.setattr(sources, "find_spec", lambda name: None)
     simulation = Simulation(SAMPLED.set({"duration_s": 0.2}), 1)
     assert simulation.not_compiled == "numba is not installed (extra fast)"
     assert simulation.run().summary["theorem"]["margin_J"] > 0.0

@@ -22,6 +22,7 @@ def test_an_ideal_link() -> None:
         "resent": 0.0,
         "recovered": 0.0,
         "sent_ahead": 0.0,
+        "duplicated": 0.0,
         "delay_mean_ms": 0.0,
         "delay_std_ms": 0.0,
         "delay_correlation": None,

@@ -310,7 +310,7 @@ async def test_nothing_is_said_from_a_control_thread(tmp_path: Path, monkeypatch
     async with running(world, device):
         await device.until(lambda: (tmp_path / "d" / "x.mcap").exists())
         shutil.rmtree(tmp_path / "d")
-        await asyncio.to_thread(device.side._on_message, "control", b"garbage", time.monotonic_ns())
+        await asyncio.to_thread(device.side._on_message, None, "control", b"garbage", time.monotonic_ns())
         await asyncio.to_thread(device.side._warn, "something went wrong")
         await device.until(lambda: {"overrun", "dropped", "recording", "paired", "transport"} <= set(threads))
         await asyncio.gather(device.end(), world.end())

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet import cli, report
+from hapnet import cli
 from hapnet.params import Params
 from hapnet.recording.alignment import ClockDifference, clock_difference
 from hapnet.recording.link_events import KIND, text_of
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Event, join
+from hapnet.reports.page import page as whole_page
 from hapnet.simulation.replay import read_original
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import of_recordings
@@ -150,7 +151,7 @@ def test_what_export_and_report_do_with_the_files_of_two_hosts(hosts: tuple[Path
     assert reported["aligned"] is True
     assert reported["clock_difference"]["difference_ns"][0] == pytest.approx(AHEAD(0), abs=500_000)
     parts = [read_recording(file) for file in hosts]
-    page = report.page(replace(join(*parts), summary=of_recordings(hosts, parts)), {}, [])  # as the command makes it
+    page = whole_page(replace(join(*parts), summary=of_recordings(hosts, parts)), {}, [])  # as the command makes it
     assert "the world&#x27;s host&#x27;s clock is 123456.789" in page
     assert "ppm fast" in page
 

@@ -53,6 +53,7 @@ def become(platform: str) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] in OURS]:
         del sys.modules[name]
     _without_packets()
+    os.environ["NUMBA_DISABLE_JIT"] = "1"  # the compiler that is here is Linux's
     gone = LINUX_ONLY + (UNIX_ONLY if platform == "win32" else ())
     for module in (os, signal, socket, select, time):
         for name in gone:
