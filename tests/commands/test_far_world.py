@@ -122,7 +122,8 @@ def _ends(program: Program, other: Program) -> None:
         assert more is not one
 
 
-@pytest.mark.parametrize("listens", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("listens", [False, True])
 def test_both_ends_print_the_joint_verdict_and_write_their_files(listens: bool, tmp_path: Path) -> None:
     """Of a world with three axes and another rendering, which the command line of the hand's side does not name."""
     address = free_address()

@@ -219,6 +219,7 @@ async def test_another_scene_begins_where_it_begins(tmp_path: Path) -> None:
         await play.until(lambda: (d := play.device) is not None and d.about["scene"] == "wall")
 
 
+@pytest.mark.slow
 async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -> None:
     play = Playing(tmp_path)
     await play.until(lambda: play.coupled("pspm"))
@@ -229,6 +230,7 @@ async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -
     play.watcher.close()
 
 
+@pytest.mark.slow
 async def test_what_is_asked_while_the_processes_start_is_not_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

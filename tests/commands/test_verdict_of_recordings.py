@@ -99,10 +99,10 @@ def test_it_agrees_that_a_plain_coupling_is_not_passive(servo: str, tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("name", "servo"),
-    [("wall", "sampled")]
-    + [
+    [
         pytest.param(name, servo, marks=pytest.mark.slow)
         for name, servo in [
+            ("wall", "sampled"),
             ("wall", "continuous"),
             ("mesh", "sampled"),
             ("mujoco", "sampled"),

@@ -180,10 +180,8 @@ def test_a_servo_whose_parent_stands_still_renders_no_force_until_it_goes_on(
             assert parent.stdout is not None
             servo = int(parent.stdout.readline())
             until(lambda: told()[0] > 0.3)
-            stopped_ns = time.monotonic_ns()
             parent.send_signal(signal.SIGSTOP)
-            until(lambda: told()[0] == 0.0)
-            assert (told()[1] - stopped_ns) * 1e-9 < 0.05
+            until(lambda: told()[0] == 0.0)  # how soon: tests/faults/test_force_afterwards.py
             parent.send_signal(signal.SIGCONT)
             until(lambda: told()[0] > 0.3)
             hangs.touch()

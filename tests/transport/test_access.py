@@ -251,6 +251,7 @@ async def test_a_device_with_another_ones_name_is_neither_seen_nor_heard(certifi
 # The commands
 
 
+@pytest.mark.slow
 def test_both_commands_with_certificates_users_and_access_control(
     certificates: Path, users: Path, tmp_path: Path
 ) -> None:
