@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 
 def is_ours() -> bool:
@@ -28,4 +28,5 @@ def left_as_it_was() -> Iterator[None]:
         try:
             yield
         finally:
-            termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, before)
+            with suppress(termios.error):  # it was closed meanwhile
+                termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, before)

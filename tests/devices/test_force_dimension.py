@@ -269,7 +269,9 @@ def test_a_run_with_the_stand_in(library: str, library_says: dict[str, str], tmp
     with started(*argv, env=library_says) as program:
         code, stdout, stderr = program.end()
     assert code == 0, stderr
-    assert ("its watchdog disabled forces" in stderr) == ("renders force again" in stderr) == bool(library_says)
+    if library_says:
+        assert "its watchdog disabled forces" in stderr
+        assert "renders force again" in stderr
     summary = json.loads(stdout)
     assert_passive(summary)
     assert summary["device"]["force"] == "applied"
