@@ -36,6 +36,8 @@ MINVERSE_REACH_M = 0.04
 """In both directions. Its force is not documented."""
 
 _UNFELT = 50
+_ASKS = 5
+"""How often a session is asked for the arm's preset, where a message does not have it."""
 _START_S = 2.0
 _FIND_S = 0.2
 _MOST_UNANSWERED = 2
@@ -102,7 +104,7 @@ class Inverse3(Driver):
         self._service = Caller(host, port)
         self._safety = SafetyEvents(host, events)
         self._calls = 0
-        self._to_skip = 0
+        self._to_skip = self._asks = 0
         self._unanswered: deque[Vector] = deque()
         self._acting = _NO_FORCE  # since the last answer
         self._during: deque[Vector] = deque(maxlen=100)  # the forces that acted since the last reading
@@ -246,6 +248,8 @@ class Inverse3(Driver):
             self._acting = self._unanswered.popleft()
         if self._to_skip:
             self._to_skip -= 1
+            if not self._to_skip and self._asks and self._preset_in(message) is None:
+                self._to_skip, self._asks = 1, self._asks - 1
             if self._to_skip:
                 self._service.send(wire.whole(self._device, self._spelling, self._kind))
                 self._unanswered.append(_NO_FORCE)
@@ -276,17 +280,19 @@ class Inverse3(Driver):
             self.workspace = MINVERSE_REACH_M
         if not self._is_asked:
             self._spelling = wire.spelling_of(message, self._device)
-        self._to_skip = 2
+        self._to_skip, self._asks = 2, _ASKS
         self._during.append(self._acting)
         self._acting = _NO_FORCE
         self._unanswered.append(_NO_FORCE)
         self._service.send(wire.greeting(self._device, self._preset, self._spelling, self._kind))
 
+    def _preset_in(self, message: dict[str, object] | None) -> str | None:
+        said = None if message is None else wire.preset_of(message, self._device)
+        return wire.NO_FRAME if said is None and self._preset == wire.NO_FRAME else said
+
     def _learn_frame(self, message: dict[str, object] | None) -> None:
         """Take the preset that the arm has. One that is not what was asked for is no frame to render forces in."""
-        said = None if message is None else wire.preset_of(message, self._device)
-        if said is None and self._preset == wire.NO_FRAME:
-            said = wire.NO_FRAME
+        said = self._preset_in(message)
         if self._last is not None and said != self._preset:
             raise HapnetError(f"the service put the arm {self._device} at {said or 'no preset'}, not at {self._preset}")
         self._frame = said

@@ -18,6 +18,8 @@ MIN_N, AGAINST, AS_IF = 1.5, -0.8, 3.0
 STILL_N, STILL_S = 1.0, 0.3
 """A position that stays the same to the last digit while its force changes by so much, for so long."""
 _BLOCK_S = 0.01
+GAP_S = 0.05
+"""After a longer time without a reading nothing is known of it: the device was silent, or the servo away."""
 
 
 class Agreement:
@@ -33,6 +35,10 @@ class Agreement:
 
     def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
         """Take a reading, and the force that acted for `dt` seconds before it; says what is wrong, or nothing."""
+        if dt > GAP_S:
+            self._blocks.clear()
+            self._age_s, self._impulse, self._still = 0.0, [], None
+            return ""
         return self._stands_still(dt, acted, x) or self._runs_away(dt, acted, x)
 
     def _stands_still(self, dt: float, acted: Vector, x: Vector) -> str:

@@ -244,6 +244,13 @@ def test_a_position_that_stands_still_while_the_force_changes_is_named(changes_N
     assert ("reads the same position while its force changes" in said) == still
 
 
+def test_a_silence_is_no_time_in_which_the_position_stood_still() -> None:
+    watch = Agreement(None)
+    assert not watch.wrong(1e-3, (1.8,), (0.01,))
+    assert not watch.wrong(1.2, (0.0,), (0.01,))  # the force went, and no reading came meanwhile
+    assert not watch.wrong(1e-3, (0.0,), (0.01,))
+
+
 # The first start with a device
 
 
