@@ -38,8 +38,8 @@ def play(
     restart and record. The hand is a relaxed one unless `operator_hand` is set.
 
     With -e or -l only the hand is here. The world is `hapnet world` on another host, which this side dials
-    (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are the world's. The end is that of
-    `hapnet device`.
+    (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are the world's. It ends as
+    `hapnet device` does.
     """
     far = zenoh.leave_this_host
     base = Params(link=NO_LINK) if far else Params()
