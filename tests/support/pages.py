@@ -22,6 +22,7 @@ import pytest
 import typer
 
 from hapnet import cli
+from hapnet.metrics.measured import DEFINED
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.recording.samples import Recording
@@ -208,10 +209,15 @@ def quick(argv: Sequence[str]) -> list[str]:
 
 
 def run_python(text: str) -> None:
-    module = ModuleType("page")
+    """Run a block; the metrics that it defines are no other test's."""
+    module, metrics = ModuleType("page"), dict(DEFINED)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "page", module)  # dataclasses look there for the annotations' names
-        exec(compile(shorter(text), "<page>", "exec"), module.__dict__)
+        try:
+            exec(compile(shorter(text), "<page>", "exec"), module.__dict__)
+        finally:
+            for name in DEFINED.keys() - metrics.keys():
+                del DEFINED[name]
 
 
 def run_shell(block: Block) -> str:
