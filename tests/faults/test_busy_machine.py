@@ -68,7 +68,7 @@ def ordinary(seed: int) -> list[object]:
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed < 2 else pytest.mark.soak) for seed in range(30)]
+    "seed", [pytest.param(seed, marks=pytest.mark.slow if seed < 1 else pytest.mark.soak) for seed in range(30)]
 )
 def test_of_an_ordinary_run_everything_is_known(seed: int, tmp_path: Path) -> None:
     argv = ordinary(seed)

@@ -103,7 +103,12 @@ async def test_some_places(place: Place) -> None:
 
 @pytest.mark.parametrize(
     ("realtime", "step"),
-    [(False, 16), pytest.param(False, 3, marks=pytest.mark.slow), pytest.param(True, 3, marks=pytest.mark.slow)],
+    [
+        (False, 16),
+        pytest.param(False, 3, marks=pytest.mark.slow),
+        pytest.param(True, 12, marks=pytest.mark.slow),
+        pytest.param(True, 3, marks=pytest.mark.soak),
+    ],
 )
 async def test_a_recording_is_whole_and_a_servos_process_is_gone(
     place: Place, realtime: bool, step: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
