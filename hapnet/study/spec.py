@@ -26,6 +26,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -214,6 +215,16 @@ def in_file(file: Path) -> Iterator[None]:
         if error.name.startswith("--") or error.value == str(file):  # a flag, or the file itself
             raise
         raise InvalidParameter(f"{file}: {error.name}", error.value, error.allowed, error.known) from error
+
+
+@contextmanager
+def tables_in(spec: str | PathLike[str] | Mapping[str, Any], name: str) -> Iterator[tuple[str, Values]]:
+    """A spec's name and tables: those of a file, whose name an entry's error has too, or the given ones with `name`."""
+    if isinstance(spec, Mapping):
+        yield name, dict(spec)
+    else:
+        with in_file(file := Path(spec)):
+            yield file.stem, table_of(file)
 
 
 def known(what: str, word: str, words: Collection[str], allowed: str) -> None:

@@ -14,7 +14,7 @@ from hapnet.study import export
 from hapnet.study.export import Table
 from hapnet.study.journal import Journal
 from hapnet.study.run import Progress, journal_in, run_all
-from hapnet.study.spec import Spec, in_file
+from hapnet.study.spec import Spec, tables_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -103,11 +103,8 @@ def sweep(
     InvalidParameter : an entry of the spec is not allowed. HapnetError : nothing can be written, or the journal in
         `directory` is another sweep's.
     """
-    if isinstance(spec, Mapping):
-        wanted = Spec.of_tables("sweep", dict(spec), changes)
-    else:
-        with in_file(file := Path(spec)):
-            wanted = Spec.read(file, changes)
+    with tables_in(spec, "sweep") as (name, tables):
+        wanted = Spec.of_tables(name, tables, changes)
     with journal_in(directory, wanted, wanted.cases(), fresh=fresh) as journal:
         run_all(journal, workers, progress)
         return SweepResult.of(journal)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapnet.params import Params
@@ -13,7 +12,7 @@ from hapnet.study import tune_results
 from hapnet.study.run import Progress, journal_in, run_all
 from hapnet.study.search import Search, base, most_cases
 from hapnet.study.search_space import need_library
-from hapnet.study.spec import in_file
+from hapnet.study.spec import tables_in
 from hapnet.study.tune_spec import TuneSpec
 
 if TYPE_CHECKING:
@@ -88,11 +87,8 @@ def tune(
     InvalidParameter : an entry of the spec is not allowed. MissingLibrary : optuna is not installed (extra `tune`).
     HapnetError : nothing can be written, or the journal in `directory` is another tuning's.
     """
-    if isinstance(spec, Mapping):
-        wanted = TuneSpec.of_tables("tune", dict(spec), changes)
-    else:
-        with in_file(file := Path(spec)):
-            wanted = TuneSpec.read(file, changes)
+    with tables_in(spec, "tune") as (name, tables):
+        wanted = TuneSpec.of_tables(name, tables, changes)
     need_library()
     tuned, scored = base(wanted)
     with journal_in(directory, wanted.whole(wanted.defaults), [*tuned, *scored], fresh=fresh) as journal:
