@@ -404,7 +404,7 @@ def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.Monk
         os.killpg(pid, signal.SIGINT)
         code, _, err = program.end()
         assert code == 130
-        assert re.fullmatch(r"hapnet: stopped: 0 of 144 .* with --out runs/\S+-compare the same command goes on\n", err)
+        assert re.fullmatch(r"hapnet: stopped: 0 of 32 .* with --out runs/\S+-compare the same command goes on\n", err)
         program.until_gone()
 
 
