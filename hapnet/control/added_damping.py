@@ -64,7 +64,7 @@ class AddedDamping(Record):
     ) -> None:
         self.minimum, self.most = minimum, most
         self.compliance = [list(row) for row in compliance]
-        self.velocity = FilteredVelocity(VELOCITY_S)
+        self.velocity = FilteredVelocity(VELOCITY_S, len(stiffness))
         self._stiffness = [tuple(row) for row in stiffness]
         self._slow_force: Vector = (0.0,) * len(self._stiffness)
         self._envelope = 0.0

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
+from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping, damp, wanted
-from hapnet.control.contact_plane import ContactPlane, among, depth, now
+from hapnet.control.contact_plane import ContactPlane, among, depth, now, withdrawn
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
-from hapnet.records.equation import equation
-from hapnet.records.record import PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import AXES, PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
 from hapnet.records.vectors import copy, dot, equal, length, times
 
 FORGET_S = 0.5
@@ -29,6 +30,25 @@ YIELDING_S = 0.3
 """Time constant with which the lead follows the level of the world's reservoir [s]: the hand must not notice."""
 
 
+class Answer(Record):
+    """The world's newest answer: its proxy's position and force, and `count` planes; below 0: it cannot send any.
+
+    pending : does the next step take it? sent_s : when it was sent; age_s : how old it was then [s]. reach_m, level :
+    as in `Proxy`; below 0: not sent. before : y of what was known before, but for lead and fading [m].
+    """
+
+    pending: int
+    position: OfAxes
+    force: OfAxes
+    sent_s: float
+    age_s: float
+    reach_m: float
+    level: float
+    count: int
+    planes: Annotated[Sequence[ContactPlane], (PLANES,)]
+    before: OfAxes
+
+
 class ContactState(Record):
     """What the contact model knows of the world, and its filters.
 
@@ -42,7 +62,7 @@ class ContactState(Record):
     start : where y begins [m], at the first step after a reset (`starts`).
     made_x, made_s, made_fading, made_before, made_y : of the last step: x, s, fading, y without and with damping [m].
     s, touches : where the proxy rests [m], and whether it touches anything. forces : of the planes there [N].
-    leading, before : room for vectors. in_use : always, but for the records of compiled code.
+    leading, before : room for vectors. answer : the world's. in_use : always, but for the records of compiled code.
     """
 
     in_use: int
@@ -79,20 +99,132 @@ class ContactState(Record):
     forces: OfPlanes
     leading: OfAxes
     before: OfAxes
+    answer: Answer
+
+    # What Python does at some points of a step, and compiled code does for flat and smooth planes only:
+
+    def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
+        """Find y, once the lead is known."""
+        raise NotImplementedError
+
+    def look(self, n: int, x: Vector) -> None:
+        """Find y of what is known, but for lead and fading, into `s` [m]."""
+        raise NotImplementedError
+
+    def compare(self, n: int) -> None:
+        """Find the shift that the answer asks for."""
+        raise NotImplementedError
+
+    def adopt(self, count: int) -> None:
+        """What the answer says is known from now on; count : of its planes, with those that are remembered."""
+        raise NotImplementedError
 
 
 @equation
-def begin(model: ContactState, n: int, dt: float, x: Reals) -> None:
-    """A step of `dt` seconds begins, at x [m]."""
+def step(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+    """y [m] at the position x [m], `dt` seconds after the last step."""
     model.age += dt
     if model.starts:
         for i in range(n):
             model.fading[i] = model.start[i] - x[i]
         model.starts = 0
+    if model.answer.pending:
+        _take(model, n, x)
+    _take_lead(model, n, dt, x)
+    _respond(model, n, dt, x, y)
+    model.answer.pending = 0
 
 
 @equation
-def take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
+def _take(model: ContactState, n: int, x: Reals) -> None:
+    """The answer is known from now on. y does not jump because of it: the difference fades."""
+    answer = model.answer
+    look(model, n, x)
+    copy(n, model.s, answer.before)
+    model.age = answer.age_s
+    level = 1.0 if answer.level < 0.0 else answer.level
+    model.kept_goal = min(1.0, level / model.yields_below) if model.yields_below > 0.0 else 1.0
+    count = answer.count
+    if count >= 0:
+        _follow_proxy(model, n, answer.position, answer.sent_s)
+        _compare(model, n)
+    if count >= 0 and model.remembers and answer.reach_m >= 0.0:
+        for j in range(model.count):
+            one = model.planes[j]
+            is_gone = withdrawn(one, answer.planes, answer.count, n, answer.position, answer.reach_m)
+            if count < PLANES and not is_gone:
+                _keep(answer, one, count)
+                count += 1
+    _adopt(model, count)
+    look(model, n, x)
+    if not equal(n, model.s, answer.before):
+        for i in range(n):
+            model.fading[i] = model.fading[i] + (answer.before[i] - model.s[i])
+
+
+def _compiled_respond(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+    look(model, n, x)
+    finish(model, n, dt, x, y)
+
+
+@compiled_as(_compiled_respond)
+def _respond(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+    model.respond(n, dt, tuple(x), y)
+
+
+def _compiled_look(model: ContactState, n: int, x: Reals) -> None:
+    forget_forces(model)
+    rest(model, model.planes, model.count, n, x)
+
+
+@compiled_as(_compiled_look)
+def look(model: ContactState, n: int, x: Reals) -> None:
+    """As the method."""
+    model.look(n, tuple(x))
+
+
+def _compiled_compare(model: ContactState, n: int) -> None:
+    compare_with(model, model.answer.planes, model.answer.count, model.planes, model.count, n)
+
+
+@compiled_as(_compiled_compare)
+def _compare(model: ContactState, n: int) -> None:
+    model.compare(n)
+
+
+def _compiled_keep(answer: Answer, one: ContactPlane, at: int) -> None:
+    _copy(one, answer.planes[at])
+
+
+@compiled_as(_compiled_keep)
+def _keep(answer: Answer, one: ContactPlane, at: int) -> None:
+    """An earlier plane, which the answer neither has nor denies, is known with those of the answer."""
+    planes: Any = answer.planes
+    planes.append(one)
+
+
+def _compiled_adopt(model: ContactState, count: int) -> None:
+    for k in range(count):
+        _copy(model.answer.planes[k], model.planes[k])
+    model.count = count
+
+
+@compiled_as(_compiled_adopt)
+def _adopt(model: ContactState, count: int) -> None:
+    model.adopt(count)
+
+
+@equation
+def _copy(source: ContactPlane, target: ContactPlane) -> None:
+    """Copy a plane."""
+    copy(AXES, source.normal, target.normal)
+    copy(AXES, source.response, target.response)
+    target.offset, target.stiffness = source.offset, source.stiffness
+    target.velocity, target.softness = source.velocity, source.softness
+
+
+@equation
+def _take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
     """By how much y leads in free motion, into `model.leading`."""
     filter_velocity(model.velocity, n, dt, x)
     model.kept = model.kept + dt / (YIELDING_S + dt) * (model.kept_goal - model.kept)
@@ -102,16 +234,7 @@ def take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
 
 
 @equation
-def go_on(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
-    """The rest of a step among flat planes, once what came is known: y."""
-    take_lead(model, n, dt, x)
-    forget_forces(model, model.count)
-    rest(model, model.planes, model.count, n, x)
-    answer(model, n, dt, x, y)
-
-
-@equation
-def answer(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+def finish(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
     """y, for the place where the proxy rests."""
     model.freedom = model.freedom + dt / (model.fade_s + dt) * ((0.0 if model.touches else 1.0) - model.freedom)
     _settle(model, n, dt)
@@ -128,14 +251,7 @@ def answer(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
 
 
 @equation
-def yield_to(model: ContactState, level: float) -> None:
-    """The world's reservoir has this level; below 0: it does not report one."""
-    reported = 1.0 if level < 0.0 else level
-    model.kept_goal = min(1.0, reported / model.yields_below) if model.yields_below > 0.0 else 1.0
-
-
-@equation
-def follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -> None:
+def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -> None:
     """The proxy's velocity since the answer before, into `model.leading` [m/s]; zero with the first."""
     moved = model.has_earlier != 0 and sent_s > model.earlier_s
     span = sent_s - model.earlier_s
@@ -146,15 +262,16 @@ def follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) ->
 
 
 @equation
-def want_shift(
+def compare_with(
     model: ContactState, reported: Sequence[ContactPlane], count: int, earlier: Sequence[ContactPlane],
-    earlier_count: int, n: int, position: Reals, force: Reals,
+    earlier_count: int, n: int,
 ) -> None:  # fmt: skip
     """The shift with which the contact planes agree with the proxy's own position and force; if nothing is known, none.
 
     The force is of the step that has ended, so a plane that was not there before it proves nothing yet. The proxy's
     velocity is in `model.leading`.
     """
+    position, force = model.answer.position, model.answer.force
     for i in range(n):
         model.before[i] = 0.0
     known = False
@@ -191,9 +308,9 @@ def _settle(model: ContactState, n: int, dt: float) -> None:
 
 
 @equation
-def forget_forces(model: ContactState, count: int) -> None:
+def forget_forces(model: ContactState) -> None:
     """Let `rest` begin from nothing."""
-    for k in range(count):
+    for k in range(model.count):
         model.forces[k] = 0.0
 
 

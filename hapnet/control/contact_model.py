@@ -31,30 +31,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import add, sub
+from operator import sub
 
 from hapnet import checks
-from hapnet.checks import MOST_PLANES, Vector
+from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_equations import (
-    ContactState,
-    answer,
-    begin,
-    fade,
-    follow_proxy,
-    forget_forces,
-    rest,
-    take_lead,
-    want_shift,
-    yield_to,
-)
+from hapnet.control.contact_equations import Answer, ContactState, compare_with, fade, finish, forget_forces, rest, step
 from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
 from hapnet.control.friction_cone import RubbingProxy
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.params import ContactModelParams
-from hapnet.records.record import PLANES
+from hapnet.records.record import PLANES, Floats
 
 _DEFAULTS = ContactModelParams()
 
@@ -107,13 +96,14 @@ class ContactModel(ContactState):
         )
         self._self_motion = self_motion
         self.added = added
-        self.velocity = FilteredVelocity(lead_s)
+        self.velocity = FilteredVelocity(lead_s, len(position))
         self.fade_s = checks.positive("fade_s", fade_s)
         self.shift_s = checks.positive("shift_s", shift_s)
         self.yields_below = checks.non_negative("yields_below", yields_below)
         self.remembers = int(remembers)
         self._untold_share = checks.positive("untold_share", untold_share)
         self.forces = [0.0] * PLANES
+        self.answer = Answer()
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
@@ -127,7 +117,7 @@ class ContactModel(ContactState):
         for name in ("start", "made_x", "made_s", "made_before", "made_y"):
             setattr(self, name, list(position))
         self.starts, self.has_goal, self.has_earlier, self.touches = 1, 0, 0, 0
-        self._pending: tuple[Proxy, float, float] | None = None
+        self.answer.pending, self.answer.before = 0, [0.0] * n
         self.age = self.earlier_s = 0.0
         self.velocity.reset()
         self.freedom = self.kept = self.kept_goal = 1.0
@@ -166,14 +156,9 @@ class ContactModel(ContactState):
         return tuple(map(sub, self.made_y, self.made_before))
 
     @property
-    def pending(self) -> tuple[Proxy, float, float] | None:
-        """The answer that the next step takes, when it was sent, and how old it is [s]; None: nothing came."""
-        return self._pending
-
-    @property
     def goes_on(self) -> bool:
-        """Is the next step `begin` and `go_on` of its record: has nothing come, and are all planes flat and smooth?"""
-        return self._pending is None and self._reports and not self._bends and not self._rubbing.rubs
+        """Is the next step one of its record alone: has nothing come, and are all planes flat and smooth?"""
+        return not self.answer.pending and self._reports and not self._bends and not self._rubbing.rubs
 
     def went_on(self, dt: float, x: Vector) -> None:
         """Such a step was made, on the record."""
@@ -182,22 +167,51 @@ class ContactModel(ContactState):
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
-        if not isinstance(sample, Proxy):
-            sample = Proxy(vector_of(sample), 0.0, self._still, None)
-        self._pending = sample, sent_s, age_s
+        proxy = sample if isinstance(sample, Proxy) else Proxy(vector_of(sample), 0.0, self._still, None)
+        answer, position = self.answer, proxy.position
+        answer.pending, answer.sent_s, answer.age_s = 1, sent_s, age_s
+        answer.position, answer.force = list(position), list(proxy.force)
+        answer.reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
+        answer.level = -1.0 if proxy.level is None else proxy.level
+        answer.planes = [ContactPlane(plane, self.compliance, position) for plane in proxy.planes or ()]
+        answer.count = -1 if proxy.planes is None else len(answer.planes)
 
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the position x [m], `dt` seconds after the last step."""
-        n = len(x)
+        n, y = len(x), list(x)
         self._self_motion.observe(dt, x)
-        begin(self, n, dt, x)
-        news = self._pending is not None
-        if self._pending is not None:
-            self._take(*self._pending, x)
-        if not self.velocity.known:
-            self.velocity.reset_at(x)
-        take_lead(self, n, dt, x)
-        y = [0.0] * n
+        step(self, n, dt, x, y)
+        return tuple(y)
+
+    # -- a step's parts -----------------------------------------------------------------------------------------------
+
+    def compare(self, n: int) -> None:
+        """Find the shift with which the contact planes agree with the proxy's own position and force."""
+        position, planes = tuple(self.answer.position), self.answer.planes
+        if self._rubbing.rubs and len(planes) > 1:  # friction on one plane may be along the normal of another
+            planes = [one for one in planes if one.depth(position) > 0.0]
+            if len(planes) > 1:
+                self.has_goal, self.goal = 1, list(self.shifted)
+                return
+        earlier = [one.seen_from(position, 0.0) for one in self.planes] if self._bends else self.planes
+        compare_with(self, planes, len(planes), earlier, len(earlier), n)
+
+    def adopt(self, count: int) -> None:
+        """The answer's planes, and those that are remembered, are known from now on."""
+        answer = self.answer
+        self._know(answer.planes if count >= 0 else None)
+        if count < 0:
+            self._self_motion.receive(tuple(answer.position), answer.age_s)
+        else:
+            self._rubbing.reported(self.planes, tuple(answer.position) if any(answer.force) else None)
+
+    def _softened(self, x: Vector, y: Vector) -> Vector:
+        """y for a world that cannot send planes: its answer is late, and a stiff spring to it would ring."""
+        share = self._untold_share
+        return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
+
+    def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
+        """Find y."""
         if not self._reports:
             self._rubbing.place = x
             lead = tuple([part / self._untold_share for part in self.leading])
@@ -207,85 +221,33 @@ class ContactModel(ContactState):
             for made, part in ((self.made_x, x), (self.made_s, x), (self.made_fading, self._still),
                                (self.made_before, y), (self.made_y, damped)):  # fmt: skip
                 made[:] = part
-            return damped
-        self._rubbing.agree(dt)
-        before = self._rubbing.place
-        self._rest(x)
-        self._rubbing.place = s = tuple(self.s)
-        if self._rubbing.rubs and not news:
+            y[:] = damped
+            return
+        rubbing = self._rubbing
+        rubbing.agree(dt)
+        before = rubbing.place
+        self.look(n, x)
+        rubbing.place = s = tuple(self.s)
+        if rubbing.rubs and not self.answer.pending:
             slip = tuple([a - b - (c - d) for a, b, c, d in zip(s, before, x, self.made_x, strict=True)])
             if math.hypot(*slip) > SLIP_M:  # it has slipped off something round
                 self.fading[:] = list(map(sub, self.fading, slip))
-        if not self.added.velocity.known:
-            self.added.velocity.reset_at(x)
-        answer(self, n, dt, x, y)
-        return tuple(y)
+        finish(self, n, dt, x, y)
 
-    # -- what the world sent ------------------------------------------------------------------------------------------
-
-    def _take(self, reported: Proxy, sent_s: float, age_s: float, x: Vector) -> None:
-        self._pending = None
-        before = self._model(x)
-        self.age = age_s
-        yield_to(self, -1.0 if reported.level is None else reported.level)
-        if reported.planes is None:
-            self._self_motion.receive(reported.position, age_s)
-            self._know(None)
-        else:
-            planes = [ContactPlane(plane, self.compliance, reported.position) for plane in reported.planes]
-            self._want_shift(planes, reported, sent_s)
-            self._know(planes + self._remembered(planes, reported))
-            self._rubbing.reported(self.planes, reported.position if reported.force != self._still else None)
-        after = self._model(x)
-        if after != before:
-            self.fading[:] = list(map(add, self.fading, map(sub, before, after)))
-
-    def _remembered(self, planes: Sequence[ContactPlane], reported: Proxy) -> list[ContactPlane]:
-        """The earlier planes that this answer neither has nor denies; with its own as many as one answer may have."""
-        if not self.remembers or reported.reach_m is None:
-            return []
-        kept = [one for one in self.planes if not one.withdrawn(planes, reported.position, reported.reach_m)]
-        return kept[: MOST_PLANES - len(planes)]
-
-    def _model(self, x: Vector) -> Vector:
-        """y of the present model, but for lead and fading."""
-        if not self._reports:
-            return self._softened(x, self._self_motion.at(x))
-        self._rest(x)
-        return tuple(self.s)
-
-    def _want_shift(self, planes: Sequence[ContactPlane], reported: Proxy, sent_s: float) -> None:
-        """Find the shift with which the contact planes agree with the proxy's own position and force."""
-        n = len(self._still)
-        follow_proxy(self, n, reported.position, sent_s)
-        touched = planes
-        if self._rubbing.rubs and len(touched) > 1:  # friction on one plane may be along the normal of another
-            touched = [one for one in touched if one.depth(reported.position) > 0.0]
-            if len(touched) > 1:
-                self.has_goal, self.goal = 1, list(self.shifted)
-                return
-        earlier = [one.seen_from(reported.position, 0.0) for one in self.planes] if self._bends else self.planes
-        want_shift(self, touched, len(touched), earlier, len(earlier), n, reported.position, reported.force)
-
-    def _softened(self, x: Vector, y: Vector) -> Vector:
-        """y for a world that cannot send planes: its answer is late, and a stiff spring to it would ring."""
-        share = self._untold_share
-        return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
-
-    # -- y ------------------------------------------------------------------------------------------------------------
-
-    def _rest(self, x: Vector) -> None:
+    def look(self, n: int, x: Vector) -> None:
         """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
-        n, planes = len(x), self.planes
-        if self._rubbing.rubs:
+        planes = self.planes
+        if not self._reports:
+            self.s[:] = self._softened(x, self._self_motion.at(x))
+        elif self._rubbing.rubs:
             s, touches = self._rubbing.rest(x, planes, self.shift, self.age, ROUNDS)
             self.s[:], self.touches = s, int(touches)
         elif not self._bends:
-            forget_forces(self, self.count)
+            forget_forces(self)
             rest(self, planes, self.count, n, x)
         else:
             # With springs that are alike in all directions, the point of one surface nearest to x is nearest to s too.
-            forget_forces(self, self.count)
+            forget_forces(self)
             self.s[:] = x
             for _ in range(1 if self._is_isotropic and self.count == 1 else ROUNDS):
                 place = tuple(map(sub, self.s, self.shifted))

@@ -12,7 +12,7 @@ from typing import Protocol
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import AXES, Floats, OfAxes, Reals, Record
 from hapnet.records.vectors import copy
 
 
@@ -53,7 +53,7 @@ class FilteredVelocity(Record):
 
     Parameters
     ----------
-    time_constant : tau [s], above 0.
+    time_constant : tau [s], above 0. n : number of axes.
 
     Attributes
     ----------
@@ -65,9 +65,9 @@ class FilteredVelocity(Record):
     filtered: OfAxes
     velocity: OfAxes
 
-    def __init__(self, time_constant: float) -> None:
-        super().__init__()
+    def __init__(self, time_constant: float, n: int = AXES) -> None:
         self.time_constant = checks.positive("time constant of a velocity", time_constant)
+        self.known, self.filtered, self.velocity = 0, [0.0] * n, [0.0] * n
 
     def reset(self) -> None:
         """Start again at rest, wherever the next position is."""

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
+from hapnet.control.contact_equations import Answer
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import DeviceCoupling, Ends, WorldCoupling
 from hapnet.control.prediction import PredictedDevice
@@ -71,7 +72,8 @@ class CompiledEnds(Ends):
         array, end = bound.memory(ServoEnd)
         bound.bind(end.coupling, servo.coupling, copied=(Spring,))
         if servo.model is not None:
-            bound.bind(end.model, servo.model)
+            bound.bind(end.model, servo.model, copied=(Answer,))
+            end.model.answer.pending = 0  # Python takes what comes
         bound.bind(end.servo, servo, CompiledServo)
         compiled: Any = servo
         assert isinstance(compiled, CompiledServo)

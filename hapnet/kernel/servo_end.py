@@ -51,8 +51,7 @@ def tick(end: ServoEnd) -> int:
             if end.asks:
                 return ASKS
             if end.model.in_use:
-                contact_equations.begin(end.model, servo.n, end.interval, end.x)
-                contact_equations.go_on(end.model, servo.n, end.interval, end.x, coupling.y)
+                contact_equations.step(end.model, servo.n, end.interval, end.x, coupling.y)
             else:
                 copy(servo.n, coupling.received, coupling.y)
         servos.update_held(servo, coupling, end.x)

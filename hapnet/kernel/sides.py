@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from hapnet.control import contact_equations, prediction
 from hapnet.control import continuous_servo as continuous
 from hapnet.control import ledger as ledgers
-from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
+from hapnet.control.contact_plane import understand
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.harvest import MeasuredHarvest, by_range, hold
 from hapnet.control.ledger import Ledger
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
-from hapnet.kernel import contact_model
-from hapnet.kernel.contact_model import Answer
 from hapnet.kernel.endpoint import PROXY, Wire, finish
 from hapnet.kernel.link import Message
 from hapnet.plant import device as devices
@@ -89,7 +88,6 @@ class DeviceSide(Record):
     true_work: MeasuredHarvest
     hand: Ledger
     model: ContactState
-    reported: Answer
 
 
 class WorldSide(Record):
@@ -224,7 +222,7 @@ def _give(coupling: SetPositionCoupling, sample: Message, n: int) -> None:
 @equation
 def _report(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
     """`ContactModel.receive`."""
-    reported = side.reported
+    reported = side.model.answer
     reported.pending = 1
     copy(n, sample.position, reported.position)
     copy(n, sample.force, reported.force)
@@ -235,6 +233,7 @@ def _report(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
         one = reported.planes[k]
         copy(n, sample.normal[k], one.normal)
         one.offset, one.stiffness, one.velocity = sample.offset[k], sample.stiffness[k], sample.velocity[k]
+        understand(one, n, side.model.compliance)
 
 
 @equation
@@ -250,7 +249,7 @@ def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
     """Choose y, before the stages."""
     coupling, n = side.coupling, side.plant.dof
     if side.model.in_use:
-        contact_model.step(side.model, side.reported, n, dt, x, coupling.y)
+        contact_equations.step(side.model, n, dt, x, coupling.y)
     else:
         copy(n, coupling.received, coupling.y)
 

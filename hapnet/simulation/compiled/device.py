@@ -6,13 +6,11 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.coupling import LawServo, LawState
 from hapnet.control.law import DeviceEnd
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
-from hapnet.kernel.contact_model import Answer
-from hapnet.kernel.memory import fill, load, store
+from hapnet.kernel.memory import load, store
 from hapnet.plant.device import SimulatedDevice
 from hapnet.records.record import Record
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
@@ -24,7 +22,6 @@ def read_side(record: Any, side: DeviceSide) -> None:
         store(part, own)
     if isinstance(side.coupling, SetPositionCoupling) and isinstance(model := side.coupling.source, ContactModel):
         store(record.model, model)
-        _reported(record.reported, model)
 
 
 def _parts(record: Any, side: DeviceSide) -> list[tuple[Record, Record]]:
@@ -53,19 +50,3 @@ def write_side(record: Any, side: DeviceSide, reference: Vector) -> None:
     device.references, device.position = [reference], tuple(device.state.position)
     if isinstance(side, SampledDeviceSide):
         side.x = tuple(device.read_position)
-
-
-def _reported(record: Answer, model: ContactModel) -> None:
-    """The answer that waits for the next step."""
-    if model.pending is None:
-        return
-    proxy, record.sent_s, record.age_s = model.pending
-    record.pending = 1
-    fill(record.position, proxy.position)
-    fill(record.force, proxy.force)
-    record.reach_m = -1.0 if proxy.reach_m is None else proxy.reach_m
-    record.level = -1.0 if proxy.level is None else proxy.level
-    planes = [ContactPlane(plane, model.compliance, proxy.position) for plane in proxy.planes or ()]
-    record.count = len(planes)
-    for one, plane in zip(record.planes, planes, strict=False):
-        store(one, plane)
