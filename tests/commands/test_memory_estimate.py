@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import pytest
 
-from hapnet import cli, simulate_batch
+from hapnet import cli, simulate, simulate_batch
 from hapnet.assembly import memory
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
@@ -40,3 +41,19 @@ def test_the_line_has_the_most_that_fits_and_what_all_would_need(monkeypatch: py
     assert str(caught.value) == f"seeds is range(0, 10000); allowed: {most}"
     monkeypatch.setattr(memory, "installed_bytes", lambda: math.inf)
     memory.require_room("seeds", 1, 1e30, 1e30, "runs")
+
+
+@pytest.mark.parametrize("dof", [1, 3])
+def test_a_recorded_second_is_estimated_as_python_counts_it(dof: int) -> None:
+    short = Params().set({"dof": dof, "scene": "box", "duration_s": 0.5})
+    simulate(short)  # what is made once is made
+    tracemalloc.start()
+    try:
+        sizes, kept = [], []
+        for duration_s in (0.5, 1.5):
+            before, _ = tracemalloc.get_traced_memory()
+            kept.append(simulate(short.set({"duration_s": duration_s})))
+            sizes.append(tracemalloc.get_traced_memory()[0] - before)
+    finally:
+        tracemalloc.stop()
+    assert memory.bytes_a_second(short, dof) == pytest.approx(sizes[1] - sizes[0], rel=0.3)
