@@ -33,6 +33,9 @@ class Observed(NamedTuple):
 
     given_J: float  #: energy that they would have given out beyond what they had, summed over the steps
     paid_J: float  #: what damping took back
+    undone: int = 0  #: substeps of an engine that were made again
+    undone_J: float = 0.0  #: what an engine's bodies lost where they were stopped for that
+    overlaps: int = 0  #: pairs of bodies that began inside one another
 
 
 @runtime_checkable

@@ -98,6 +98,9 @@ _ENVIRONMENT: tuple[_Row[Environment], ...] = (
     _Row("stored at the end", "mJ", lambda of: of["env_stored_J"], millijoule),
     _Row("would have given of its own", "mJ", lambda of: of["env_given_J"], millijoule),
     _Row("paid back by damping", "mJ", lambda of: of["env_paid_J"], millijoule),
+    _Row("substeps made again", "", lambda of: of["env_undone"], number),
+    _Row("lost where bodies were stopped", "mJ", lambda of: of["env_undone_J"], millijoule),
+    _Row("pairs that began in one another", "", lambda of: of["env_overlaps"], number),
 )
 _OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
 _ENERGY: tuple[_Row[Flow], ...] = (

@@ -23,7 +23,8 @@ _PART = (
     "stopped.after_s", "stopped.why", "stopped.asked",
     "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged", "failed",
     "environment.env_diverged", "environment.env_slack_J", "environment.env_supplied_J", "environment.env_stored_J",
-    "environment.env_given_J", "environment.env_paid_J",
+    "environment.env_given_J", "environment.env_paid_J", "environment.env_undone", "environment.env_undone_J",
+    "environment.env_overlaps",
 )  # fmt: skip
 """Of the side's own part of the summary."""
 

@@ -100,6 +100,9 @@ def _own_account(side: WorldSide) -> EnvironmentPart:
         "env_stored_J": _known(account.stored_J),
         "env_given_J": None if observed is None else _known(observed.given_J),
         "env_paid_J": None if observed is None else _known(observed.paid_J),
+        "env_undone": None if observed is None else observed.undone,
+        "env_undone_J": None if observed is None else _known(observed.undone_J),
+        "env_overlaps": None if observed is None else observed.overlaps,
         "env_diverged": not all(map(math.isfinite, (account.slack_min, account.supplied_J, account.stored_J))),
     }
 

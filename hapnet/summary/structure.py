@@ -68,7 +68,9 @@ class EnvironmentPart(TypedDict):
 
     `env_slack_J` : the minimum of what it has dissipated; below 0 it gave out energy of its own. `env_supplied_J` : put
     in by what moves its obstacles. `env_stored_J` : in its springs and bodies at the end. `env_given_J`, `env_paid_J` :
-    what it gave out beyond what it had, and what damping took back; None: there was no observer.
+    what it gave out beyond what it had, and what damping took back; None: there was no observer. `env_undone` :
+    substeps that MuJoCo made again, `env_undone_J` : what its bodies lost where they were stopped for that.
+    `env_overlaps` : pairs of its bodies that began inside one another.
     `env_diverged` : one of these was no finite number.
     """
 
@@ -77,6 +79,9 @@ class EnvironmentPart(TypedDict):
     env_stored_J: Number
     env_given_J: Number
     env_paid_J: Number
+    env_undone: int | None
+    env_undone_J: Number
+    env_overlaps: int | None
     env_diverged: bool | None
 
 

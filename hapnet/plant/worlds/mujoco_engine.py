@@ -18,7 +18,7 @@ from operator import sub
 
 import numpy as np
 
-from hapnet.checks import Array, Vector
+from hapnet.checks import Array, Signal, Vector
 from hapnet.errors import HapnetError
 from hapnet.mechanics.contacts import Observed
 from hapnet.plant.worlds.mujoco_model import Model
@@ -26,6 +26,12 @@ from hapnet.records.vectors import inner
 
 CEILING_J = 0.05
 """The most that the account keeps of what was dissipated [J]: what contacts and flexes store is less."""
+
+_MOST_J = 1e15
+"""A model with more energy than this has failed [J]."""
+
+_LONGEST_PROOF_S = 60.0
+"""So much of a model that diverged is simulated again without the hand, at most [s]."""
 
 _ROUNDING = 1e-14
 """A debt of this share of the energy [J] is rounding."""
@@ -50,6 +56,8 @@ class Engine:
         self.given_J: float = 0.0
         self.paid_J: float = 0.0
         self.account_J: float = 0.0
+        self.undone: int = 0
+        self.undone_J: float = 0.0
         self._substeps, self._touch = 0, np.zeros(dof)
         self._engine, self._model, self._data = found.engine, found.model, found.data
         self._signature = found.engine.mjtState.mjSTATE_FULLPHYSICS
@@ -83,7 +91,7 @@ class Engine:
 
     @property
     def observed(self) -> Observed:
-        return Observed(self.given_J, self.paid_J)
+        return Observed(self.given_J, self.paid_J, self.undone, self.undone_J, len(self.found.overlaps))
 
     def energy_J(self) -> float:
         """U: kinetic and potential energy. Weight that the model compensates for has no potential."""
@@ -139,6 +147,19 @@ class Engine:
         self._energy_J = self.energy_J()
         return self.depth() == 0.0
 
+    def command(self, name: str, value: Signal) -> None:
+        """Set the commands of all actuators (`name` is ``ctrl``), or of one (``ctrl.NAME``); others are ignored."""
+        given = value if isinstance(value, tuple) else (value,)
+        if not all(isinstance(one, int | float) and isfinite(one) for one in given):
+            return
+        head, _, actuator = name.partition(".")
+        if name == "ctrl" and len(given) == self._model.nu:
+            self._data.ctrl[:] = given
+        elif head == "ctrl" and len(given) == 1:
+            which = self._engine.mj_name2id(self._model, self._engine.mjtObj.mjOBJ_ACTUATOR, actuator)
+            if which >= 0:
+                self._data.ctrl[which] = given[0]
+
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def begin(self, length_s: float) -> None:
@@ -157,7 +178,8 @@ class Engine:
 
         Returns the force that was applied [N] and its work [J]. If that would be more, the substep is made again
         without force. If it makes a debt that nothing can pay, it is made again from rest and without force; if that
-        does too, the world stands still.
+        does too, the world stands still. Substeps that were made again are counted in `undone`; `undone_J` is what
+        stopping took out of the world [J].
         """
         self._engine.mj_getState(self._model, self._data, self._saved, self._signature)
         moved, supplied = self._advance(force)
@@ -193,6 +215,7 @@ class Engine:
 
     def _return(self, *, at_rest: bool) -> None:
         """Go back to before this substep; `at_rest`: what moved then is stopped, which goes into the account."""
+        self.undone += 1
         self._engine.mj_setState(self._model, self._data, self._saved, self._signature)
         if at_rest:
             self._data.qvel[:] = 0.0
@@ -201,6 +224,7 @@ class Engine:
             energy = self.energy_J()
             self.account_J += self._energy_J - energy
             self.paid_J += self._energy_J - energy
+            self.undone_J += self._energy_J - energy
             self._energy_J = energy
 
     def _apply(self, force: Vector) -> None:
@@ -218,8 +242,8 @@ class Engine:
     def _settle(self, work: float, supplied: float) -> bool:
         """Enter what went in during this substep, and let a debt be paid. False: it cannot be; nothing is entered."""
         energy = self.energy_J()
-        if not isfinite(energy):
-            raise HapnetError("the scene mujoco failed: its energy is no finite number any more")
+        if not abs(energy) < _MOST_J:
+            raise HapnetError(f"the scene mujoco failed: its energy is {energy:.3g} J{self._by_itself()}")
         left = self.account_J + work + supplied - (energy - self._energy_J)
         if left < 0.0:
             self.given_J -= left
@@ -232,6 +256,22 @@ class Engine:
         self._energy_J = energy
         self.account_J = min(max(0.0, left), CEILING_J)
         return True
+
+    def _by_itself(self) -> str:
+        """Does the model diverge without the hand too, from its start and with its own timestep?"""
+        engine, model, data = self._engine, self._model, self._engine.MjData(self._model)
+        model.opt.timestep = self.own_step_s
+        for geom in self.found.geoms if self._dofs else ():
+            model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
+        if self.found.key >= 0:
+            engine.mj_resetDataKeyframe(model, data, self.found.key)
+        data.ctrl[:] = self._data.ctrl
+        until_s = min(2.0 * self._data.time, _LONGEST_PROOF_S)
+        while data.time < until_s:
+            engine.mj_step(model, data)
+            if not abs(data.energy[0] + data.energy[1]) < _MOST_J:
+                return f"; the model diverges by itself, {data.time:.3g} s after its start, without the hand"
+        return ""
 
     def _pay(self, debt: float) -> float:
         """Damp all that moves. Returns what was paid, at most the kinetic energy [J]."""

@@ -1,14 +1,16 @@
 """A MuJoCo model with a proxy in it: loading, the part of the model that the hand moves, and what to warn of.
 
 ``mujoco:FILE.xml`` loads any model as it is. A sphere is added that only the virtual coupling moves: on slide joints,
-without weight. ``?proxy=NAME`` makes a body of the model the proxy, at its centre of mass, or a site, at its place.
-``?at=X,Y,Z`` [m] is where the added sphere begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes
-are sent (`hapnet.plant.worlds.mujoco_planes`); several with &.
+without weight. It meets whatever can be touched, and takes nothing of the model's defaults. ``?proxy=NAME`` makes a
+body of the model the proxy, at its centre of mass, or a site, at its place. ``?at=X,Y,Z`` [m] is where the added sphere
+begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes are sent
+(`hapnet.plant.worlds.mujoco_planes`), ``?key=`` the keyframe with which the model begins, by name or number,
+``?ctrl=A,B`` what its actuators are commanded; several with &.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -27,9 +29,17 @@ PLANES = ("auto", "all", "none")
 SHORTEST_S, MAX_S = 1e-5, 1.0
 """Of a model's timestep. Shorter ones take so many substeps that a run makes no progress."""
 
-_NAME = "hapnet_proxy"
+_PREFIX, _PROXY = "hapnet_", "proxy"
+_NAME = _PREFIX + _PROXY
 _RADIUS = 0.005
-_FORM = "mujoco:FILE.xml, perhaps with ?proxy=NAME of a body or site, or ?at=X,Y,Z&radius=R in metres, or ?planes=all"
+_ALL = 2**31 - 1
+"""The kinds of contact that the sphere has: what has any can be touched."""
+_OVERLAP_M = 5e-4
+"""Bodies that begin deeper in one another than this are reported: contacts at rest are softer than rigid ones."""
+_FORM = (
+    "mujoco:FILE.xml, perhaps with ?proxy=NAME of a body or site, or ?at=X,Y,Z&radius=R in metres, or ?planes=all, "
+    "or ?key=NAME of a keyframe, or ?ctrl=A,B,... for the actuators"
+)
 
 
 class Asked(NamedTuple):
@@ -40,10 +50,13 @@ class Asked(NamedTuple):
     at: tuple[float, ...]
     radius: float
     planes: str
+    key: str
+    ctrl: tuple[float, ...]
 
 
 class Model(NamedTuple):
-    """A compiled model. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide joints, empty without it."""
+    """A compiled model. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide joints, empty without it.
+    `key`: the keyframe that it begins with, -1: none. `overlaps`: pairs of bodies that begin inside one another."""
 
     engine: Any
     model: Any
@@ -52,6 +65,8 @@ class Model(NamedTuple):
     site: int
     dofs: tuple[int, ...]
     geoms: frozenset[int]
+    key: int
+    overlaps: tuple[str, ...]
 
 
 def asked(scene: str) -> Asked:
@@ -59,19 +74,23 @@ def asked(scene: str) -> Asked:
     file, _, query = scene.removeprefix(PREFIX).partition("?")
     try:
         options = dict(parse_qsl(query, strict_parsing=True)) if query else {}
-        unknown = set(options) - {"proxy", "at", "radius", "planes"}
-        at = tuple(float(part) for part in options.get("at", "").split(",") if part.strip())
+        unknown = set(options) - {"proxy", "at", "radius", "planes", "key", "ctrl"}
+        at, ctrl = (_numbers(options.get(name, "")) for name in ("at", "ctrl"))
         radius = float(options.get("radius", _RADIUS))
     except ValueError as error:
         raise InvalidParameter("scene", scene, f"{_FORM} ({error})") from None
-    if not file or unknown or len(at) not in (0, 3) or not all(map(isfinite, at)):
+    if not file or unknown or len(at) not in (0, 3) or not all(map(isfinite, at + ctrl)):
         raise InvalidParameter("scene", scene, _FORM)
     check_number("scene's radius", radius, "a positive number [m], at most 1", lambda r: 0.0 < r <= 1.0)
     if "proxy" in options and ("at" in options or "radius" in options):
         raise InvalidParameter("scene", scene, "either proxy=NAME, or at= and radius= for a sphere that is added")
     if (planes := options.get("planes", "auto")) not in PLANES:
         raise InvalidParameter("scene", scene, f"planes= one of {', '.join(PLANES)}")
-    return Asked(file, options.get("proxy", ""), at, radius, planes)
+    return Asked(file, options.get("proxy", ""), at, radius, planes, options.get("key", ""), ctrl)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split(",") if part.strip())
 
 
 def load(scene: str, dof: int, mass: float) -> Model:
@@ -89,18 +108,24 @@ def load(scene: str, dof: int, mass: float) -> Model:
     engine.set_mju_user_warning(_quiet)
     try:
         spec = engine.MjSpec.from_file(want.file)
+        total = float(spec.compiler.settotalmass)
+        spec.compiler.settotalmass = -1.0  # the sphere is no part of the model's mass
         if not want.proxy:
             _add_sphere(engine, spec, want, dof, mass)
         model = spec.compile()
         data = engine.MjData(model)
+        if total > 0.0:
+            _weigh(engine, model, total)
+        if not SHORTEST_S <= (timestep := float(model.opt.timestep)) <= MAX_S:
+            allowed = f"a model with a timestep of {SHORTEST_S:g} to {MAX_S:g} s; that of {want.file} is {timestep:g} s"
+            raise InvalidParameter("scene", scene, allowed)
+        model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
+        model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a jump back: energy from nowhere
+        return _with_proxy(engine, model, data, scene, want, dof)
+    except InvalidParameter:
+        raise
     except Exception as error:
         raise InvalidParameter("scene", scene, f"a model that MuJoCo can load ({cause(error)})") from error
-    if not SHORTEST_S <= (timestep := float(model.opt.timestep)) <= MAX_S:
-        allowed = f"a model with a timestep of {SHORTEST_S:g} to {MAX_S:g} s; that of {want.file} is {timestep:g} s"
-        raise InvalidParameter("scene", scene, allowed)
-    model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
-    model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a jump back would be energy from nowhere
-    return _with_proxy(engine, model, data, scene, want, dof)
 
 
 def _quiet(warning: str) -> None:
@@ -108,13 +133,27 @@ def _quiet(warning: str) -> None:
 
 
 def _add_sphere(engine: Any, spec: Any, want: Asked, dof: int, mass: float) -> None:
-    body = spec.worldbody.add_body(name=_NAME, pos=list(want.at or (0.0, 0.0, 0.0)))
+    """Add the sphere as a model of its own, which has MuJoCo's defaults and not those of `spec`."""
+    own = engine.MjSpec()
+    body = own.worldbody.add_body(name=_PROXY, pos=list(want.at or (0.0, 0.0, 0.0)))
     body.gravcomp = 1.0
     for axis in range(dof):
         along = [float(i == axis) for i in range(3)]
-        body.add_joint(name=f"{_NAME}_{'xyz'[axis]}", type=engine.mjtJoint.mjJNT_SLIDE, axis=along)
-    sphere = engine.mjtGeom.mjGEOM_SPHERE
-    body.add_geom(name=_NAME, type=sphere, size=[want.radius, 0.0, 0.0], mass=mass, rgba=[0.9, 0.5, 0.1, 1.0])
+        body.add_joint(name=f"{_PROXY}_{'xyz'[axis]}", type=engine.mjtJoint.mjJNT_SLIDE, axis=along)
+    body.add_geom(
+        name=_PROXY, type=engine.mjtGeom.mjGEOM_SPHERE, size=[want.radius, 0.0, 0.0], mass=mass,
+        contype=_ALL, conaffinity=_ALL, priority=-1, rgba=[0.9, 0.5, 0.1, 1.0],  # what it touches has the friction
+    )  # fmt: skip
+    spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+
+
+def _weigh(engine: Any, model: Any, total: float) -> None:
+    """Give all bodies but the sphere the total mass [kg] that the model's author asked for."""
+    own = np.arange(model.nbody) != max(0, int(engine.mj_name2id(model, engine.mjtObj.mjOBJ_BODY, _NAME)))
+    share = total / float(model.body_mass[own].sum())
+    model.body_mass[own] *= share
+    model.body_inertia[own] *= share
+    engine.mj_setConst(model, engine.MjData(model))  # it moves what it is given
 
 
 def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int) -> Model:
@@ -134,11 +173,48 @@ def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof
         body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, _NAME))
         first = int(model.body_dofadr[body])
         dofs = tuple(range(first, first + dof))
-        if not want.at:
-            _raise(engine, model, data, body, want.radius)
+    key = _begin(engine, model, data, scene, want, dofs)
+    if dofs and not want.at:
+        _raise(engine, model, data, body, want.radius)
     engine.mj_forward(model, data)
     geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())
-    return Model(engine, model, data, body, site, dofs, geoms)
+    overlaps = tuple(_overlaps(engine, model, data, body if dofs else -1))
+    return Model(engine, model, data, body, site, dofs, geoms, key, overlaps)
+
+
+def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Sequence[int]) -> int:
+    """Set what the scene begins with: the keyframe, whose number it returns (-1: none), and the actuators' commands."""
+    key = -1
+    if want.key:
+        names = [model.key(i).name for i in range(model.nkey)]
+        numbers = [str(i) for i in range(model.nkey)]
+        if want.key not in names and want.key not in numbers:
+            known = ", ".join(name or number for name, number in zip(names, numbers, strict=True)) or "none"
+            raise InvalidParameter("scene", scene, f"key= a keyframe of the model ({known})")
+        key = names.index(want.key) if want.key in names else int(want.key)
+        engine.mj_resetDataKeyframe(model, data, key)
+        for dof in dofs:  # the sphere begins where it is put
+            data.qpos[model.jnt_qposadr[model.dof_jntid[dof]]] = data.qvel[dof] = 0.0
+    if want.ctrl:
+        if len(want.ctrl) != model.nu:
+            names = [model.actuator(i).name or str(i) for i in range(model.nu)]
+            few = f"ctrl= {model.nu} numbers with commas, one an actuator ({', '.join(names) or 'it has none'})"
+            raise InvalidParameter("scene", scene, few)
+        data.ctrl[:] = want.ctrl
+    return key
+
+
+def _overlaps(engine: Any, model: Any, data: Any, sphere: int) -> Iterator[str]:
+    """The pairs of bodies that begin inside one another, with the depth; the deepest first."""
+    deepest: dict[tuple[int, int], float] = {}
+    for i in range(data.ncon):
+        contact = data.contact[i]
+        first, second = (int(model.geom_bodyid[geom]) if geom >= 0 else -1 for geom in contact.geom.tolist())
+        if sphere not in (first, second) and -contact.dist > deepest.get((first, second), _OVERLAP_M):
+            deepest[first, second] = -float(contact.dist)
+    for (first, second), depth in sorted(deepest.items(), key=lambda item: -item[1]):
+        names = [model.body(i).name or f"body {i}" if i >= 0 else "a flex" for i in (first, second)]
+        yield f"{names[0]} and {names[1]} by {depth * 1e3:.2g} mm"
 
 
 def _raise(engine: Any, model: Any, data: Any, body: int, radius: float) -> None:
@@ -152,8 +228,11 @@ def _raise(engine: Any, model: Any, data: Any, body: int, radius: float) -> None
 
 
 def warnings(found: Model) -> Iterator[str]:
-    """What of this model is not passive by itself."""
+    """What of this model is not passive by itself, or jumps at the start."""
     engine, model = found.engine, found.model
+    if found.overlaps:
+        more = f", and {len(found.overlaps) - 3} more pairs" if len(found.overlaps) > 3 else ""
+        yield f"bodies begin inside one another: {'; '.join(found.overlaps[:3])}{more}"
     integrator = engine.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
     direct = [f"{kind} {_named(engine, model, kind, i)}" for kind, i in _direct(model)]
     if direct and integrator != "DISCRETE":

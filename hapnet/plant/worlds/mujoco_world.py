@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
-from hapnet.checks import Array, Vector
+from hapnet.checks import Array, Signal, Vector
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.loading import cause
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.mujoco_engine import Engine
@@ -90,6 +91,12 @@ class MujocoProxy(Mass):
         self._position = self._engine.position()
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
+        try:
+            return self._step(dt, set_position)
+        except self._engine.found.engine.FatalError as error:
+            raise HapnetError(f"the scene mujoco failed: {cause(error)}") from error
+
+    def _step(self, dt: float, set_position: Vector) -> Step:
         engine, n = self._engine, self._engine.dof
         simulated = min(dt, MAX_S)
         count = max(1, ceil(simulated / engine.own_step_s - 1e-9))
@@ -178,7 +185,8 @@ class MujocoWorld(WorldDefaults, Surroundings):
             share = kg / float(model.body_mass[self._found.body])
             model.body_mass[self._found.body] *= share
             model.body_inertia[self._found.body] *= share
-            self._found.engine.mj_setConst(model, self._found.data)
+            engine = self._found.engine
+            engine.mj_setConst(model, engine.MjData(model))  # it moves what it is given
             self.engine.weigh()
         return MujocoProxy(self.engine, damping, stiffness)
 
@@ -199,6 +207,10 @@ class MujocoWorld(WorldDefaults, Surroundings):
             low, high = (middle, high) if free else (low, middle)
         self.engine.place(tuple([low * x for x in position]))
         return self.engine.position()
+
+    def signal(self, name: str, value: Signal) -> None:
+        """``ctrl``: the commands of all actuators; ``ctrl.NAME``: of one. What fits no actuator is ignored."""
+        self.engine.command(name, value)
 
     @property
     def observed(self) -> Observed:
