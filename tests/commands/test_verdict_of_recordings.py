@@ -38,7 +38,7 @@ def scene(name: str, files: Path) -> dict[str, Any]:
         return {"scene": "wall"}
     if name == "mujoco":
         pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
-        from tests.plant.worlds.test_mujoco import BLOCK, model
+        from tests.support.mujoco_models import BLOCK, model
 
         return {"scene": model(files / "m.xml", BLOCK), "operator": "sine"}
     if name == "mesh":

@@ -127,7 +127,7 @@ def test_of_an_engine_it_is_force_times_way_in_every_substep(timestep_s: float, 
     With one substep a step the recorded mean force is that force. With more it is not: that is why work is recorded.
     """
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
-    from tests.plant.worlds.test_mujoco import BLOCK, BOX, model
+    from tests.support.mujoco_models import BLOCK, BOX, model
 
     scene = model(tmp_path / "m.xml", BLOCK + BOX, option=f'timestep="{timestep_s}"')
     steps = {"world.step_min_s": 0.02, "world.step_max_s": 0.02}

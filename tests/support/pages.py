@@ -132,12 +132,23 @@ def prepare(directory: Path, page: Path, certificates: Path) -> None:
     (directory / "hand.csv").write_text("\n".join(["time_s,x_m,y_m,pen_down,pressure", *rows]) + "\n", "utf-8")
     (directory / "bumps.csv").write_text("\n".join(["0,1,0,1", "1,0,1,0"] * 2) + "\n", "utf-8")
     (directory / "door.xml").write_text(_DOOR, "utf-8")
+    (directory / "arm.xml").write_text(_ARM, "utf-8")
     for block in blocks(page):
         if name := _NAME.match(block.text):
             (directory / name[1]).write_text(shorter(block.text), "utf-8")
     if ".mcap" in page.read_text("utf-8"):
         _record(directory)
 
+
+_ARM = """
+<mujoco><worldbody>
+  <body pos="0.1 0 0.1"><joint name="shoulder" axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 .1 0 0"/>
+    <body pos="0.1 0 0"><joint name="elbow" axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 .1 0 0"/></body>
+  </body></worldbody>
+  <actuator><motor joint="shoulder"/><motor joint="elbow"/></actuator>
+  <keyframe><key name="home" qpos="0.5 0.5"/></keyframe>
+</mujoco>
+"""
 
 _DOOR = """
 <mujoco><worldbody><body name="door" pos="0.1 0 0"><joint name="hinge" axis="0 0 1" damping="0.1"/>

@@ -12,7 +12,8 @@ import pytest
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.mujoco_world import MujocoProxy, MujocoWorld
-from tests.plant.worlds.test_mujoco import BALL, BLOCK, BOX, DOOR, FLEX, check, model, over_a_link
+from tests.plant.worlds.test_mujoco import check, over_a_link
+from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, model
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
 
