@@ -10,15 +10,17 @@ from collections.abc import Callable
 from operator import sub
 
 from hapnet.checks import Vector
+from hapnet.control import contact_equations
 from hapnet.control import ledger as ledgers
+from hapnet.control.contact_equations import ContactState
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import ForceParts, Position, Update
 from hapnet.control.harvest import dissipated_by_range
-from hapnet.control.set_position_coupling import SetPositionCoupling, potential
+from hapnet.control.set_position_coupling import SetPositionCoupling, potential, update
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
-from hapnet.records.equation import equation
+from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import Reals, Record
-from hapnet.records.vectors import inner
+from hapnet.records.vectors import copy, inner
 
 Passage = Callable[[], tuple[Vector, Vector, float | None]]
 """Returns the extremes of the position since the last call [m], both ends included, and the energy that the damper
@@ -71,17 +73,16 @@ class ContinuousServo(Record):
         device's kinetic energy now [J].
         """
         coupling = self.coupling
-        rest(self, coupling, dt, x, work, kinetic)
-        if self.elapsed < self.due and not coupling.has_sample and not release:
+        if not (runs(self, coupling, dt, x, work, kinetic) or release):
             return None
         low, high, dissipated = passage()
         if dissipated is None:
             dissipated = dissipated_by_range(self.damping, low, high, self.elapsed)
         if release:
             coupling.release(x, dissipated)
+            end(self, coupling, x, kinetic)
         else:
-            coupling.update(self.elapsed, x, dissipated)
-        end_update(self, coupling, x, kinetic)
+            run(self, coupling, self._model, x, dissipated, kinetic)
         return sent(self.sender, coupling, x)
 
     def skippable_ticks(self, dt: float) -> int:
@@ -147,8 +148,9 @@ def decide(sender: Sender, dt: float) -> None:
 
 def sent(sender: Sender, coupling: SetPositionCoupling, x: Vector) -> Update | None:
     """What the last run of PSPM sends."""
-    level, shuffled = coupling.level, coupling.shuffled
+    shuffled = coupling.shuffled
     if sender.sends:
+        level = coupling.level
         return Update(x if level is None else Position(x, level), shuffled)
     return Update(None, shuffled) if shuffled else None
 
@@ -164,8 +166,43 @@ def rest(
 
 
 @equation
-def end_update(servo: ContinuousServo, coupling: SetPositionCoupling, x: Reals, kinetic: float) -> None:
+def runs(
+    servo: ContinuousServo, coupling: SetPositionCoupling, dt: float, x: Reals, work: float, kinetic: float
+) -> bool:
+    """A tick begins, `dt` seconds after the last: does PSPM run in it?"""
+    rest(servo, coupling, dt, x, work, kinetic)
+    servo.sender.sends = 0
+    coupling.shuffled = 0.0
+    return coupling.has_sample != 0 or servo.elapsed >= servo.due
+
+
+@equation
+def run(
+    servo: ContinuousServo, coupling: SetPositionCoupling, model: ContactState | None, x: Reals, dissipated: float,
+    kinetic: float,
+) -> None:  # fmt: skip
+    """Run PSPM, with D = `dissipated` [J]."""
+    choose(coupling, model, coupling.modulator.spring.dof, servo.elapsed, x)
+    update(coupling, servo.elapsed, x, dissipated, 0.0)
+    end(servo, coupling, x, kinetic)
+
+
+@equation
+def end(servo: ContinuousServo, coupling: SetPositionCoupling, x: Reals, kinetic: float) -> None:
     """PSPM has run: the account, and whether to send."""
     decide(servo.sender, servo.elapsed)
     servo.elapsed = 0.0
     ledgers.observe(coupling.ledger, kinetic + potential(coupling, x), coupling.account)
+
+
+def _compiled_choose(coupling: SetPositionCoupling, model: ContactState, n: int, dt: float, x: Reals) -> None:
+    if model.in_use:
+        contact_equations.step(model, n, dt, x, coupling.y)
+    else:
+        copy(n, coupling.received, coupling.y)
+
+
+@compiled_as(_compiled_choose)
+def choose(coupling: SetPositionCoupling, model: ContactState | None, n: int, dt: float, x: Reals) -> None:
+    """Choose y for the next run, `dt` seconds after the last. Python asks the coupling's source, whatever it is."""
+    coupling.choose(dt, tuple(x))

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
-from hapnet.control.law import HeldForce, LawAccount, begin_tick, cut, sends
+from hapnet.control.law import HeldForce, LawAccount, begin_tick, sends, tick
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import CouplingSample as CouplingSample
 from hapnet.control.samples import Motion as Motion
@@ -359,14 +359,15 @@ class LawServo(HeldForce):
         return {}
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
-        begin_tick(self, self.coupling, x)
         if release:
+            begin_tick(self, self.coupling, x)
             self.law.release(dt, x, tuple(self.held))
             self.stop()
-        elif dt > 0.0:  # a law may divide by dt
-            self.held[:] = self.law.force(dt, x, v, tuple(self.held))
-            cut(self)
-        return Update(self.law.next_sample(x, v)) if sends(self, dt) else None
+            due = sends(self, dt)
+        else:
+            law: Any = self.law
+            due = tick(self, self.coupling, law, dt, x, v)
+        return Update(self.law.next_sample(x, v)) if due else None
 
     def skippable_ticks(self, dt: float) -> int:
         return ticks_before(self.due, self.elapsed, dt)

@@ -14,7 +14,7 @@ from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import CouplingSample, Motion, Port, Wave, vector_of
-from hapnet.records.equation import equation
+from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import Floats, OfAxes, Reals, Record
 from hapnet.records.vectors import copy, dot
 
@@ -175,6 +175,32 @@ class HeldForce(Record):
     due: float
     elapsed: float
     limit: float
+
+
+@equation
+def tick(servo: HeldForce, account: LawAccount, law: DeviceEnd, dt: float, x: Reals, v: Reals) -> bool:
+    """A tick `dt` seconds after the last, at x [m] and v [m/s]: is a sample to be sent?"""
+    begin_tick(servo, account, x)
+    if dt > 0.0:  # a law may divide by dt
+        _render(servo, law, dt, x, v)
+        cut(servo)
+    return sends(servo, dt)
+
+
+def _compiled_render(servo: HeldForce, law: DeviceEnd, dt: float, x: Reals, v: Reals) -> None:
+    render(law, dt, x, v, servo.held, law.out)
+    copy(servo.n, law.out, servo.held)
+
+
+@compiled_as(_compiled_render)
+def _render(servo: HeldForce, law: DeviceEnd, dt: float, x: Reals, v: Reals) -> None:
+    """The law's force is held; Python asks the law, whatever it is."""
+    servo.held[:] = law.force(dt, tuple(x), tuple(v), tuple(servo.held))
+
+
+def render(law: DeviceEnd, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
+    """`render` of the law, in whose place compiled code has that method of the law's class."""
+    law.render(dt, x, v, held, out)
 
 
 @equation

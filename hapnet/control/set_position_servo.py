@@ -11,8 +11,9 @@ from typing import Any, Literal
 
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
+from hapnet.control.contact_equations import ContactState
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.continuous_servo import Sender, decide, parts_of, sent
+from hapnet.control.continuous_servo import Sender, choose, decide, parts_of, sent
 from hapnet.control.coupling import ForceParts, Update
 from hapnet.control.harvest import MeasuredHarvest, by_range, hold, take
 from hapnet.control.reserve import ForceGuard, Holding, HoldTime, admit, needed
@@ -20,12 +21,18 @@ from hapnet.control.set_position_coupling import SetPositionCoupling, potential,
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.encoders import rounding
-from hapnet.records.equation import equation
+from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import OfAxes, Reals, Record
 from hapnet.records.vectors import added, copy, distance, length
 
 Harvest = Literal["range", "measured"]
 HARVESTS: tuple[Harvest, ...] = ("range", "measured")
+
+RESTS, RUNS, SENDS, ASKS = range(4)
+"""What came of a tick: PSPM did not run; it ran; there is something to send besides; y is to be chosen first."""
+
+ITSELF, ASKING, CHOSEN = range(3)
+"""Who chooses y: the tick itself; its caller, who is then asked; its caller, who has been asked."""
 
 
 class SampledServo(Record):
@@ -194,27 +201,21 @@ class SampledServo(Record):
         coupling = self.coupling
         if dt > self._max_hold or self._hold_time.expected > self._max_hold:
             self._expect(dt)
-        if self.resolution:
-            blur(self, coupling)
+        if release:
+            hold_on(self, coupling, dt, x)
+            coupling.release(x, take(self.measured, coupling.potential(x) - self.potential))
+            end_held(self, coupling, x)
+            self.stop()
+        elif tick(self, coupling, self.model, dt, x, v, ITSELF) != SENDS:
+            return None
+        return sent(self.sender, coupling, x)
+
+    def come(self, dt: float, x: Vector) -> None:
+        """The device has come to x [m] in `dt` seconds, in which the force was held."""
         if dt > self._max_hold or self._followed is not None:
             self._overrun(dt, x)
         else:
-            move(self, coupling, dt, x)
-        self.elapsed += dt
-        update = None
-        if release:
-            coupling.release(x, take(self.measured, coupling.potential(x) - self.potential))
-            end_held(self, coupling, x)
-            update = sent(self.sender, coupling, x)
-        elif coupling.has_sample or self.elapsed >= self.due:
-            coupling.choose(self.elapsed, x)
-            update_held(self, coupling, x)
-            update = sent(self.sender, coupling, x)
-        if release:
-            self.stop()
-        else:
-            render(self, coupling, x, v)
-        return update
+            move(self, self.coupling, dt, x)
 
     def skippable_ticks(self, dt: float) -> int:
         """As `DeviceCoupling.skippable_ticks`: PSPM does not run in these ticks."""
@@ -275,14 +276,42 @@ def move(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals
     ledgers.observe(coupling.ledger, potential(coupling, x), account(servo, coupling))
 
 
+@compiled_as(move)
+def _come(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
+    """As `move`; Python asks whether the servo is late."""
+    servo.come(dt, tuple(x))
+
+
 @equation
 def hold_on(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> bool:
-    """A tick of a servo that is in time begins, `dt` seconds after the last: does PSPM run in it?"""
+    """A tick begins, `dt` seconds after the last: does PSPM run in it?"""
+    servo.sender.sends = 0
+    coupling.shuffled = 0.0
     if servo.resolution != 0.0:
         blur(servo, coupling)
-    move(servo, coupling, dt, x)
+    _come(servo, coupling, dt, x)
     servo.elapsed += dt
     return coupling.has_sample != 0 or servo.elapsed >= servo.due
+
+
+@equation
+def tick(
+    servo: SampledServo, coupling: SetPositionCoupling, model: ContactState | None, dt: float, x: Reals, v: Reals,
+    who: int,
+) -> int:  # fmt: skip
+    """`SampledServo.tick` without a release. who : chooses y; one who is asked ticks once more when that is done."""
+    result = RESTS
+    if who == CHOSEN or hold_on(servo, coupling, dt, x):
+        if who == ASKING:
+            return ASKS
+        if who == ITSELF:
+            choose(coupling, model, servo.n, servo.elapsed, x)
+        keep = needed(servo.guard, length(servo.n, servo.commanded) - servo.guard.step)
+        update(coupling, servo.elapsed, x, _dissipated(servo, coupling, x), keep)
+        end_held(servo, coupling, x)
+        result = SENDS if servo.sender.sends or coupling.shuffled != 0.0 else RUNS
+    render(servo, coupling, x, v)
+    return result
 
 
 @equation
@@ -309,14 +338,6 @@ def _dissipated(servo: SampledServo, coupling: SetPositionCoupling, x: Reals) ->
         servo.clipped = 0
         return 0.0
     return by_range(servo.n, servo.damping, servo.low, servo.high, servo.elapsed, servo.resolution)
-
-
-@equation
-def update_held(servo: SampledServo, coupling: SetPositionCoupling, x: Reals) -> None:
-    """Run PSPM; the source's y is in `coupling.y`."""
-    keep = needed(servo.guard, length(servo.n, servo.commanded) - servo.guard.step)
-    update(coupling, servo.elapsed, x, _dissipated(servo, coupling, x), keep)
-    end_held(servo, coupling, x)
 
 
 @equation

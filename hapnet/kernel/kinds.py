@@ -10,11 +10,13 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
+from hapnet.control import law
 from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.kernel import law_sides, samples, sides
 from hapnet.kernel.simulation import Scenario
 from hapnet.plant.tick import held_tick
 from hapnet.plant.tick import tick as make_tick
+from hapnet.side import held_device
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
 
@@ -36,8 +38,9 @@ class Kind(NamedTuple):
         if (device := self.device) is not None:
             chosen |= device.lines() | {
                 make_tick: held_tick, sides.tick: law_sides.tick, samples.record_tick: law_sides.record_tick,
-                law_sides.take_at_device: device.take, law_sides.render: device.render,
-                law_sides.say_at_device: device.say,
+                law_sides.take_at_device: device.take, law.render: device.render,
+                law_sides.say_at_device: device.say, held_device.potential: law_sides.no_potential,
+                held_device.account: law_sides.account_of,
             }  # fmt: skip
         if (world := self.world) is not None:
             chosen |= world.lines() | {

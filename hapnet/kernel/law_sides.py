@@ -4,41 +4,37 @@ from __future__ import annotations
 
 import math
 
+from hapnet.control import law as laws
 from hapnet.control import ledger as ledgers
-from hapnet.control.harvest import MeasuredHarvest, hold
-from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd, begin_tick, cut, sends
-from hapnet.control.ledger import Ledger
+from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
 from hapnet.kernel.endpoint import Wire, finish
 from hapnet.kernel.link import Message
 from hapnet.kernel.samples import DEVICE_VECTORS, WORLD_VECTORS, Rows, add_energies, add_times
-from hapnet.kernel.sides import Counts, Hand, advance, count_step, meet, note
+from hapnet.kernel.sides import Counts, count_step, meet, note
 from hapnet.plant import device as devices
 from hapnet.plant import integrator
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import Hand
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import account
 from hapnet.plant.worlds import walls as contact
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import Floats, Reals, Record
 from hapnet.records.vectors import copy
+from hapnet.side import held_device
+from hapnet.side.held_device import HeldDevice
 from hapnet.wire.path import age_s
 
 _NANO = 1e-9
 
 
-class LawDevice(Record):
-    """Everything of the device's side; before : where it was at the last tick [m]."""
+class LawDevice(HeldDevice):
+    """Everything of the device's side."""
 
-    plant: SimulatedDevice
-    servo: HeldForce
-    coupling: LawAccount
+    servo: HeldForce  # type: ignore[assignment]  # a law's, in place of a set-position's
+    coupling: LawAccount  # type: ignore[assignment]
     law: DeviceEnd
-    true_ledger: Ledger
-    true_work: MeasuredHarvest
-    hand: Ledger
-    before: OfAxes
 
 
 class LawWorld(Record):
@@ -58,27 +54,18 @@ def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, m
     dt = max((now_ns - counts.device_last_ns) * _NANO, device.period)
     counts.device_last_ns = now_ns
     counts.ticks += 1
-    copy(n, device.state.position, side.before)
-    ledgers.put_in(side.hand, advance(device, hand))
-    work = hold(side.true_work, servo.held, side.before, device.state.position, dt)
+    held_device.live(side, hand, 1)
     devices.read(device)
+    held_device.count(side, dt)
     for k in range(wire.endpoint.waiting):
         sample = note(wire, k)
         take_at_device(law, sample.position, sample.more, sample.amount * _NANO, sample.elapsed_ns * _NANO)
     wire.endpoint.first = wire.endpoint.waiting = wire.endpoint.credits = 0
     x, v = device.read_position, device.read_velocity
-    begin_tick(servo, side.coupling, x)
-    if dt > 0.0:
-        render(law, dt, x, v, servo.held, law.out)
-        copy(n, law.out, servo.held)
-        cut(servo)
-    sending = sends(servo, dt)
+    sending = laws.tick(servo, side.coupling, law, dt, x, v)
     if sending:
         say_at_device(law, x, v)
-    devices.hold(device, servo.held)
-    copy(n, device.state.torque, servo.held)
-    ledgers.put_in(side.true_ledger, work)
-    ledgers.observe(side.true_ledger, 0.0, side.coupling.account)
+    held_device.apply(side)
     if sending:
         copy(n, law.said.value, message.position)
         copy(n, law.said.more, message.more)
@@ -180,14 +167,21 @@ def _account(row: Floats, at: int, then: int, coupling: LawAccount) -> None:
     row[at + then + 4] = coupling.ledger.slack
 
 
+@equation
+def no_potential(side: HeldDevice) -> float:
+    """A law keeps account of its own springs."""
+    return 0.0
+
+
+@equation
+def account_of(side: HeldDevice) -> float:
+    """The law's share of d^2 [J]."""
+    return side.coupling.account
+
+
 def take_at_device(law: DeviceEnd, value: Reals, more: Reals, amount: float, total_s: float) -> None:
     """`take` of the device's law. It and those below are compiled as the methods of a law's ends: see kinds.py."""
     law.take(value, more, amount, total_s)
-
-
-def render(law: DeviceEnd, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
-    """`render` of the device's law."""
-    law.render(dt, x, v, held, out)
 
 
 def say_at_device(law: DeviceEnd, x: Reals, v: Reals) -> None:

@@ -7,8 +7,9 @@ from typing import Annotated
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
 from hapnet.kernel.endpoint import Wire
-from hapnet.kernel.sides import Counts, DeviceSide, Hand, WorldSide
+from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
 from hapnet.mechanics import spring as springs
+from hapnet.plant.device import Hand
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, FloatRows, Floats, Record, Wholes
 from hapnet.wire.path import age_s, transit_s

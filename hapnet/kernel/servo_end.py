@@ -6,33 +6,26 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control import contact_equations
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
 from hapnet.control.continuous_servo import sent
 from hapnet.control.coupling import Update
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.control.set_position_servo import SampledServo
+from hapnet.control.set_position_servo import ASKING, ASKS, CHOSEN, ITSELF, RESTS, SENDS, SampledServo
 from hapnet.records.equation import equation
 from hapnet.records.record import OfAxes, Record
-from hapnet.records.vectors import copy
-
-RESTS, SENDS, ASKS = range(3)
-"""What a tick returns: there is nothing to send; there may be; y is to be chosen, and then it goes on."""
 
 
 class ServoEnd(Record):
     """The device's end of a coupling of set-positions, with the arguments of its next tick.
 
-    asks : does Python choose y? chosen : has it done so, in this tick? interval : since the run of PSPM
-    before, if it runs in this tick [s]; else below 0.
+    who : chooses y. interval : since the run of PSPM before [s].
     """
 
     servo: SampledServo
     coupling: SetPositionCoupling
     model: ContactState
-    asks: int
-    chosen: int
+    who: int
     interval: float
     dt: float
     x: OfAxes
@@ -42,24 +35,8 @@ class ServoEnd(Record):
 @equation
 def tick(end: ServoEnd) -> int:
     """`SampledServo.tick` of a servo that is in time."""
-    servo, coupling, result = end.servo, end.coupling, RESTS
-    if not end.chosen:
-        end.interval = -1.0
-    if end.chosen or servos.hold_on(servo, coupling, end.dt, end.x):
-        if not end.chosen:
-            end.interval = servo.elapsed
-            if end.asks:
-                return ASKS
-            if end.model.in_use:
-                contact_equations.step(end.model, servo.n, end.interval, end.x, coupling.y)
-            else:
-                copy(servo.n, coupling.received, coupling.y)
-        servos.update_held(servo, coupling, end.x)
-        if servo.sender.sends or coupling.shuffled != 0.0:
-            result = SENDS
-    end.chosen = 0
-    servos.render(servo, coupling, end.x, end.v)
-    return result
+    end.interval = end.servo.elapsed + end.dt
+    return servos.tick(end.servo, end.coupling, end.model, end.dt, end.x, end.v, end.who)
 
 
 def entry_of(sources: str) -> Callable[[Sequence[ServoEnd]], int]:
@@ -85,13 +62,12 @@ class CompiledServo(SampledServo):
         end, model = self._end, self.model
         n = self.n
         end.dt, end.x[:n], end.v[:n] = dt, x, v
-        if model is not None:
-            end.asks = not model.goes_on
+        end.who = ITSELF if model is None or model.goes_on else ASKING
         result = self._run(self._array)
         if result == ASKS:
-            self.coupling.choose(end.interval, x)
-            end.chosen = 1
+            self.coupling.choose(self.elapsed, x)
+            end.who = CHOSEN
             result = self._run(self._array)
-        elif model is not None and end.interval >= 0.0:
+        elif model is not None and result != RESTS:
             model.went_on(end.interval, x)
         return sent(self.sender, self.coupling, x) if result == SENDS else None

@@ -2,51 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from hapnet.control import contact_equations, prediction
 from hapnet.control import continuous_servo as continuous
 from hapnet.control import ledger as ledgers
+from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
 from hapnet.control.contact_plane import understand
 from hapnet.control.continuous_servo import ContinuousServo
-from hapnet.control.harvest import MeasuredHarvest, by_range, hold
-from hapnet.control.ledger import Ledger
+from hapnet.control.harvest import by_range
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
-from hapnet.control.set_position_servo import SampledServo
 from hapnet.kernel.endpoint import PROXY, Wire, finish
 from hapnet.kernel.link import Message
 from hapnet.plant import device as devices
 from hapnet.plant import integrator
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import Hand, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.tick import tick as make_tick
 from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, OfPlanes, Record, VectorsOfPlanes
+from hapnet.records.record import Floats, OfPlanes, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy
+from hapnet.side import held_device
+from hapnet.side.held_device import HeldDevice
 from hapnet.wire.path import age_of_content_s, age_s
 
 _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
-
-
-TICKS = 1024
-"""So many ticks of the hand's path are known at once."""
-
-
-class Hand(Record):
-    """The hand's reference: where it is, and at the end of each of the next ticks [m]. at : where on the path it is;
-    known : how many ticks the path has."""
-
-    at: int
-    known: int
-    path: Annotated[FloatRows, (TICKS + 1, AXES)]
 
 
 class Counts(Record):
@@ -73,20 +57,10 @@ class Planes(Record):
     velocity: OfPlanes
 
 
-class DeviceSide(Record):
-    """Everything of the device's side.
+class DeviceSide(HeldDevice):
+    """Everything of the device's side. within : the servo of a coupling that acts within the tick."""
 
-    plant : the device. within : the servo of a coupling that acts within the tick, servo : of a force that is held.
-    true_ledger, true_work, hand : the accounts with the true positions, of the hand.
-    """
-
-    plant: SimulatedDevice
     within: ContinuousServo
-    servo: SampledServo
-    coupling: SetPositionCoupling
-    true_ledger: Ledger
-    true_work: MeasuredHarvest
-    hand: Ledger
     model: ContactState
 
 
@@ -127,53 +101,28 @@ def level(coupling: SetPositionCoupling) -> float:
 
 @equation
 def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
-    """`SampledDeviceSide._control`, with `SampledServo.tick`."""
-    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.dof
-    copy(n, device.state.position, servo.wanted)  # where it was before
-    ledgers.put_in(side.hand, advance(device, hand))
-    true_work = hold(side.true_work, servo.held, servo.wanted, device.state.position, dt)
+    """`SampledDeviceSide._control`."""
+    device = side.plant
+    held_device.live(side, hand, 1)
     devices.read(device)
+    held_device.count(side, dt)
     _take(side, wire, now_ns)
     x, v = device.read_position, device.read_velocity
-    servo.sender.sends = 0
-    coupling.shuffled = 0.0
-    if servos.hold_on(servo, coupling, dt, x):
-        _choose(side, servo.elapsed, x)
-        servos.update_held(servo, coupling, x)
-    servos.render(servo, coupling, x, v)
-    devices.hold(device, servo.held)
-    copy(n, device.state.torque, servo.held)
-    _observe_truth(side, true_work)
+    servos.tick(side.servo, side.coupling, side.model, dt, x, v, servos.ITSELF)
+    held_device.apply(side)
 
 
 @equation
 def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
     device, servo, coupling = side.plant, side.within, side.coupling
-    work = advance(device, hand)
+    work = devices.advance(device, hand)
     copy(device.dof, device.state.position, device.read_position)
     x, kinetic = device.read_position, devices.kinetic_at(device, device.state.velocity)
     _take(side, wire, now_ns)
-    continuous.rest(servo, coupling, dt, x, work, kinetic)
-    servo.sender.sends = 0
-    coupling.shuffled = 0.0
-    if servo.elapsed < servo.due and not coupling.has_sample:
-        return
-    dissipated = _dissipated(device, servo.elapsed)
-    _choose(side, servo.elapsed, x)
-    couplings.update(coupling, servo.elapsed, x, dissipated, 0.0)
-    copy(device.dof, coupling.modulator.ybar, device.state.set_position)
-    continuous.end_update(servo, coupling, x, kinetic)
-
-
-@equation
-def advance(device: SimulatedDevice, hand: Hand) -> float:
-    """`SimulatedDevice.advance`, to the next point of the hand's path."""
-    work = make_tick(device.model, device.state, hand.path, hand.at)
-    hand.at += 1
-    device.ticks += 1
-    device.time = device.ticks * device.period
-    return work
+    if continuous.runs(servo, coupling, dt, x, work, kinetic):
+        continuous.run(servo, coupling, side.model, x, _dissipated(device, servo.elapsed), kinetic)
+        copy(device.dof, coupling.modulator.ybar, device.state.set_position)
 
 
 @equation
@@ -242,27 +191,6 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
     for k in range(wire.endpoint.credits):
         couplings.credit(coupling, wire.credits_nJ[k] * _NANO)
     wire.endpoint.credits = 0
-
-
-@equation
-def _choose(side: DeviceSide, dt: float, x: Floats) -> None:
-    """Choose y, before the stages."""
-    coupling, n = side.coupling, side.plant.dof
-    if side.model.in_use:
-        contact_equations.step(side.model, n, dt, x, coupling.y)
-    else:
-        copy(n, coupling.received, coupling.y)
-
-
-@equation
-def _observe_truth(side: DeviceSide, work: float) -> None:
-    """`SampledDeviceSide._observe_truth` with the measured harvest."""
-    ledger = side.true_ledger
-    ledgers.put_in(ledger, work)
-    own = side.coupling.ledger
-    ledger.credited, ledger.sent = own.credited, own.sent
-    stored = couplings.potential(side.coupling, side.plant.state.position)
-    ledgers.observe(ledger, stored, servos.account(side.servo, side.coupling))
 
 
 @equation

@@ -14,7 +14,8 @@ from hapnet.kernel import sides
 from hapnet.kernel.endpoint import Wire, has_room, poll, receive
 from hapnet.kernel.link import Link
 from hapnet.kernel.samples import Rows, have_room, record_step, record_tick
-from hapnet.kernel.sides import Counts, DeviceSide, Hand, WorldSide
+from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.plant.device import Hand
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
 from hapnet.wire import energy_channel as channels

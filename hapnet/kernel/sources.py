@@ -30,9 +30,8 @@ def _mark(kind: str) -> Path:
 def digest() -> str:
     """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
     packages = [_HERE.parents[1] / "netem"]
-    packages += [
-        _HERE.parent / name for name in ("kernel", "records", "control", "couplings", "mechanics", "plant", "wire")
-    ]
+    names = ("kernel", "records", "control", "couplings", "mechanics", "plant", "side", "wire")
+    packages += [_HERE.parent / name for name in names]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         found.update(path.read_bytes())

@@ -13,7 +13,7 @@ actuators are at their limit (see `limited_coupling`). `tick` computes a tick.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,9 +24,21 @@ from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Operator
 from hapnet.plant.tick import DeviceState, TickModel, tick
 from hapnet.plant.tick import TickResult as TickResult
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import AXES, FloatRows, OfAxes, Reals, Record
 from hapnet.records.vectors import added, copy, length
+
+TICKS = 1024
+"""So many ticks of the hand's path are known at once."""
+
+
+class Hand(Record):
+    """The hand's reference for compiled code: where it is, and at the end of each of the next ticks [m]. at : where on
+    the path it is; known : how many ticks the path has."""
+
+    at: int
+    known: int
+    path: Annotated[FloatRows, (TICKS + 1, AXES)]
 
 
 class Device(Protocol):
@@ -237,6 +249,20 @@ class SimulatedDevice(Record):
         return TickModel(
             self.dof, self.mass, self.damping, hand, self.period, self._substeps, stiffness, damping, knee, limit
         )
+
+
+def _compiled_advance(device: SimulatedDevice, hand: Hand) -> float:
+    work = tick(device.model, device.state, hand.path, hand.at)
+    hand.at += 1
+    device.ticks += 1
+    device.time = device.ticks * device.period
+    return work
+
+
+@compiled_as(_compiled_advance)
+def advance(device: SimulatedDevice, hand: Hand | None) -> float:
+    """`SimulatedDevice.advance`; Python asks the operator where the hand goes."""
+    return device.advance()
 
 
 @equation

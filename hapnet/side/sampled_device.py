@@ -7,13 +7,14 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, ForceParts
-from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
+from hapnet.side import held_device
 from hapnet.side.device import DeviceSide, Drive, Observe
 from hapnet.side.endpoint import NANO, DeviceControl
+from hapnet.side.held_device import HeldDevice
 
 
 class SampledDeviceSide(DeviceSide):
@@ -37,7 +38,8 @@ class SampledDeviceSide(DeviceSide):
         self._watch: RangeWatch | None = None
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
-        self.true_ledger: Ledger | None = None
+        self.held: HeldDevice | None = None
+        """The simulated device with its true accounts, once control has started."""
         self.hand_ledger = Ledger(0.0, 0.0)
         self._skippable_ticks: Callable[[float], int] | None = None
         self._follow: Callable[[float, Vector], None] | None = None
@@ -48,7 +50,7 @@ class SampledDeviceSide(DeviceSide):
 
     @property
     def true_slack(self) -> float | None:
-        return None if self.true_ledger is None else self.true_ledger.slack_min
+        return None if self.held is None else self.held.true_ledger.slack_min
 
     @property
     def quantisation(self) -> float | None:
@@ -75,32 +77,24 @@ class SampledDeviceSide(DeviceSide):
         self.endpoint.start(servo)
         self.x, self._v = x, (0.0,) * len(x)
         if self._simulated is not None:
-            self.true_work = MeasuredHarvest(servo.trusted_damping)
-            stored = servo.coupling.potential(self._simulated.position)
-            if servo.harvest == "range":  # the account is at the hand's port
-                stored += self._simulated.kinetic
-            self.true_ledger = Ledger(stored, servo.coupling.account)
+            self.held = HeldDevice(self._simulated, servo, self.hand_ledger)
             self._skippable_dt = max(self._period_ns * NANO, self._simulated.period)
             self._skippable_ticks = servo.skippable_ticks
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        simulated, servo = self._simulated, self.servo
-        before: Vector = ()
-        elapsed_s = followed_s = hand_work = 0.0
-        if simulated is not None:
-            periods = self._periods(now_ns)
-            elapsed_s = periods * simulated.period
+        held, servo = self.held, self.servo
+        elapsed_s = followed_s = 0.0
+        if held is not None:
+            periods, period = self._periods(now_ns), held.plant.period
+            elapsed_s = periods * period
             if self._follow is not None and periods > 1:
-                followed_s = (periods - 1) * simulated.period
+                followed_s = (periods - 1) * period
                 for _ in range(periods - 1):
-                    self._live_through(simulated, self._follow)
+                    self._live_through(held, self._follow)
                 periods = 1
-            before = simulated.position
-            for _ in range(periods):
-                hand_work += simulated.advance()
-            self.hand_ledger.put_in(hand_work)
+            held_device.live(held, None, periods)
         x, v = self._read()
         dt = max(self._elapsed(), elapsed_s)
         if self._watch is None or self._watch.passes(dt, x, v):
@@ -109,25 +103,24 @@ class SampledDeviceSide(DeviceSide):
             self.stop_force(now_ns, self._watch.why or "")
             v, release = (0.0,) * len(v), True
         self._v = v
-        held = servo.force  # the force really applied, where the device reports it
+        if held is not None:
+            held_device.count(held, dt - followed_s)
         message = self.endpoint.tick_sampled(now_ns, dt, self.x, v, release=release)
-        applied = self._apply(dt, servo.force)
-        if applied is None:
+        if held is not None:
+            held_device.apply(held)
+        elif (applied := self._apply(dt, servo.force)) is None:
             self.applied = False
         else:
             servo.force = applied
-        if simulated is not None:
-            self._observe_truth(simulated, dt - followed_s, held, before, hand_work)
         return message
 
-    def _live_through(self, simulated: SimulatedDevice, follow: Callable[[float, Vector], None]) -> None:
+    def _live_through(self, held: HeldDevice, follow: Callable[[float, Vector], None]) -> None:
         """A period in which the servo was away: the device goes on under the force that is held, and both accounts
         count the work that this force really does."""
-        before = simulated.position
-        hand_work = simulated.advance()
-        self.hand_ledger.put_in(hand_work)
-        follow(simulated.period, simulated.read()[0])
-        self._observe_truth(simulated, simulated.period, self.servo.force, before, hand_work)
+        held_device.live(held, None, 1)
+        follow(held.plant.period, held.plant.read()[0])
+        held_device.count(held, held.plant.period)
+        held_device.observe(held)
 
     def _elapsed(self) -> float:
         """The time since the last tick's reading [s]."""
@@ -144,26 +137,17 @@ class SampledDeviceSide(DeviceSide):
         return self._skippable_ticks(self._skippable_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        simulated, servo, hand, ledger, dt = (
-            self._simulated,
-            self.servo,
-            self.hand_ledger,
-            self.ledger,
-            self._skippable_dt,
-        )
-        assert simulated is not None, "only simulated ticks may wait"
+        held, servo, hand, ledger, dt = self.held, self.servo, self.hand_ledger, self.ledger, self._skippable_dt
+        assert held is not None, "only simulated ticks may wait"
         assert ledger is not None, "control has not started"
         tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work
         for at_ns in range(now_ns, now_ns + ticks * self._period_ns, self._period_ns):
-            before = simulated.position
-            hand_work = simulated.advance()
-            hand.put_in(hand_work)
-            self.x, self._v = simulated.read()
-            held = servo.force
+            held_device.live(held, None, 1)
+            self.x, self._v = held.plant.read()
+            held_device.count(held, dt)
             update = servo.tick(dt, self.x, self._v)
             assert update is None, "a tick that sends something may not wait"
-            servo.force = simulated.apply(servo.force)
-            self._observe_truth(simulated, dt, held, before, hand_work)
+            held_device.apply(held)
             if ledger.work < lowest:
                 lowest = ledger.work
             if hand.work < hand_lowest:
@@ -174,23 +158,6 @@ class SampledDeviceSide(DeviceSide):
         observe(lowest, hand_lowest)
         observe(ledger.work, hand.work)
         self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
-
-    def _observe_truth(
-        self, simulated: SimulatedDevice, dt: float, held: Vector, before: Vector, hand_work: float
-    ) -> None:
-        """Count a tick of `dt` seconds that began at `before` [m] in the account with the true positions."""
-        ledger, own, servo = self.true_ledger, self.ledger, self.servo
-        assert ledger is not None
-        assert own is not None
-        x = simulated.position
-        stored = servo.coupling.potential(x)
-        if servo.harvest == "measured":
-            work = self.true_work.hold(held, before, x, dt)
-        else:  # at the hand's port
-            work, stored = hand_work, stored + simulated.kinetic
-        ledger.put_in(work)
-        ledger.credited, ledger.sent = own.credited, own.sent
-        ledger.observe(stored, servo.account)
 
     def _sample(self, now_ns: int) -> None:
         simulated = self._simulated

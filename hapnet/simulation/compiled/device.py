@@ -6,10 +6,9 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import LawServo, LawState
+from hapnet.control.coupling import LawServo
 from hapnet.control.law import DeviceEnd
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.control.set_position_servo import SampledServo
 from hapnet.kernel.memory import load, store
 from hapnet.plant.device import SimulatedDevice
 from hapnet.records.record import Record
@@ -28,18 +27,16 @@ def _parts(record: Any, side: DeviceSide) -> list[tuple[Record, Record]]:
     """The records of the device's side, each with the side's own."""
     device, coupling = side.device, side.coupling
     assert isinstance(device, SimulatedDevice)
-    assert isinstance(coupling, SetPositionCoupling | LawState)
-    parts: list[tuple[Record, Record]] = [(record.plant, device), (record.coupling, coupling)]
     if isinstance(side, ContinuousDeviceSide):
-        return [*parts, (record.within, side.servo)]
+        assert isinstance(coupling, SetPositionCoupling)
+        return [(record.plant, device), (record.coupling, coupling), (record.within, side.servo)]
     assert isinstance(side, SampledDeviceSide)
-    assert isinstance(side.servo, SampledServo | LawServo)
-    assert side.true_ledger is not None, "control has started"
+    assert side.held is not None, "control has started"
+    parts: list[tuple[Record, Record]] = [(record, side.held)]
     if isinstance(side.servo, LawServo):
         assert isinstance(side.servo.law, DeviceEnd), "a law that is compiled"
         parts.append((record.law, side.servo.law))
-    own = side.servo, side.true_ledger, side.true_work, side.hand_ledger
-    return [*parts, *zip((record.servo, record.true_ledger, record.true_work, record.hand), own, strict=True)]
+    return parts
 
 
 def write_side(record: Any, side: DeviceSide, reference: Vector) -> None:

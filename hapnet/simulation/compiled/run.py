@@ -13,7 +13,6 @@ from hapnet.couplings.rendering import RenderingTuning
 from hapnet.kernel import kinds, progress, sources
 from hapnet.kernel.kinds import Kind, scenario
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
-from hapnet.kernel.sides import TICKS
 from hapnet.kernel.simulation import (
     DEVICE_TIMER,
     DONE,
@@ -28,7 +27,7 @@ from hapnet.kernel.simulation import (
     entry_of,
 )
 from hapnet.kernel.twins import as_one_unit, entry, reporting
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample

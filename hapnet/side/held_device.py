@@ -1,0 +1,108 @@
+"""A simulated device under a force that is held from tick to tick, and the accounts of what the force really does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.control import ledger as ledgers
+from hapnet.control import set_position_coupling as couplings
+from hapnet.control import set_position_servo as servos
+from hapnet.control.harvest import MeasuredHarvest, hold
+from hapnet.control.ledger import Ledger
+from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.control.set_position_servo import SampledServo
+from hapnet.plant import device as devices
+from hapnet.plant.device import Hand, SimulatedDevice, advance
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import OfAxes, Record
+from hapnet.records.vectors import copy
+
+
+class HeldDevice(Record):
+    """Such a device with its servo, which is of any law.
+
+    Attributes
+    ----------
+    true_ledger : with the true positions: at the actuator's port, or, if the servo harvests by (10) (`ranged`), at the
+        hand's. true_work : the harvest at the first. hand : the account at the hand's port.
+    before : where a tick began [m]. hand_work, work : put in at the two ports in this tick [J].
+    """
+
+    plant: SimulatedDevice
+    servo: SampledServo
+    coupling: SetPositionCoupling
+    true_ledger: Ledger
+    true_work: MeasuredHarvest
+    hand: Ledger
+    ranged: int
+    before: OfAxes
+    hand_work: float
+    work: float
+
+    def __init__(self, plant: SimulatedDevice, servo: Any, hand: Ledger) -> None:
+        self.plant, self.servo, self.coupling, self.hand = plant, servo, servo.coupling, hand
+        self.true_work = MeasuredHarvest(servo.trusted_damping)
+        self.ranged = int(servo.harvest == "range")
+        self.before, self.hand_work, self.work = list(plant.position), 0.0, 0.0
+        self.true_ledger = Ledger(_stored(self), servo.coupling.account)
+
+
+@equation
+def live(side: HeldDevice, hand: Hand | None, periods: int) -> None:
+    """The device goes on for so many periods."""
+    copy(side.plant.dof, side.plant.state.position, side.before)
+    side.hand_work = 0.0
+    for _ in range(periods):
+        side.hand_work += advance(side.plant, hand)
+    ledgers.put_in(side.hand, side.hand_work)
+
+
+@equation
+def count(side: HeldDevice, dt: float) -> None:
+    """Count the work of the force, which was held for `dt` seconds."""
+    side.work = hold(side.true_work, side.servo.held, side.before, side.plant.state.position, dt)
+
+
+@equation
+def apply(side: HeldDevice) -> None:
+    """From now on the device holds the servo's force, as far as it can."""
+    devices.hold(side.plant, side.servo.held)
+    copy(side.plant.dof, side.plant.state.torque, side.servo.held)
+    observe(side)
+
+
+@equation
+def observe(side: HeldDevice) -> None:
+    """Count a tick in the account with the true positions."""
+    ledger, own = side.true_ledger, side.coupling.ledger
+    ledgers.put_in(ledger, side.hand_work if side.ranged else side.work)
+    ledger.credited, ledger.sent = own.credited, own.sent
+    ledgers.observe(ledger, _stored(side), account(side))
+
+
+@equation
+def _stored(side: HeldDevice) -> float:
+    """The energy that is stored before the account's port [J]."""
+    if side.ranged:
+        return potential(side) + devices.kinetic_at(side.plant, side.plant.state.velocity)
+    return potential(side)
+
+
+def _compiled_potential(side: HeldDevice) -> float:
+    return couplings.potential(side.coupling, side.plant.state.position)
+
+
+@compiled_as(_compiled_potential)
+def potential(side: HeldDevice) -> float:
+    """Of the servo's spring [J]; Python asks the servo, whatever it is."""
+    return side.coupling.potential(side.plant.position)
+
+
+def _compiled_account(side: HeldDevice) -> float:
+    return servos.account(side.servo, side.coupling)
+
+
+@compiled_as(_compiled_account)
+def account(side: HeldDevice) -> float:
+    """The servo's [J]; Python asks the servo, whatever it is."""
+    return side.servo.account
