@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
+from hapnet.control import ledger as ledgers
 from hapnet.control.law import HeldForce, LawAccount, begin_tick, sends, tick
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import CouplingSample as CouplingSample
@@ -30,6 +31,8 @@ from hapnet.control.samples import level_of as level_of
 from hapnet.control.samples import vector_of as vector_of
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.records.equation import equation
+from hapnet.records.record import Reals
 
 
 class ForceParts(NamedTuple):
@@ -168,19 +171,31 @@ class Ends:
         return steps
 
 
-def counted(world: WorldCoupling, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
-    """`update` of the world's end, with its ledger; the arguments are those of `WorldControl.step`.
+@equation
+def counted(world: Any, dt: float, x: Reals, kinetic: float, work: float, dissipated: float) -> Update:
+    """`update` of the world's end, a `WorldCoupling` or its record, with its ledger; the arguments are those of
+    `WorldControl.step`.
 
     The ledger is checked before the law (steps to k-1 with ybar_{k-1}) and after it (with ybar_k): both pairings of
     Theorem 1. D may be negative, where it was measured: then it is charged before the ledger is checked.
     """
     coupling = world.coupling
     ledger = coupling.ledger
-    ledger.put_in(work)
-    ledger.observe(kinetic + coupling.potential(x), coupling.account + min(0.0, dissipated))
-    update = world.update(dt, x, dissipated)
-    ledger.observe(kinetic + coupling.potential(x), coupling.account)
-    return update
+    ledgers.put_in(ledger, work)
+    ledgers.observe(ledger, kinetic + potential(coupling, x), coupling.account + min(0.0, dissipated))
+    done: Update = update(world, dt, x, dissipated)
+    ledgers.observe(ledger, kinetic + potential(coupling, x), coupling.account)
+    return done
+
+
+def update(world: WorldCoupling, dt: float, x: Reals, dissipated: float) -> Update:
+    """As the end's. In place of this and of `potential` compiled code has what a kind of end does (kernel/kinds.py)."""
+    return world.update(dt, tuple(x), dissipated)
+
+
+def potential(coupling: CouplingState, x: Reals) -> float:
+    """As the coupling's [J]."""
+    return coupling.potential(tuple(x))
 
 
 class Law(Protocol):

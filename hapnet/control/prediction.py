@@ -23,7 +23,7 @@ from hapnet.control.coupling import CouplingSample, vector_of
 from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record
+from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, OfPlanes, Reals, Record, VectorsOfPlanes
 from hapnet.records.vectors import copy, dot
 
 _DEFAULTS = ContactModelParams()
@@ -233,6 +233,16 @@ def fit(p: MotionPredictor, n: int) -> None:
         p.half[i] = half
 
 
+class Around(Record):
+    """The planes around the virtual mass."""
+
+    count: int
+    normal: VectorsOfPlanes
+    offset: OfPlanes
+    stiffness: OfPlanes
+    velocity: OfPlanes
+
+
 class PredictedDevice(Record):
     """Computes the world's y: where the device will be when the proxy has followed.
 
@@ -246,7 +256,7 @@ class PredictedDevice(Record):
     ----------
     y : the last y [m]. age : of the newest position [s]; fresh : has one come since the last step?
     mean_step : of the world's steps [s]. aimed_s : the time at which y aims, on the device's clock [s]; has_aimed : is
-        there one? in_use : always, but for the records of compiled code.
+        there one? around : what stands around the virtual mass. in_use : always, but for the records of compiled code.
     """
 
     in_use: int
@@ -259,12 +269,15 @@ class PredictedDevice(Record):
     mean_step: float
     has_aimed: int
     aimed_s: float
+    around: Around
 
     def __init__(self, position: Vector, lag: float, predictor: MotionPredictor, stop_s: float = 0.0) -> None:
         self.in_use = 1
         self.lag = lag
         self.predictor = predictor
         self.stop_s = checks.non_negative("stop_s", stop_s)
+        self.around = Around()
+        self.around.normal = [[0.0] * len(position) for _ in range(PLANES)]
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
@@ -273,8 +286,15 @@ class PredictedDevice(Record):
         self.y = list(position)
         self.age = self.mean_step = self.aimed_s = 0.0
         self.fresh = self.has_aimed = 0
-        self.planes: Sequence[Plane] = ()
-        """What stands around the virtual mass; whoever moves the mass sets it before each step."""
+        self.see(())
+
+    def see(self, planes: Sequence[Plane]) -> None:
+        """These stand around the virtual mass; whoever moves the mass says so before each step."""
+        around = self.around
+        around.count = len(planes)
+        for k, plane in enumerate(planes):
+            around.normal[k][:] = plane.normal
+            around.offset[k], around.velocity[k] = plane.offset_m, plane.velocity_mps
 
     @property
     def turn_s(self) -> float:
@@ -294,11 +314,7 @@ class PredictedDevice(Record):
 
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m], `dt` seconds after the last step."""
-        n = len(self.y)
-        ahead = aim(self, n, dt)
-        if self.stop_s and ahead:
-            for plane in self.planes:
-                stop(self, n, plane.normal, plane.offset_m, plane.velocity_mps, ahead)
+        look_ahead(self, len(self.y), dt)
         return tuple(self.y)
 
     def stands_for(self, dt: float) -> float:
@@ -314,6 +330,15 @@ def receive(predicted: PredictedDevice, n: int, position: Reals, sent_s: float, 
     if p.count and sent_s == p.times[p.start + p.count - 1]:
         predicted.age = age_s
         predicted.fresh = 1
+
+
+@equation
+def look_ahead(predicted: PredictedDevice, n: int, dt: float) -> None:
+    """`PredictedDevice.step`."""
+    ahead, around = aim(predicted, n, dt), predicted.around
+    if predicted.stop_s != 0.0 and ahead != 0.0:
+        for k in range(around.count):
+            stop(predicted, n, around.normal[k], around.offset[k], around.velocity[k], ahead)
 
 
 @equation

@@ -46,7 +46,7 @@ class Teller:
             self._planes = (
                 None if reported is None else tuple([plane.unfolded(x) for plane in checked(reported, len(x))])
             )
-        predicted.planes = self._planes or ()
+        predicted.see(self._planes or ())
         self._stands_for = predicted.stands_for(dt)
 
     def proxy(self, x: Vector, level: float | None) -> Proxy:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
-from hapnet.control import law
+from hapnet.control import coupling, law, set_position_coupling
 from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.kernel import law_sides, samples, sides
 from hapnet.kernel.simulation import Scenario
@@ -19,6 +19,10 @@ from hapnet.plant.tick import tick as make_tick
 from hapnet.side import held_device
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
+
+
+OF_SET_POSITIONS: Choices = {coupling.update: sides.update, coupling.potential: set_position_coupling.potential}
+"""What is compiled where the world's end is one of set-positions."""
 
 
 class Kind(NamedTuple):
@@ -34,16 +38,17 @@ class Kind(NamedTuple):
 
     def choices(self) -> Choices:
         """What is compiled in place of other functions."""
-        chosen: Choices = {}
+        chosen: Choices = dict(OF_SET_POSITIONS)
         if (device := self.device) is not None:
             chosen |= device.lines() | {
                 make_tick: held_tick, sides.tick: law_sides.tick, samples.record_tick: law_sides.record_tick,
                 law_sides.take_at_device: device.take, law.render: device.render,
-                law_sides.say_at_device: device.say, held_device.potential: law_sides.no_potential,
+                law_sides.say_at_device: device.say, held_device.potential: law_sides.no_energy,
                 held_device.account: law_sides.account_of,
             }  # fmt: skip
         if (world := self.world) is not None:
             chosen |= world.lines() | {
+                coupling.update: law_sides.update, coupling.potential: law_sides.no_potential,
                 sides.step: law_sides.step, samples.record_step: law_sides.record_step,
                 law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
                 law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,

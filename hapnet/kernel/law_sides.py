@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from hapnet.control import law as laws
-from hapnet.control import ledger as ledgers
+from hapnet.control.coupling import counted
 from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
 from hapnet.kernel.endpoint import Wire, finish
 from hapnet.kernel.link import Message
@@ -77,7 +77,7 @@ def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, m
 @equation
 def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
     """`WorldSide.step` with `LawSteps`: the message is in `message`."""
-    mass, law, ledger, n = side.mass, side.law, side.coupling.ledger, side.mass.n
+    mass, law, n = side.mass, side.law, side.mass.n
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
     pull = drag(law, dt)
@@ -97,18 +97,15 @@ def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Messa
         stamped(law, sample.position, sample.stamp_ns * _NANO, age_s(wire.endpoint.used, now_ns))
         take_at_world(law, sample.position, sample.more, sample.amount * _NANO, sample.elapsed_ns * _NANO)
     wire.endpoint.first = wire.endpoint.waiting = wire.endpoint.credits = 0
-    ledgers.put_in(ledger, mass.work)
-    kinetic = integrator.kinetic(mass)
-    ledgers.observe(ledger, kinetic, side.coupling.account)
-    begin(law)
-    say_at_world(law)
-    ledgers.observe(ledger, kinetic, side.coupling.account)
+    counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, 0.0)
     copy(n, law.said.value, message.position)
     copy(n, law.said.more, message.more)
     message.planes, message.reach_m, message.level = 0, -1.0, -1.0
     finish(wire, message, now_ns, law.said.amount)
     count_step(counts, dt)
-    account.settle(side.environment, ledger.work, contact.stored(side.contacts, mass.x), side.contacts.supplied_J)
+    account.settle(
+        side.environment, side.coupling.ledger.work, contact.stored(side.contacts, mass.x), side.contacts.supplied_J
+    )
 
 
 @equation
@@ -168,8 +165,22 @@ def _account(row: Floats, at: int, then: int, coupling: LawAccount) -> None:
 
 
 @equation
-def no_potential(side: HeldDevice) -> float:
+def update(side: LawWorld, dt: float, x: Reals, dissipated: float) -> bool:
+    """`LawSteps.update`: what it says is then in `said`."""
+    begin(side.law)
+    say_at_world(side.law)
+    return True
+
+
+@equation
+def no_potential(coupling: LawAccount, x: Reals) -> float:
     """A law keeps account of its own springs."""
+    return 0.0
+
+
+@equation
+def no_energy(side: HeldDevice) -> float:
+    """The same."""
     return 0.0
 
 

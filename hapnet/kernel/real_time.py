@@ -17,6 +17,7 @@ from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.kernel import bound, progress, servo_end, sources, world_end
+from hapnet.kernel.kinds import OF_SET_POSITIONS
 from hapnet.kernel.servo_end import CompiledServo, ServoEnd
 from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.mechanics.contacts import Mass, Surroundings
@@ -37,7 +38,7 @@ def make_ready(name: str) -> Any:
     module, kind = (servo_end, ServoEnd) if name == SERVO else (world_end, WorldEnd)
     from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
 
-    run: Any = entry(module.entry_of(f"{sources.digest()} {name}"), str(sources.directory()), {})
+    run: Any = entry(module.entry_of(f"{sources.digest()} {name}"), str(sources.directory()), OF_SET_POSITIONS)
     array, _ = bound.memory(kind)
     with as_one_unit(), reporting(progress.reported.get()):
         run(array)  # of no axes

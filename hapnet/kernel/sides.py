@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from hapnet.control import continuous_servo as continuous
-from hapnet.control import ledger as ledgers
 from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
 from hapnet.control.contact_plane import understand
 from hapnet.control.continuous_servo import ContinuousServo
+from hapnet.control.coupling import counted
 from hapnet.control.harvest import by_range
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
@@ -23,7 +23,7 @@ from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfPlanes, Record, VectorsOfPlanes
+from hapnet.records.record import Floats, Record
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice
@@ -47,16 +47,6 @@ class Counts(Record):
     reach_mps: float
 
 
-class Planes(Record):
-    """The planes that the world sends."""
-
-    count: int
-    normal: VectorsOfPlanes
-    offset: OfPlanes
-    stiffness: OfPlanes
-    velocity: OfPlanes
-
-
 class DeviceSide(HeldDevice):
     """Everything of the device's side. within : the servo of a coupling that acts within the tick."""
 
@@ -65,13 +55,12 @@ class DeviceSide(HeldDevice):
 
 
 class WorldSide(Record):
-    """Everything of the world's side; `around` : the planes that it sends."""
+    """Everything of the world's side."""
 
     mass: PassiveIntegrator
     contacts: Contacts
     coupling: SetPositionCoupling
     predicted: PredictedDevice
-    around: Planes
     environment: EnvironmentAccount
 
 
@@ -196,32 +185,24 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
 @equation
 def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
     """`WorldSide.step`: the message is in `message`."""
-    mass, coupling, ledger, n = side.mass, side.coupling, side.coupling.ledger, side.mass.n
+    mass, coupling, n = side.mass, side.coupling, side.mass.n
     dt = (now_ns - counts.world_last_ns) * _NANO
     counts.world_last_ns = now_ns
     integrator.factored(mass, dt, integrator.OWN)
     move_among(mass, side.contacts, dt, coupling.modulator.ybar)
     _receive(side, wire, now_ns)
-    ledgers.put_in(ledger, mass.work)
-    kinetic = integrator.kinetic(mass)
-    ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
     copy(n, mass.x, message.position)
     message.planes = message.aimed_ns = 0
     message.reach_m = -1.0
-    if side.predicted.in_use:
-        if wire.endpoint.kind == PROXY:
-            reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
-            _say(side, min(_MOST_REACH_M, reach_m), dt, message)
-        predict_among(side.predicted, side.around, n, dt, coupling.y)
-    else:
-        copy(n, coupling.received, coupling.y)
-    couplings.update(coupling, dt, mass.x, mass.dissipated, 0.0)
-    ledgers.observe(ledger, kinetic + couplings.potential(coupling, mass.x), coupling.account)
+    if side.predicted.in_use and wire.endpoint.kind == PROXY:
+        reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
+        _say(side, min(_MOST_REACH_M, reach_m), dt, message)
+    counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, mass.dissipated)
     message.level = level(coupling)
     finish(wire, message, now_ns, 0.0)
     count_step(counts, dt)
     stored_J = walls.stored(side.contacts, mass.x)
-    account.settle(side.environment, ledger.work, stored_J, side.contacts.supplied_J)
+    account.settle(side.environment, coupling.ledger.work, stored_J, side.contacts.supplied_J)
 
 
 @equation
@@ -257,13 +238,16 @@ def meet(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
 
 
 @equation
-def predict_among(predicted: PredictedDevice, around: Planes, n: int, dt: float, y: Floats) -> None:
-    """`PredictedDevice.step`, among these planes."""
-    ahead = prediction.aim(predicted, n, dt)
-    if predicted.stop_s != 0.0 and ahead != 0.0:
-        for k in range(around.count):
-            prediction.stop(predicted, n, around.normal[k], around.offset[k], around.velocity[k], ahead)
-    copy(n, predicted.y, y)
+def update(side: WorldSide, dt: float, x: Floats, dissipated: float) -> bool:
+    """`SetPositionSteps.update`, once what is around is known."""
+    coupling, n = side.coupling, side.coupling.modulator.spring.dof
+    if side.predicted.in_use:
+        prediction.look_ahead(side.predicted, n, dt)
+        copy(n, side.predicted.y, coupling.y)
+    else:
+        copy(n, coupling.received, coupling.y)
+    couplings.update(coupling, dt, x, dissipated, 0.0)
+    return True
 
 
 @equation
@@ -282,7 +266,7 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
 @equation
 def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     """`SetPositionSteps.update`: what the world knows of the place."""
-    around, contacts, n = side.around, side.contacts, side.mass.n
+    around, contacts, n = side.predicted.around, side.contacts, side.mass.n
     message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
     copy(n, side.mass.force, message.force)
     around.count = message.planes = walls.nearest(contacts, side.mass.x, reach_m)

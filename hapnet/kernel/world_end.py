@@ -7,21 +7,19 @@ from math import inf
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control import ledger as ledgers
 from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
-from hapnet.control.coupling import CouplingSample, Update, level_of, vector_of
+from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.reporter import Teller
 from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
-from hapnet.kernel.sides import Planes, move_among, predict_among
+from hapnet.kernel.sides import move_among
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
 from hapnet.records.record import OfAxes, Record
-from hapnet.records.vectors import copy
 
 RECEIVE, MOVE, UPDATE = range(3)
 """What is to be done."""
@@ -30,7 +28,7 @@ RECEIVE, MOVE, UPDATE = range(3)
 class WorldEnd(Record):
     """The world's end of a coupling of set-positions, with the virtual mass among walls, and the arguments of a call.
 
-    around : what stops the prediction. doing : `RECEIVE`, `MOVE` or `UPDATE`. x, kinetic, work, dissipated : of the
+    doing : `RECEIVE`, `MOVE` or `UPDATE`. x, kinetic, work, dissipated : of the
     update, as in `WorldControl.step`; of the sample that came x, `sent_s`, `age_s` and `level`, below 0: none.
     """
 
@@ -38,7 +36,6 @@ class WorldEnd(Record):
     contacts: Contacts
     coupling: SetPositionCoupling
     predicted: PredictedDevice
-    around: Planes
     doing: int
     n: int
     dt: float
@@ -61,7 +58,7 @@ def run_end(end: WorldEnd) -> bool:
         if end.predicted.in_use:
             prediction.receive(end.predicted, end.n, end.x, end.sent_s, end.age_s)
     elif end.doing == UPDATE:
-        _update(end)
+        counted(end, end.dt, end.x, end.kinetic, end.work, end.dissipated)
     else:
         total = 0.0
         for i in range(end.n):
@@ -71,21 +68,6 @@ def run_end(end: WorldEnd) -> bool:
         move_among(end.mass, end.contacts, end.dt, end.coupling.modulator.ybar)
         end.kinetic = integrator.kinetic(end.mass)
     return True
-
-
-@equation
-def _update(end: WorldEnd) -> None:
-    """`SetPositionSteps.counted`, once what is around is known."""
-    coupling, ledger, x = end.coupling, end.coupling.ledger, end.x
-    ledgers.put_in(ledger, end.work)
-    stored = end.kinetic + couplings.potential(coupling, x)
-    ledgers.observe(ledger, stored, coupling.account + min(0.0, end.dissipated))
-    if end.predicted.in_use:
-        predict_among(end.predicted, end.around, end.n, end.dt, coupling.y)
-    else:
-        copy(end.n, coupling.received, coupling.y)
-    couplings.update(coupling, end.dt, x, end.dissipated, 0.0)
-    ledgers.observe(ledger, end.kinetic + couplings.potential(coupling, x), coupling.account)
 
 
 def entry_of(sources: str) -> Callable[[Sequence[WorldEnd]], bool]:
@@ -141,8 +123,6 @@ class CompiledSteps(SetPositionSteps):
     def __init__(self, coupling: CompiledCoupling, reporter: Teller | None, array: Any, end: Any, run: Any) -> None:
         super().__init__(coupling, reporter)
         self._array, self._end, self._run = array, end, run
-        ahead = coupling.source
-        self._ahead = ahead if isinstance(ahead, PredictedDevice) and ahead.stop_s else None
         self.mass: CompiledMass | None = None
         self.contacts: Surroundings | None = None
 
@@ -159,16 +139,10 @@ class CompiledSteps(SetPositionSteps):
         return bool(self._run(self._array))
 
     def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
-        end, reporter, ahead, n = self._end, self.reporter, self._ahead, len(x)
+        end, reporter = self._end, self.reporter
         if reporter is not None:
             reporter.look(dt, x)
-        if ahead is not None:
-            around = end.around
-            around.count = len(ahead.planes)
-            for k, plane in enumerate(ahead.planes):
-                around.normal[k][:n] = plane.normal
-                around.offset[k], around.velocity[k] = plane.offset_m, plane.velocity_mps
-        end.doing, end.dt, end.x[:n] = UPDATE, dt, x
+        end.doing, end.dt, end.x[: len(x)] = UPDATE, dt, x
         end.kinetic, end.work, end.dissipated = kinetic, work, dissipated
         self._run(self._array)
         coupling = self.coupling

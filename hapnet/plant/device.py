@@ -297,6 +297,12 @@ def hold(device: SimulatedDevice, force: Reals) -> None:
             torque[i] = force[i]
 
 
+@compiled_as(hold)
+def apply(device: SimulatedDevice, force: Reals) -> None:
+    """The same, as a driver sees it."""
+    device.apply(tuple(force))
+
+
 @equation
 def begin_passage(state: DeviceState, n: int) -> None:
     """From now on count anew what `passage` returns."""

@@ -66,7 +66,7 @@ def count(side: HeldDevice, dt: float) -> None:
 @equation
 def apply(side: HeldDevice) -> None:
     """From now on the device holds the servo's force, as far as it can."""
-    devices.hold(side.plant, side.servo.held)
+    devices.apply(side.plant, side.servo.held)
     copy(side.plant.dof, side.plant.state.torque, side.servo.held)
     observe(side)
 

@@ -54,7 +54,7 @@ def test_a_prediction_does_not_run_on_into_a_wall() -> None:
     for wall_m, stops in ((0.0, True), (0.5, False)):
         free, stopped = device(0.0, -0.018, 0.2), device(STOP_S, -0.018, 0.2)
         for one in (free, stopped):
-            one.planes = (Plane((1.0,), wall_m, 3000.0, 10.0),)
+            one.see((Plane((1.0,), wall_m, 3000.0, 10.0),))
         (without,), (with_it,) = free.step(0.03, (0.0,)), stopped.step(0.03, (0.0,))
         assert without == pytest.approx(-0.01 + 0.2 * 0.093)
         assert (0.0 < with_it < without / 2.0) if stops else with_it == without
@@ -62,5 +62,5 @@ def test_a_prediction_does_not_run_on_into_a_wall() -> None:
 
 def test_a_plane_that_moves_changes_nothing() -> None:
     free, stopped = device(0.0, -0.018, 0.2), device(STOP_S, -0.018, 0.2)
-    stopped.planes = (Plane((1.0,), 0.0, 3000.0, 10.0, velocity_mps=0.01),)
+    stopped.see((Plane((1.0,), 0.0, 3000.0, 10.0, velocity_mps=0.01),))
     assert stopped.step(0.03, (0.0,)) == free.step(0.03, (0.0,))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import pytest
 
 from hapnet.control.coupling import CouplingSample, LawServo, Motion, Port, Wave
@@ -194,13 +196,12 @@ def test_a_side_that_took_somebodys_place_stays_one_that_did() -> None:
 class Watching(Ledger):
     """A ledger that keeps what it was shown."""
 
-    def __init__(self) -> None:
-        super().__init__(0.0, 0.0)
-        self.seen: list[float] = []
+    seen: ClassVar[list[float]] = []
 
-    def observe(self, stored: float, energy: float) -> None:
-        self.seen.append(stored)
-        super().observe(stored, energy)
+    def __setattr__(self, name: str, value: float) -> None:
+        super().__setattr__(name, value)
+        if name == "stored":
+            self.seen.append(value)
 
 
 def test_a_world_is_seen_before_pspm_and_after() -> None:
@@ -210,7 +211,8 @@ def test_a_world_is_seen_before_pspm_and_after() -> None:
     """
     modulator = SetPositionModulator(stiffness=500.0, position=(0.0,), ceiling=0.1)
     coupling = SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", 1e9))
-    ledger = coupling.ledger = Watching()
+    ledger = coupling.ledger = Watching(0.0, 0.0)
+    ledger.seen.clear()
     world = WorldControl(PositionStream(1))
     world.start(SetPositionSteps(coupling))
     world.pair(restarted=False)
