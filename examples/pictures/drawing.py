@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from hapnet.checks import Array
-from hapnet.reports.style import MM, STYLE
+from hapnet.plots.style import MM, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ from examples.pictures.drawing import canvas, saved
 from hapnet import simulate
 from hapnet.checks import Array
 from hapnet.metrics.world import modulated_share
-from hapnet.reports.style import DEVICE_COLOR, WORLD_COLOR
+from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR
 from hapnet.simulation.simulation import Result
 
 if TYPE_CHECKING:

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from hapnet.bench.row import Distribution, Figures, Row
+from hapnet.plots.distributions import Panel, Values, draw
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
 _ENOUGH = 50  # values, for a histogram
-_BINS = 60
-_COLUMNS = 3
-_MM = 1 / 25.4
-_SUBJECT: dict[str, Any] = {"color": "#08306b"}
-_BARE: dict[str, Any] = {"color": "#e6550d"}
-_SHADE = 0.25
 
 
 def table(rows: Sequence[Row]) -> RenderableType:
@@ -59,78 +49,20 @@ def has_histogram(row: Row) -> bool:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """A panel for every row with enough values: the shares of values in each bin, for subject and reference."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    drawn = [row for row in rows if has_histogram(row)]
-    columns = max(1, min(_COLUMNS, len(drawn)))
-    lines = max(1, math.ceil(len(drawn) / columns))
-    style: dict[Any, Any] = {"font.size": 8.0, "axes.titlesize": 9.0, "legend.frameon": False}
-    with matplotlib.rc_context(style):
-        fig = Figure(figsize=(85 * max(2, columns) * _MM, (52 * lines + 10) * _MM), dpi=150, layout="constrained")
-        FigureCanvasAgg(fig)
-        panels = fig.subplots(lines, columns, squeeze=False)
-        for panel, row in zip(panels.ravel(), drawn, strict=False):
-            _panel(panel, row)
-        for panel in panels.ravel()[len(drawn) :]:
-            panel.set_visible(False)
-        for panel in panels[:, 0]:
-            panel.set_ylabel("share of values")
-        key = [
-            Patch(facecolor=(*matplotlib.colors.to_rgb(_SUBJECT["color"]), _SHADE), edgecolor=_SUBJECT["color"]),
-            Line2D([], [], **_BARE),
-            Line2D([], [], color="0.3", linestyle="--"),
-            Line2D([], [], color="0.3", linestyle=":"),
-        ]
-        fig.legend(key, ["hapnet", "bare reference", "median", "p99"], loc="outside upper center", ncols=4)
-    return fig
+    panels = []
+    for row in filter(has_histogram, rows):
+        assert row.samples is not None
+        ratio = "" if row.ratio is None else f"{_number(row.ratio)} times the reference, p99 {_number(row.ratio_p99)}"
+        subject = _shown(row.samples, row.figures)
+        bare = None if row.bare is None else _shown(row.bare, row.reference)
+        panels.append(Panel(f"{row.name} [{row.unit}]", ratio, subject, bare))
+    return draw(panels)
 
 
-def save_figure(rows: Sequence[Row], path: Path) -> Path:
-    """Draw the figure and write it; returns the path."""
-    from hapnet import reports
-
-    reports.save_figure(figure(rows), path)
-    return path
-
-
-def _panel(panel: Axes, row: Row) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    assert row.samples is not None
-    parts = [(row.samples, row.figures, _SUBJECT)]
-    if row.bare is not None:
-        parts.append((row.bare, row.reference, _BARE))
-    low = min(part.values[part.values > 0.0].min(initial=np.inf) for part, _, _ in parts)
-    high = max(part.values[-1] for part, _, _ in parts)
-    edges = np.geomspace(low * 0.9, max(high, low) * 1.1, _BINS + 1)
-    for part, figures, style in parts:
-        share = _histogram(part, edges)
-        if style is _SUBJECT:
-            panel.stairs(share, edges, fill=True, alpha=_SHADE, **style)
-        panel.stairs(share, edges, linewidth=1.1, **style)
-        assert figures is not None
-        # the table's figures, whose ratio is in the title; quantiles over all rounds together would differ
-        for value, dash in ((figures.median, "--"), (figures.p99, ":")):
-            panel.axvline(value, linestyle=dash, linewidth=1.0, **style)
-    panel.set(xscale="log", yscale="log", xlabel=f"{row.name} [{row.unit}]", ylim=(None, 2.0))
-    close = edges[-1] < 30.0 * edges[0]
-    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if close else (1.0,)))
-    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    panel.xaxis.set_minor_formatter(NullFormatter())
-    ratio = "" if row.ratio is None else f"{_number(row.ratio)} times the reference, p99 {_number(row.ratio_p99)}"
-    panel.set_title(ratio, loc="left")
-    panel.grid(visible=True, color="0.9", linewidth=0.4)
-    panel.set_axisbelow(True)
-
-
-def _histogram(part: Distribution, edges: Any) -> Any:
-    """The share of all values in each bin."""
-    counts, _ = np.histogram(np.maximum(part.values, edges[0]), bins=edges, weights=part.counts)
-    return counts / part.counts.sum()
+def _shown(samples: Distribution, figures: Figures | None) -> Values:
+    """With the table's figures, whose ratio is in the title; quantiles over all rounds together would differ."""
+    assert figures is not None
+    return Values(samples.values, samples.counts, figures.median, figures.p99)
 
 
 def _remarks(row: Row) -> list[str]:

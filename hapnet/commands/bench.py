@@ -71,11 +71,12 @@ def bench(
 
 def _show(rows: list[Row], directory: Path, console: Console) -> None:
     from hapnet.bench import report
+    from hapnet.plots.files import save_figure
 
     console.width = max(console.width, _WIDTH)  # a narrower terminal wraps the lines, so that nothing is cut off
     console.print(report.table(rows))
     if any(report.has_histogram(row) for row in rows):
-        report.save_figure(rows, directory / "bench.png")
+        save_figure(report.figure(rows), directory / "bench.png")
         console.print(f"bench.json and bench.png in {directory}")
     else:
         console.print(f"bench.json in {directory}")

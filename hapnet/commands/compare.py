@@ -151,7 +151,7 @@ def compare(
     chosen = params.over(BASE, model.named())
     if params.show_params:
         return params.show(chosen)
-    from hapnet.reports.files import save
+    from hapnet.plots.files import save
     from hapnet.study import tables
 
     console = output.console(json_to)
@@ -312,7 +312,7 @@ def _write(
     directory: Path, title: str, found: Comparison, drawn: Case, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
     """Write compare.json, compare.csv, compare.md and the figures; returns a text with what was written."""
-    from hapnet.reports.files import save, save_figure
+    from hapnet.plots.files import save, save_figure
     from hapnet.study import figures, markdown
 
     there = []

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hapnet.params import Params
-    from hapnet.recording.samples import Recording
 
 
 INCOMPLETE = 3
@@ -260,18 +259,6 @@ def write_line(file: int, line: bytes, name: str) -> None:
             line = line[os.write(file, line) :]
     except OSError as error:
         raise OutputError(f"cannot write {name}: {error.strerror or error}") from error
-
-
-def save_figure(recording: Recording, path: Path) -> Path:
-    """Draw the run's figure. Raises OutputError if it cannot be written."""
-    from hapnet import reports
-
-    drawn = reports.figure(recording)
-    try:
-        reports.save_figure(drawn, path)
-    except RecordingError as error:
-        raise OutputError(str(error)) from None
-    return path
 
 
 def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:

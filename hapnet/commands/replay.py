@@ -10,14 +10,11 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
-from hapnet.errors import InvalidParameter, OutputError, RecordingError
+from hapnet.errors import InvalidParameter
 from netem.groups import Without
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
-
-    from hapnet.recording.samples import Recording
 
 
 def replay(
@@ -43,6 +40,8 @@ def replay(
     from dataclasses import replace as changed
 
     from hapnet import reports
+    from hapnet.plots.files import save_figure
+    from hapnet.plots.replay import figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
     from hapnet.simulation.simulation import Simulation
@@ -74,12 +73,9 @@ def replay(
     with written.part():
         save(recording, target)
     with written.part():
-        output.save_figure(recording, directory / "figure.png")
+        save_figure(reports.figure(recording), directory / "figure.png")
     with written.part():
-        try:
-            reports.save_figure(figure(original.recording, recording), directory / "replay.png")
-        except RecordingError as error:
-            raise OutputError(str(error)) from None
+        save_figure(figure(original.recording, recording), directory / "replay.png")
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     output.show_summary(words, summary, verbose=verbose)
@@ -126,34 +122,3 @@ def verdict(compared: dict[str, Any]) -> str:
     if most is None:
         return "the replay differs from the original; their paths cannot be compared"
     return f"the replay differs from the original: the device by {most * 1e3:.3g} mm at most, {rms * 1e3:.3g} mm rms"
-
-
-def figure(original: Recording, again: Recording) -> Figure:
-    """The device's position and the force on it, the original dashed, along the axis that moved most."""
-    import numpy as np
-    from matplotlib.figure import Figure
-
-    from hapnet.recording.hand import hand_times
-
-    assert original.device is not None
-    assert again.device is not None
-    axis = int(np.ptp(original.device["position_m"], axis=0).argmax())
-    drawn = Figure(figsize=(9.0, 5.5), layout="constrained")
-    panels = drawn.subplots(2, 1, sharex=True)
-    for panel, name, scale, label in (
-        (panels[0], "position_m", 1e3, "device's position [mm]"),
-        (panels[1], "force_N", 1.0, "force on the device [N]"),
-    ):
-        for run, said, style in (
-            (again, "replay", {"color": "C0"}),
-            (original, "original", {"color": "black", "linestyle": "--", "linewidth": 0.9}),
-        ):
-            assert run.device is not None
-            values = run.device[name]
-            if axis < values.shape[1]:
-                panel.plot(hand_times(run), values[:, axis] * scale, label=said, **style)
-        panel.set_ylabel(label)
-        panel.grid(alpha=0.3)
-    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
-    panels[1].set_xlabel("time since control started [s]")
-    return drawn

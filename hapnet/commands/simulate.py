@@ -38,6 +38,7 @@ def simulate(
 
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
     no_out_without_files(out, files)
+    from hapnet.plots.files import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 
@@ -56,7 +57,7 @@ def simulate(
                 save(result.recording, directory / "run.mcap")
             progress.stage("drawing")
             with written.part():
-                output.save_figure(result.recording, directory / "figure.png")
+                save_figure(result.plot(), directory / "figure.png")
             with written.part():
                 output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary, verbose=verbose)

@@ -21,10 +21,10 @@ from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.reports.words import stated
 from hapnet.summary.run import merge
 from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import judge
+from hapnet.summary.words import stated
 from hapnet.view.choices import label_of
 from hapnet.view.controls import Direction, require_no_file
 from hapnet.view.history import History

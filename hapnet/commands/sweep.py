@@ -168,9 +168,9 @@ def plot(
     Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
     from hapnet.commands.studies import assigned
-    from hapnet.reports.files import save_figure
+    from hapnet.plots.files import save_figure
+    from hapnet.plots.sweep import draw
     from hapnet.study.grid import grid
-    from hapnet.study.heatmap import draw
     from hapnet.study.journal import Journal
 
     with closing(Journal.look(directory)) as journal:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hapnet.study.impedance import Curve
+    from hapnet.metrics.impedance import Curve
     from hapnet.study.stable_stiffness import Case
     from hapnet.study.transparency import Task
     from hapnet.study.z_width import ZWidth
@@ -99,8 +99,9 @@ def transparency(
     from hapnet.commands.batch import seed_range
     from hapnet.commands.studies import names_of
     from hapnet.couplings.registry import coupling
+    from hapnet.plots.files import save_figure
+    from hapnet.plots.impedance import transmitted
     from hapnet.processes.pool import dealt, usable_cores
-    from hapnet.reports.files import save_figure
     from hapnet.study import stable_stiffness, transparency
     from hapnet.study.impedance import Transmission, curve
     from hapnet.study.plans import links_of
@@ -145,9 +146,9 @@ def transparency(
                     r for t, r in zip(tasks, found, strict=True) if t[:2] == task[:2] and isinstance(r, Transmission)
                 ]
                 curves[task.coupling, task.link] = curve(same)
-        save_figure(transparency.draw(curves), directory / "transparency.png")
+        save_figure(transmitted(curves), directory / "transparency.png")
         if springs:
-            save_figure(stable_stiffness.draw(springs, chosen), directory / "stable-stiffness.png")
+            save_figure(stable_stiffness.drawn(springs, chosen), directory / "stable-stiffness.png")
     whole = transparency.as_dict(curves, widths)
     if springs:
         whole["stable_stiffness"] = stable_stiffness.as_dict(springs, chosen)

@@ -101,10 +101,10 @@ def tune(
 
 def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
     """Write the files; returns their names. The values found are written only if the search has `ended`."""
-    from hapnet.reports.files import save_figure
+    from hapnet.plots.files import save_figure
     from hapnet.study import tune_results
+    from hapnet.study.figures import tuned
     from hapnet.study.sweep import SweepResult
-    from hapnet.study.tune_figure import draw
 
     files: list[str] = []
     with written.part():
@@ -119,7 +119,7 @@ def _write(search: Search, journal: Journal, directory: Path, written: output.Wr
         tune_results.write_trials(search, directory / TRIALS)
         files.append(TRIALS)
     with written.part():
-        save_figure(draw(search), directory / FIGURE)
+        save_figure(tuned(search), directory / FIGURE)
         files.append(FIGURE)
     if search.best is None or not ended:
         (directory / FOUND).unlink(missing_ok=True)  # of another search with the same cases

@@ -46,6 +46,42 @@ class Line:
         return self.impedance.imag / (2.0 * math.pi * self.frequency_hz)
 
 
+@dataclass(frozen=True)
+class Quartiles:
+    """Median, first and third quartile over runs."""
+
+    median: float
+    q1: float
+    q3: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The transmitted impedance over several runs, at each frequency [Hz].
+
+    stiffness [N/m], damping [Ns/m], magnitude [N/m] : of what was transmitted. truth : the true impedance [N/m].
+    off_3dB_hz : infinite for a run that is nowhere 3 dB off up to 20 Hz.
+    """
+
+    frequency_hz: tuple[float, ...]
+    stiffness: tuple[Quartiles, ...]
+    damping: tuple[Quartiles, ...]
+    magnitude: tuple[Quartiles, ...]
+    truth: tuple[complex, ...]
+    off_3dB_hz: Quartiles
+
+    @property
+    def true_damping(self) -> list[float]:
+        """[Ns/m]."""
+        return [z.imag / (2.0 * math.pi * f) for z, f in zip(self.truth, self.frequency_hz, strict=True)]
+
+    @property
+    def off(self) -> float:
+        """By how much the median stiffness differs from the true wall's, at most, as a share of that."""
+        pairs = zip(self.stiffness, self.truth, strict=True)
+        return max((abs(one.median - z.real) / z.real for one, z in pairs if z.real > 0.0), default=math.inf)
+
+
 def transmitted(
     position: Array, resistance: Array, step_s: float, period_s: float, harmonics: Sequence[int]
 ) -> list[Line]:

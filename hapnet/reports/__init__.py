@@ -1,12 +1,12 @@
 """What people look at after a run: figures, the summary as tables, and both on one page."""
 
-from hapnet.reports.figures import figure
-from hapnet.reports.files import png, save, save_figure
-from hapnet.reports.histograms import lateness_histogram, link_histogram
+from hapnet.plots.files import png, save, save_figure
+from hapnet.plots.histograms import lateness_histogram, link_histogram
+from hapnet.plots.run import figure
 from hapnet.reports.page import Source, page
 from hapnet.reports.pictures import Picture, pictures
 from hapnet.reports.tables import brief_text, summary_text
-from hapnet.reports.words import legible, verdict
+from hapnet.summary.words import legible, verdict
 
 __all__ = [
     "Picture",

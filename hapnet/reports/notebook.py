@@ -8,8 +8,8 @@ from hapnet.errors import MissingLibrary
 from hapnet.recording.samples import Recording
 from hapnet.reports.html import Html, element, join
 from hapnet.reports.tables import brief
-from hapnet.reports.words import outcome, verdict
 from hapnet.summary.structure import read
+from hapnet.summary.words import outcome, verdict
 
 _COLOURS = {"good": "#116329", "bad": "#a40e26", "unknown": "#7d4e00"}
 
@@ -24,8 +24,8 @@ def html(recording: Recording) -> str:
 
 def _picture(recording: Recording) -> Html:
     try:
-        from hapnet.reports.figures import figure  # here, since it loads matplotlib
-        from hapnet.reports.files import png
+        from hapnet.plots.files import png
+        from hapnet.plots.run import figure
 
         data = b64encode(png(figure(recording))).decode("ascii")
     except MissingLibrary:

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.couplings.registry import COUPLINGS, known
+from hapnet.plots.zoomed import library
 from hapnet.recording import alignment
 from hapnet.recording.samples import Recording
 from hapnet.reports import tables
 from hapnet.reports.html import Html, element, join, table
 from hapnet.reports.pictures import Picture
 from hapnet.reports.settings import Setting, commands, of_side, settings
-from hapnet.reports.words import get, has_reservoirs, number, outcome, tuning, verdict
-from hapnet.reports.zoomed import library
 from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
+from hapnet.summary.words import get, has_reservoirs, number, outcome, tuning, verdict
 
 FOLDED = 12
 """A longer list of events is folded."""

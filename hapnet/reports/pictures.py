@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hapnet.plots import zoomed
+from hapnet.plots.files import png
+from hapnet.plots.histograms import lateness_histogram, link_histogram
+from hapnet.plots.run import figure
+from hapnet.plots.scene import scene_figure
 from hapnet.recording.samples import Recording
-from hapnet.reports import zoomed
-from hapnet.reports.figures import figure
-from hapnet.reports.files import png
-from hapnet.reports.histograms import lateness_histogram, link_histogram
-from hapnet.reports.scene_figure import scene_figure
-from hapnet.reports.words import has_reservoirs, number
 from hapnet.summary.structure import DIRECTIONS, read
+from hapnet.summary.words import has_reservoirs, number
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,17 @@ from os import PathLike
 from pathlib import Path
 from typing import cast
 
+from hapnet.plots.files import png, save
+from hapnet.plots.run import figure
 from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording
-from hapnet.reports.figures import figure
-from hapnet.reports.files import png, save
 from hapnet.reports.notebook import html
 from hapnet.reports.page import Source, page
 from hapnet.reports.pictures import Picture, pictures
-from hapnet.reports.words import legible, verdict
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_recordings
 from hapnet.summary.structure import Motion, Summary
+from hapnet.summary.words import legible, verdict
 
 PAGE = "report.html"
 

@@ -14,8 +14,8 @@ from hapnet.errors import InvalidParameter
 from hapnet.param_values import flatten
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
-from hapnet.reports.words import get, known
 from hapnet.summary.structure import read
+from hapnet.summary.words import get, known
 
 
 class Setting(NamedTuple):

@@ -7,19 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from hapnet.couplings.registry import jointly_passive
-from hapnet.reports.words import (
-    felt,
-    has_reservoirs,
-    milli,
-    millijoule,
-    number,
-    outcome,
-    percent,
-    shuffled,
-    text,
-    tuning,
-    verdict,
-)
 from hapnet.summary.structure import (
     DIRECTIONS,
     SIDES,
@@ -33,6 +20,19 @@ from hapnet.summary.structure import (
     Summary,
     Theorem,
     read,
+)
+from hapnet.summary.words import (
+    felt,
+    has_reservoirs,
+    milli,
+    millijoule,
+    number,
+    outcome,
+    percent,
+    shuffled,
+    text,
+    tuning,
+    verdict,
 )
 
 if TYPE_CHECKING:

@@ -7,11 +7,13 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from hapnet.control.two_port import TwoPort
+from hapnet.plots.run import figure
+from hapnet.plots.style import also_to
 from hapnet.recording.samples import Recording
-from hapnet.reports.words import verdict
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.summary.run import Summary
+from hapnet.summary.words import verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +43,7 @@ class Result:
         return f"Result({verdict(self.summary)}; seed {seed}, {duration_s:g} s; {self.recording})"
 
     def _repr_html_(self) -> str:
-        from hapnet.reports.notebook import html  # here, since it loads matplotlib
+        from hapnet.reports.notebook import html
 
         return html(replace(self.recording, summary=self.summary))
 
@@ -51,9 +53,4 @@ class Result:
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
         """The run's figure, as matplotlib has it; it is written to `file` (.png, .pdf, .svg), if that is given."""
-        from hapnet.reports.figures import figure  # here, since it loads matplotlib
-
-        drawn = figure(self.recording)
-        if file is not None:
-            drawn.savefig(file)
-        return drawn
+        return also_to(figure(self.recording), file)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from hapnet.plots.style import also_to
 from hapnet.study import compare as cases_of
 from hapnet.study import tables
 from hapnet.study.case import kept, was_passive
@@ -87,12 +88,9 @@ class Comparison:
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
         """Force error and stiffness of each case against the energy that came out; written to `file`, if given."""
-        from hapnet.study.figures import tradeoff  # here, since it loads matplotlib
+        from hapnet.study.figures import tradeoff
 
-        drawn = tradeoff(self.plan, self.outcomes)
-        if file is not None:
-            drawn.savefig(file)
-        return drawn
+        return also_to(tradeoff(self.plan, self.outcomes), file)
 
     def _repr_html_(self) -> str:
         from hapnet.study.markdown import html

@@ -9,7 +9,7 @@
 A metric enters the objective by its cost: itself if lower is better, its negative if higher is better, its distance
 from 0 or 100 if nearer is better. So a quantile above 0.5 looks at the bad cases, whether lower or higher is better.
 
-A miss (`hapnet.study.misses`) is the worst value. So is a case without a value if the same case has one with other
+A miss (`hapnet.metrics.misses`) is the worst value. So is a case without a value if the same case has one with other
 parameters, be it in one trial only; otherwise it has nothing to do with this metric and is left out.
 """
 
@@ -26,8 +26,8 @@ from typing import Any, get_args
 from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
 from hapnet.metrics.measured import Better
+from hapnet.metrics.misses import quantile, value_of
 from hapnet.study.case import Measures, was_passive
-from hapnet.study.misses import quantile, value_of
 from hapnet.study.spec import known, number
 
 PASSIVE = "passive"

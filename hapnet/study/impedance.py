@@ -19,12 +19,12 @@ from hapnet.checks import Vector
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import scalar_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.impedance import Line, harmonics_between, multisine, off_hz, transmitted
+from hapnet.metrics.impedance import Curve, Line, Quartiles, harmonics_between, multisine, off_hz, transmitted
+from hapnet.metrics.misses import quantile
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, minimum_jerk
 from hapnet.plant.worlds.walls import Wall
 from hapnet.simulation.simulation import Simulation
-from hapnet.study.misses import quantile
 
 MIN_HZ, MOST_HZ, LINES = 0.5, 20.0, 20
 DEPTH_M, AMPLITUDE_M = 0.010, 0.002
@@ -65,31 +65,6 @@ class Transmission:
     lines: tuple[Line, ...]
     truth: tuple[complex, ...]
     off_3dB_hz: float | None
-
-
-@dataclass(frozen=True)
-class Figure:
-    """Median, first and third quartile over runs."""
-
-    median: float
-    q1: float
-    q3: float
-
-
-@dataclass(frozen=True)
-class Curve:
-    """The transmitted impedance over several runs, at each frequency [Hz].
-
-    stiffness [N/m], damping [Ns/m], magnitude [N/m] : of what was transmitted. truth : the true impedance [N/m].
-    off_3dB_hz : infinite for a run that is nowhere 3 dB off up to 20 Hz.
-    """
-
-    frequency_hz: tuple[float, ...]
-    stiffness: tuple[Figure, ...]
-    damping: tuple[Figure, ...]
-    magnitude: tuple[Figure, ...]
-    truth: tuple[complex, ...]
-    off_3dB_hz: Figure
 
 
 def true_impedance(params: Params, wall: Wall, frequency_hz: float) -> complex:
@@ -145,14 +120,14 @@ def curve(found: Sequence[Transmission]) -> Curve:
     lines = list(zip(*(one.lines for one in found), strict=True))
     return Curve(
         tuple(at[0].frequency_hz for at in lines),
-        tuple(_figure(line.stiffness for line in at) for at in lines),
-        tuple(_figure(line.damping for line in at) for at in lines),
-        tuple(_figure(abs(line.impedance) for line in at) for at in lines),
+        tuple(_quartiles(line.stiffness for line in at) for at in lines),
+        tuple(_quartiles(line.damping for line in at) for at in lines),
+        tuple(_quartiles(abs(line.impedance) for line in at) for at in lines),
         found[0].truth,
-        _figure(inf if one.off_3dB_hz is None else one.off_3dB_hz for one in found),
+        _quartiles(inf if one.off_3dB_hz is None else one.off_3dB_hz for one in found),
     )
 
 
-def _figure(values: Iterable[float]) -> Figure:
+def _quartiles(values: Iterable[float]) -> Quartiles:
     known = list(values)
-    return Figure(quantile(known, 0.5), quantile(known, 0.25), quantile(known, 0.75))
+    return Quartiles(quantile(known, 0.5), quantile(known, 0.25), quantile(known, 0.75))

@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from hapnet.metrics.misses import value_of
 from hapnet.study.case import Measures
 from hapnet.study.goal import Verdict
 from hapnet.study.journal import Journal, Row
-from hapnet.study.misses import value_of
 from hapnet.study.search_space import propose
 from hapnet.study.spec import Case, Values
 from hapnet.study.tune_spec import TuneSpec

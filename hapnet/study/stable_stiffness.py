@@ -23,10 +23,9 @@ from hapnet.errors import InvalidParameter
 from hapnet.metrics.force import limit_cycles
 from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
+from hapnet.plots.impedance import Springs, stable_springs
 from hapnet.recording.samples import Recording
-from hapnet.reports.style import MM, STYLE
 from hapnet.simulation.simulation import Simulation
-from hapnet.study.figures import COLOURS
 from hapnet.study.z_width import ZWidth, maximum
 
 if TYPE_CHECKING:
@@ -155,29 +154,24 @@ def as_dict(found: Mapping[Case, ZWidth], params: Params) -> dict[str, Any]:
     }
 
 
-def draw(found: Mapping[Case, ZWidth], params: Params) -> Figure:
-    """A panel per servo rate: the stiffest stable K over the device's own damping, beside the bound from theory."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    rates = list(dict.fromkeys(case.servo_hz for case in found))
-    columns = dict(zip(dict.fromkeys(case.column for case in found), COLOURS, strict=False))
-    with mpl.rc_context(STYLE):
-        made = Figure(figsize=(180.0 * MM, 80.0 * MM), layout="constrained")
-        panels = made.subplots(1, len(rates), sharey=True, squeeze=False)[0]
-        for panel, hz in zip(panels, rates, strict=True):
-            here = {case: width for case, width in found.items() if case.servo_hz == hz}
-            for column, colour in columns.items():
-                mine = {case: width.free for case, width in here.items() if case.column == column}
-                known = {case.own_damping: K for case, K in mine.items() if K is not None}
-                case = next(case for case in found if case.column == column)
-                mark, line = "ox"[COUPLINGS.index(case.coupling)], ":" if case.resolution_m else "-"
-                panel.plot([*known], [*known.values()], mark + line, color=colour, label=column, markerfacecolor="none")
-            b = np.linspace(params.device.damping, max(case.own_damping for case in here), 200)[2:]
-            bounds = [bound(float(one), hz, params.device.damping) for one in b]
-            panel.plot(b, bounds, "k--", label="passive with any hand: K < 2 (b - B)/T")
-            panel.set(title=f"{hz:g} Hz", xscale="log", yscale="log", xlabel="own damping b [Ns/m]")
-        panels[0].set_ylabel("stiffest stable K [N/m]")
-        handles, labels = panels[0].get_legend_handles_labels()
-        made.legend(handles, labels, loc="outside lower center", ncols=3)
-    return made
+def drawn(found: Mapping[Case, ZWidth], params: Params) -> Figure:
+    """The stiffest stable K over the device's own damping, beside the bound from theory."""
+    B = params.device.damping
+    assert isinstance(B, float), "else `cases` refuses it"
+    springs = [
+        Springs(
+            column,
+            hz,
+            {
+                case.own_damping: width.free
+                for case, width in found.items()
+                if (case.servo_hz, case.column) == (hz, column) and width.free is not None
+            },
+            "ox"[COUPLINGS.index(coupling)] + (":" if resolution_m else "-"),
+        )
+        for hz, column, coupling, resolution_m in dict.fromkeys(
+            (case.servo_hz, case.column, case.coupling, case.resolution_m) for case in found
+        )
+    ]
+    most = max(case.own_damping for case in found)
+    return stable_springs(springs, lambda b, hz: bound(b, hz, B), (B, most))

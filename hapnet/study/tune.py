@@ -8,6 +8,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from hapnet.params import Params
+from hapnet.plots.style import also_to
 from hapnet.study import tune_results
 from hapnet.study.run import Progress, journal_in, run_all
 from hapnet.study.search import Search, base, most_cases
@@ -50,12 +51,9 @@ class Tuning:
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
         """The objective over the trials and over each parameter; written to `file`, if given."""
-        from hapnet.study.tune_figure import draw  # here, since it loads matplotlib
+        from hapnet.study.figures import tuned
 
-        drawn = draw(self.search)
-        if file is not None:
-            drawn.savefig(file)
-        return drawn
+        return also_to(tuned(self.search), file)
 
     def _repr_html_(self) -> str:
         from hapnet.reports.html import table

@@ -12,8 +12,8 @@ from hapnet.assembly.springs import with_springs
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.reports.words import number
 from hapnet.study.compare import Plan, Variant
+from hapnet.summary.words import number
 
 _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping", "world.mass")
 

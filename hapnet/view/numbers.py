@@ -10,9 +10,9 @@ from pathlib import PurePath
 import viser
 
 from hapnet.recording.telemetry import Status
-from hapnet.reports.words import felt
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
+from hapnet.summary.words import felt
 from hapnet.view.choices import label_of, words_of
 from hapnet.view.force import force_now
 from hapnet.view.history import Episode, Snapshot, coupled

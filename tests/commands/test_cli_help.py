@@ -141,7 +141,7 @@ for package in hapnet, netem:
                 importlib.import_module(found.name)
 """
     found = of_hapnet(code)
-    assert {"hapnet.reports.figures", "hapnet.study.heatmap"} <= found
+    assert {"hapnet.plots.run", "hapnet.plots.sweep"} <= found
     assert "matplotlib" not in found
 
 

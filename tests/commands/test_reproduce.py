@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapnet.commands.reproduce import SECTION_4, profiles
+from hapnet.commands.reproduce import SECTION_4
 from hapnet.params import Params
+from hapnet.plots.paper import profiles
 from hapnet.simulation.simulation import simulate
 
 

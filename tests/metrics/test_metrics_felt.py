@@ -15,6 +15,7 @@ from hapnet.commands.output import write_csv
 from hapnet.metrics import METRICS
 from hapnet.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
 from hapnet.metrics.force import residual_oscillation, rms_difference
+from hapnet.metrics.misses import quantile, value_of
 from hapnet.metrics.motion import DRAG_MPS, free_windows
 from hapnet.metrics.obstacles import Obstacle, environment_force
 from hapnet.params import Params
@@ -22,7 +23,6 @@ from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, WorldSample
 from hapnet.study import case
 from hapnet.study.compare import Outcome, Plan, groups
-from hapnet.study.misses import quantile, value_of
 from hapnet.study.tables import as_rows
 
 TICK_S = 2.0**-6

@@ -7,4 +7,4 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapnet.reports.zoomed.can_zoom", lambda: False)
+    monkeypatch.setattr("hapnet.plots.zoomed.can_zoom", lambda: False)

@@ -20,9 +20,9 @@ from hapnet.reports.html import element, join
 from hapnet.reports.page import FOLDED, MOST_EVENTS
 from hapnet.reports.settings import commands, settings
 from hapnet.reports.tables import links, motion, sides
-from hapnet.reports.words import known
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import read
+from hapnet.summary.words import known
 from tests.reports.test_report import run
 
 VOID = {"meta", "img"}

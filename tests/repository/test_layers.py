@@ -58,14 +58,16 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "summary": BELOW_ASSEMBLY,
     "metrics": BELOW_ASSEMBLY | {"summary"},
     "transport": {"records", "wire"},
-    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "reports", "processes"},  # a result draws itself
+    "simulation": BELOW_ASSEMBLY
+    | {"assembly", "summary", "kernel", "plots", "reports", "processes"},  # a result draws itself
     "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "transport", "processes"},  # its ends are compiled
-    "reports": BELOW_ASSEMBLY | {"assembly", "summary"},
-    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "reports", "processes"},
+    "plots": BELOW_ASSEMBLY | {"summary", "metrics"},
+    "reports": BELOW_ASSEMBLY | {"assembly", "summary", "plots"},
+    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "plots", "reports", "processes"},
     "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
-    "view": BELOW_ASSEMBLY | {"summary", "reports", "transport"},  # it subscribes to telemetry
+    "view": BELOW_ASSEMBLY | {"summary", "transport"},  # it subscribes to telemetry
     "bench": BELOW_ASSEMBLY
-    | {"assembly", "summary", "simulation", "kernel", "transport", "realtime", "view", "study", "reports", "processes"},
+    | {"assembly", "summary", "simulation", "kernel", "transport", "realtime", "view", "study", "plots", "processes"},
 }
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",
@@ -329,3 +331,15 @@ def test_one_package_starts_child_processes() -> None:
         if not {module.as_posix(), module.parent.as_posix()} & STARTS_PROCESSES.keys():
             assert not roots(imports_of(module)) & {"subprocess", "multiprocessing"}, module
             assert "create_subprocess" not in (ROOT / module).read_text("utf-8"), module
+
+
+def test_one_package_draws() -> None:
+    """Nobody else touches matplotlib, but to say what a figure is."""
+    drawing = {
+        module for module in MODULES if module.parts[0] == "hapnet" and "matplotlib" in roots(imports_of(module))
+    }
+    for module in drawing - {each for each in drawing if each.parts[1] == "plots"}:
+        assert {name for name in imports_of(module) if name.startswith("matplotlib")} == {
+            "matplotlib.figure", "matplotlib.figure.Figure"
+        }, module  # fmt: skip
+    assert len(drawing) > 10

@@ -11,7 +11,8 @@ import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.metrics import METRICS
-from hapnet.study.grid import Axis, grid, metric_label, statistic, usual_statistic
+from hapnet.plots.grid import Axis, metric_label, statistic, usual_statistic
+from hapnet.study.grid import grid, shown
 from hapnet.study.journal import Journal
 from hapnet.study.task import CaseResult
 from tests.study.sweeps import journal_of
@@ -123,7 +124,7 @@ def test_of_a_margin_the_least_is_shown() -> None:
 
 def test_scales_are_seen_in_the_values() -> None:
     def axis(*values: object) -> Axis:
-        return Axis("a", "N", values)
+        return Axis("a", "N", values, ())
 
     assert axis(1, 10, 100).log
     assert axis(*np.geomspace(3.0, 7.0, 9)).log
@@ -133,9 +134,10 @@ def test_scales_are_seen_in_the_values() -> None:
     assert not axis("1", "10", "100").log
     assert not axis(1.0, 2.0, 10.0).log
     assert axis(1.0, 2.0, 3.0).label == "a [N]"
-    assert axis(True, False).words == ["true", "false"]
+    assert [shown("a", value) for value in (True, False)] == ["true", "false"]
     assert not axis(True, False).numeric
-    assert axis(12345, 30000.0, 84.0896415, 1e-3, 2.5e7).words == ["12345", "30000", "84.09", "0.001", "2.5e+07"]
+    numbers = (12345, 30000.0, 84.0896415, 1e-3, 2.5e7)
+    assert [shown("a", value) for value in numbers] == ["12345", "30000", "84.09", "0.001", "2.5e+07"]
 
 
 @pytest.mark.parametrize("words", ["84.09", "84.0896415254"])

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 
 from hapnet import cli
 from hapnet.params import Params
-from hapnet.study import search_space, tune_figure
+from hapnet.study import figures, search_space
 from hapnet.study.backend import TaskOutcome, ThisProcess
 from hapnet.study.case import Measures
-from hapnet.study.tune_figure import draw
+from hapnet.study.figures import tuned as draw
 from tests.conftest import ROOT
 from tests.study.sweeps import spec_file
 from tests.support.processes import without_progress
@@ -65,7 +65,7 @@ def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: ThisProcess())
     monkeypatch.setattr("hapnet.study.task.measure", formula)
-    monkeypatch.setattr(tune_figure, "draw", lambda search: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(figures, "tuned", lambda search: Figure(figsize=(1, 1)))
     spec_file(tmp_path, SPEC)
     return tmp_path
 
@@ -82,7 +82,7 @@ def trials(directory: Path) -> list[dict[str, str]]:
 
 
 def test_a_tuning_from_spec_to_figure(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tune_figure, "draw", draw)
+    monkeypatch.setattr(figures, "tuned", draw)
     reported = tuned()
     runs = directory / "runs" / "tune-study"
     lead = reported["parameters"]["contact_model.lead"]

@@ -15,10 +15,10 @@ from hapnet.assembly.build import prepare
 from hapnet.couplings.felt import through
 from hapnet.params import Params
 from hapnet.recording.mcap import read_recording, save
-from hapnet.reports.words import felt
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.run import combine, merge
+from hapnet.summary.words import felt
 from tests.support.commands import Capture
 
 POSITIVE = st.floats(0.1, 1e6)

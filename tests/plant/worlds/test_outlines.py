@@ -11,8 +11,8 @@ import pytest
 from hapnet import Params, simulate
 from hapnet.plant.worlds.outlines import outline
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
+from hapnet.plots.scene import scene_figure
 from hapnet.reports import page, pictures
-from hapnet.reports.scene_figure import scene_figure
 from tests.support.solids import torus, write_stl
 
 AROUND = np.array([0.01, -0.02, 0.03])

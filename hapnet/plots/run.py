@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.registry import known as known_coupling
 from hapnet.extras import require
+from hapnet.plots.style import DEVICE_COLOR, NOT_PASSIVE, WORLD_COLOR, headed, legend_above, sheet
 from hapnet.recording.samples import Columns, Recording
-from hapnet.reports.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
-from hapnet.reports.words import get, has_reservoirs, millijoule, verdict
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read
+from hapnet.summary.words import get, has_reservoirs, millijoule, verdict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,19 +39,12 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
     stand above it, for a figure that stands alone.
     """
     require("report", "a figure")
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     axis = _main_axis(recording)
     plane = _plane(recording, axis)
-    with matplotlib.rc_context(STYLE):
-        ratios = [1.25, 1.0, 0.9, 0.9] if (full := has_reservoirs(_coupling(recording))) else [1.25, 1.0, 0.9]
-        height = (200 if full else 160) + (0 if plane is None else 80)
-        fig = Figure(figsize=(180 * MM, height * MM), dpi=150, layout="constrained")
-        FigureCanvasAgg(fig)
+    ratios = [1.25, 1.0, 0.9, 0.9] if (full := has_reservoirs(_coupling(recording))) else [1.25, 1.0, 0.9]
+    with sheet((200 if full else 160) + (0 if plane is None else 80)) as fig:
         if titled:
-            fig.suptitle(_title(recording), fontsize=9, parse_math=False)
+            headed(fig, _settings(recording), verdict(_reported(recording)), letters=100)
         rows = len(ratios)
         ratios += [] if plane is None else [1.7]
         grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)
@@ -73,7 +65,7 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
         if plane is not None:
             _path(fig.add_subplot(grid[rows]), recording, plane)
         for panel in fig.axes:
-            _legend(panel)
+            legend_above(panel, handlelength=2.6, columnspacing=1.4)
     return fig
 
 
@@ -134,7 +126,7 @@ def _margins(panel: Axes, recording: Recording) -> None:
     top = panel.get_ylim()[1]
     bottom = low * 1.1 - 0.08 * (top - low)
     panel.set_ylim(bottom, top)
-    panel.axhspan(bottom, 0.0, facecolor="#fcbba1", edgecolor="#cb181d", hatch="////", alpha=0.6, lw=0, zorder=0)
+    panel.axhspan(bottom, 0.0, alpha=0.6, **NOT_PASSIVE)
     panel.set_ylabel("passivity margin [mJ]")
 
 
@@ -209,14 +201,6 @@ def _shade_silences(panel: Axes, silences: list[tuple[float, float]], *, named: 
                       label=label)  # fmt: skip
 
 
-def _legend(panel: Axes) -> None:
-    """Put the legend above the panel, where it cannot cover data."""
-    handles, labels = panel.get_legend_handles_labels()
-    if handles:
-        style = {"ncols": len(handles), "handlelength": 2.6, "borderaxespad": 0.1, "columnspacing": 1.4}
-        panel.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=8, **style)
-
-
 def _main_axis(recording: Recording) -> int:
     device, world = recording.device, recording.world
     if world is not None and (pressed := np.nansum(np.abs(world["contact_force_N"]), axis=0)).any():
@@ -232,8 +216,8 @@ def _plane(recording: Recording, axis: int) -> tuple[int, int] | None:
         return None
     first, second = [i for i in range(n) if n == 2 or i != axis][:2]
     extent = np.ptp(columns["position_m"], axis=0)
-    both = min(extent[first], extent[second]) > 0.05 * extent.max() > 0.0
-    return (first, second) if _written(recording) or both else None
+    seen = (max if _written(recording) else min)(extent[first], extent[second]) > 0.05 * extent.max() > 0.0
+    return (first, second) if seen else None
 
 
 def _written(recording: Recording) -> bool:
@@ -260,7 +244,8 @@ def _along(recording: Recording, axis: int) -> str:
     return "" if n == 1 else f" along {'xyz'[axis] if n <= 3 else axis + 1}"
 
 
-def _title(recording: Recording) -> str:
+def _settings(recording: Recording) -> str:
+    """Links, coupling and seed."""
     summary, meta = read(recording.summary), recording.meta
     links = summary["links"]
     up, down = (None if (link := links[direction]) is None else link["profile"] for direction in DIRECTIONS)
@@ -270,8 +255,7 @@ def _title(recording: Recording) -> str:
     for name, reported in (("coupling", summary["coupling"]), ("seed", summary["seed"])):
         value = meta.get(name) if reported is None else reported
         words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
-    about = (line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(", ".join(words), 100))
-    return "\n".join([*about, *textwrap.wrap(verdict(_reported(recording)), 100)])
+    return ", ".join(words)
 
 
 def _reported(recording: Recording) -> Mapping[str, Any]:

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.reports.style import MM, STYLE
-from hapnet.reports.words import number
+from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR, sheet
 from hapnet.summary.structure import DIRECTIONS, read
+from hapnet.summary.words import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLORS = {"up": "#08306b", "down": "#e6550d"}
+_COLORS = {"up": DEVICE_COLOR, "down": WORLD_COLOR}
 _TITLE = 300  # letters
 _LINE = 64  # letters: the legend is to the right of them
 _BARS = 60
@@ -27,8 +27,6 @@ _SUB_BINS = 8  # the servo's lateness has 32 bins per octave; four are joined in
 
 def link_histogram(tree: object) -> Figure | None:
     """The delays of both links, one panel each, 180 mm wide; None if no link counted any."""
-    from matplotlib import rc_context
-
     counted = read(tree)["links"]
     links = {direction: link for direction in DIRECTIONS if (link := counted[direction]) is not None}
     bins = {direction: _bins(link["delay_histogram_ms"]) for direction, link in links.items()}
@@ -37,8 +35,7 @@ def link_histogram(tree: object) -> Figure | None:
         return None
     top = max(part[-1, 0] for part in found.values())
     wide = any(part[-1, 0] > _WIDE * _median(part) for part in found.values())
-    with rc_context(STYLE):
-        fig = _figure(20 + 40 * len(found))
+    with sheet(20 + 40 * len(found)) as fig:
         panels = fig.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
         for panel, (direction, part) in zip(panels, found.items(), strict=True):
             _delays(panel, part, _COLORS[direction], logarithmic=wide)
@@ -56,8 +53,6 @@ def link_histogram(tree: object) -> Figure | None:
 
 def lateness_histogram(tree: object) -> Figure | None:
     """How late the servo's ticks were, on logarithmic axes; None if that was not recorded."""
-    from matplotlib import rc_context
-
     device = read(tree)["device"]
     servo = None if device is None else device["servo"]
     bins = _bins(None if servo is None else servo["late_histogram_us"])
@@ -68,13 +63,12 @@ def lateness_histogram(tree: object) -> Figure | None:
     octaves = np.exp2(np.arange(low, high))
     edges = np.append(np.outer(octaves, 1.0 + np.arange(_SUB_BINS) / _SUB_BINS).ravel(), np.exp2(high))
     counts, _ = np.histogram(late_ns, bins=edges, weights=bins[:, 1])
-    with rc_context(STYLE):
-        fig = _figure(60)
+    with sheet(60) as fig:
         panel = fig.subplots()
         panel.set(xscale="log", yscale="log", xlabel="lateness of a servo tick [µs]", ylabel="ticks")
         _stairs(panel, counts, edges * 1e-3, _COLORS["up"])
         panel.set_ylim(0.5, 2.0 * counts.max())
-        panel.xaxis.set_major_formatter(_plain_ticks)
+        panel.xaxis.set_major_formatter("{x:g}")
         late = {"p50": servo["late_p50_us"], "p99": servo["late_p99_us"], "max": servo["late_max_us"]}
         _marks(panel, late, "µs")
     return fig
@@ -85,7 +79,7 @@ def _delays(panel: Axes, bins: NDArray[np.float64], color: str, *, logarithmic: 
     if logarithmic:  # on which bins are equally wide
         edges[0] = edges[0] or edges[1] / 2.0
         panel.set_xscale("log")
-        panel.xaxis.set_major_formatter(_plain_ticks)
+        panel.xaxis.set_major_formatter("{x:g}")
     else:  # distributed over bars of equal width
         span, widths = edges[-1] - edges[0], np.diff(edges)[counts > 0.0]
         even = np.linspace(edges[0], edges[-1], max(1, round(min(_BARS, span / np.median(widths)))) + 1)
@@ -121,16 +115,3 @@ def _marks(panel: Axes, values: Mapping[str, float | None], unit: str) -> None:
             panel.axvline(value, color="black", linestyle=style, linewidth=0.9, label=f"{name} {number(value)} {unit}")
     if panel.get_legend_handles_labels()[0]:
         panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, borderaxespad=0.1)
-
-
-def _plain_ticks(value: float, _: object) -> str:
-    return f"{value:g}"
-
-
-def _figure(height_mm: float) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(180 * MM, height_mm * MM), dpi=150, layout="constrained")
-    FigureCanvasAgg(fig)
-    return fig

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.reports.style import MM, STYLE
-from hapnet.study.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
-from hapnet.study.misses import quantile
+from hapnet.metrics.misses import quantile
+from hapnet.plots.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
+from hapnet.plots.style import DEVICE_COLOR, headed, legend_above, sheet
 from hapnet.summary.verdict import ROUNDING_J
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ _NOT_PASSIVE_POINT: dict[str, Any] = {
     "marker": "X", "markersize": 11, "color": _BAD, "markeredgecolor": "black", "linestyle": "none", "zorder": 5,
 }  # fmt: skip
 _EMPTY: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.55", "hatch": "////", "linewidth": 0.0}
-_LINE = "#08306b"
 
 
 def draw(grid: Grid, stat: str | None = None, where: Sequence[str] = (), name: str = "") -> Figure:
@@ -43,21 +42,14 @@ def draw(grid: Grid, stat: str | None = None, where: Sequence[str] = (), name: s
     ------
     InvalidParameter : there is no such statistic.
     """
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     stat = stat or usual_statistic(grid.metric)
     of = statistic(stat)
     figures = {place: of(cell.values) for place, cell in grid.cells.items() if cell.values}
     label, scale = metric_label(grid.metric, figures.values())
     figures = {place: value * scale for place, value in figures.items()}
     rows = 6 if grid.y is None else min(max(len(grid.y.values), 4), 14)
-    with matplotlib.rc_context(STYLE):
-        fig = Figure(figsize=(180 * MM, (45 + 9 * rows) * MM), dpi=150, layout="constrained")
-        FigureCanvasAgg(fig)
-        title = [_title(grid, f"{stat} of {label.partition(' [')[0]}", where, name), *_extremes(grid, figures, label)]
-        fig.suptitle("\n".join(title), fontsize=9, parse_math=False)
+    with sheet(45 + 9 * rows) as fig:
+        headed(fig, _title(grid, f"{stat} of {label.partition(' [')[0]}", where, name), _extremes(grid, figures, label))
         panel = fig.add_subplot()
         if grid.y is None:
             _draw_line(panel, grid, figures, stat, label, scale)
@@ -153,16 +145,16 @@ def _draw_line(
         np.array([quantile(cell.values, q) * scale if cell.values else np.nan for cell in cells]) for q in (0.25, 0.75)
     )
     if grid.x.numeric:
-        panel.fill_between(x, low, high, color=_LINE, alpha=0.2, linewidth=0, label="quartiles")
-        panel.plot(x, line, color=_LINE, marker=".", label=stat)
+        panel.fill_between(x, low, high, color=DEVICE_COLOR, alpha=0.2, linewidth=0, label="quartiles")
+        panel.plot(x, line, color=DEVICE_COLOR, marker=".", label=stat)
         if grid.x.log:
             panel.set_xscale("log")
         if len(x) <= _TICKS["x"]:
             panel.set_xticks(x, grid.x.words)
             panel.set_xticks([], minor=True)
     else:
-        panel.vlines(x, low, high, color=_LINE, alpha=0.3, linewidth=6, label="quartiles")
-        panel.plot(x, line, color=_LINE, marker="o", linestyle="none", label=stat)
+        panel.vlines(x, low, high, color=DEVICE_COLOR, alpha=0.3, linewidth=6, label="quartiles")
+        panel.plot(x, line, color=DEVICE_COLOR, marker="o", linestyle="none", label=stat)
         panel.set_xlim(-0.5, len(x) - 0.5)
         _ticks(panel, grid.x, "x")
     panel.set_xlabel(grid.x.label)
@@ -179,7 +171,7 @@ def _draw_line(
     bad = np.array([cell.not_passive > 0 for cell in cells])
     if bad.any():
         panel.plot(x[bad], np.where(np.isnan(line), 0.0, line)[bad], **_NOT_PASSIVE_POINT)
-    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1)
+    legend_above(panel)
 
 
 def _colours(values: NDArray[np.float64]) -> tuple[Normalize, str]:
@@ -249,14 +241,16 @@ def _legend(grid: Grid) -> list[Any]:
 def _title(grid: Grid, what: str, where: Sequence[str], name: str) -> str:
     over = f" over {', '.join(grid.over)}" if grid.over else ""
     words = f"{name}: {what}{over}" if name else f"{what}{over}"
-    return "\n".join(textwrap.wrap(", ".join([words, f"where {', '.join(where)}"] if where else [words]), 105))
+    return ", ".join([words, f"where {', '.join(where)}"] if where else [words])
 
 
-def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> list[str]:
-    """Where the smallest and the largest figure are, in a line or two; nothing if all are the same."""
-    if not figures or min(figures.values()) == max(figures.values()):
-        return []
+def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> str:
+    """Where the smallest and the largest figure are, if they differ."""
+    if not figures:
+        return ""
     unit = label.partition(" [")[2].rstrip("]")
+    if min(figures.values()) == (same := max(figures.values())):
+        return f"{same:.3g} {unit}".rstrip() + " everywhere" if len(figures) > 1 else ""
 
     def reported(word: str, place: tuple[int, int]) -> str:
         axes = [(grid.x, place[0])] + ([] if grid.y is None else [(grid.y, place[1])])
@@ -264,4 +258,4 @@ def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> 
         return f"{word} {figures[place]:.3g} {unit}".rstrip() + f" at {at}"
 
     least, most = min(figures, key=figures.__getitem__), max(figures, key=figures.__getitem__)
-    return textwrap.wrap(f"{reported('least', least)}; {reported('most', most)}", 105)
+    return f"{reported('least', least)}; {reported('most', most)}"

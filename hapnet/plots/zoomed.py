@@ -1,6 +1,6 @@
 """A figure that a browser can zoom: what matplotlib has drawn, as plotly.js draws it (extra `zoom`).
 
-The figure is drawn once, in `hapnet.reports.figures`: here its lines and areas are read off it.
+The figure is drawn once, in `hapnet.plots.run`: here its lines and areas are read off it.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from hapnet.plots.sweep import draw
 from hapnet.study.grid import grid
-from hapnet.study.heatmap import draw
 from hapnet.study.journal import Journal
 from hapnet.study.task import CaseResult
 from tests.study.sweeps import journal_of
@@ -193,3 +193,11 @@ def test_along_a_line_it_has_a_cross(tmp_path: Path) -> None:
     assert np.asarray(point.get_xdata()) == pytest.approx([200.0])
     assert np.asarray(point.get_ydata()) == pytest.approx([0.1004])
     assert legend(figure) == ["not passive: 1 case"]
+
+
+def test_one_value_everywhere_is_said(tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, "[vary]\ndevice.stiffness = [50, 100]")
+    journal.record([CaseResult(k, {"peak_force_N": 2.0}) for k in range(2)])
+    figure = draw(grid(journal, None, None, None, {}, {}))
+    journal.close()
+    assert figure.get_suptitle().splitlines()[1:] == ["2 N everywhere"]

@@ -7,7 +7,6 @@ at other times: at the start and at the end, and of few bodies also between.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,10 +14,10 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch
 from hapnet.plant.worlds.rigid import parts_of_words
+from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR, headed, sheet
 from hapnet.recording.drawing import SceneSample, unpack
 from hapnet.recording.samples import Columns, Recording
-from hapnet.reports.style import DEVICE_COLOR, MM, STYLE, WORLD_COLOR
-from hapnet.reports.words import get
+from hapnet.summary.words import get
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,19 +46,13 @@ def scene_figure(recording: Recording) -> Figure | None:
     moves = peak is not None and any(part.body != RESTS for part in parts)
     if device["position_m"].shape[1] != 3 and not moves:
         return None
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     hand, proxy, force = (
         _padded(columns[name])
         for columns, name in ((device, "position_m"), (world, "position_m"), (world, "contact_force_N"))
     )
     deep = world["penetration_m"] > 0.0
     pressed = deep if deep.any() else np.linalg.norm(force, axis=1) > 0.0  # a force law has no depth
-    with matplotlib.rc_context(STYLE):
-        fig = Figure(figsize=(180 * MM, 120 * MM), dpi=150, layout="constrained")
-        FigureCanvasAgg(fig)
+    with sheet(120) as fig:
         axes: Any = fig.add_subplot(projection="3d", computed_zorder=False)
         shown = _placed(parts, peak)
         ghosts = [part for moment in others for part in _placed(parts, moment) if part.body != RESTS]
@@ -76,8 +69,8 @@ def scene_figure(recording: Recording) -> Figure | None:
         _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         axes.legend(loc="upper left")
         when = ", the bodies where they were when the force was largest" if moves else ""
-        title = fill(f"Scene {_name(recording)}: the paths of device and proxy{when}", 100)
-        fig.suptitle(title, fontsize=9, parse_math=False)
+        name = get(recording.meta, "params", "scene") or get(recording.meta, "scene")  # as it was asked for
+        headed(fig, f"Scene {name}: the paths of device and proxy{when}", letters=100)
     return fig
 
 
@@ -85,11 +78,6 @@ def _parts(recording: Recording) -> tuple[Part, ...]:
     """As recorded; of an older recording, and of a scene that is too large to be sent, from its text."""
     reported = () if recording.drawing is None else unpack(recording.drawing.data)
     return reported or parts_of_words(get(recording.meta, "scene"))
-
-
-def _name(recording: Recording) -> object:
-    """The scene as it was asked for."""
-    return get(recording.meta, "params", "scene") or get(recording.meta, "scene")
 
 
 def _moments(scene: Sequence[SceneSample], world: Columns) -> tuple[SceneSample | None, list[SceneSample]]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import floor, inf, isfinite
 
-from hapnet.metrics import METRICS
+from hapnet.metrics.measured import DEFINED
 
 
 def value_of(measures: Mapping[str, float | None], metric: str) -> float | None:
     """The value of a case; infinite if it missed (a contact that was not felt); None if there is none to have."""
     value = measures.get(metric)
-    known = METRICS.get(metric)
+    known = DEFINED.get(metric)
     if value is None and known is not None and known.missed and measures.get(known.missed):
         return inf
     return value

@@ -1,4 +1,4 @@
-"""Writes a report's files; each appears only when it is complete."""
+"""Writes figures and pages; each file appears only when it is complete."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import hapnet
-from hapnet.reports import zoomed
+from hapnet.plots import zoomed
 from hapnet.reports.report import Report, report
 from hapnet.simulation.result import Result
 
@@ -30,7 +30,7 @@ def result() -> Result:
 
 @pytest.fixture
 def made(result: Result, monkeypatch: pytest.MonkeyPatch) -> Report:
-    monkeypatch.setattr("hapnet.reports.zoomed.can_zoom", lambda: True)
+    monkeypatch.setattr("hapnet.plots.zoomed.can_zoom", lambda: True)
     return report(result)
 
 

@@ -1,0 +1,83 @@
+"""How all figures look: for print, 180 mm wide, text of 8 points and more."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MM = 1 / 25.4
+"""In inches, which matplotlib wants."""
+
+WIDTH_MM = 180.0
+
+DEVICE_COLOR, WORLD_COLOR = "#08306b", "#e6550d"
+
+# Okabe and Ito's colours, which colour-blind people can distinguish
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
+
+NOT_PASSIVE: dict[str, Any] = {"facecolor": "#fcbba1", "edgecolor": "#cb181d", "hatch": "////", "lw": 0, "zorder": 0}
+"""The part of a panel where no passive coupling is."""
+
+STYLE: dict[Any, Any] = {  # Any: matplotlib types its keys as literals
+    "font.size": 8.0,
+    "axes.titlesize": 9.0,
+    "axes.grid": True,
+    "grid.linewidth": 0.4,
+    "grid.color": "0.85",
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "hatch.linewidth": 0.4,
+    "path.simplify_threshold": 0.2,
+}
+
+
+@contextmanager
+def sheet(
+    height_mm: float, width_mm: float = WIDTH_MM, layout: Literal["constrained"] | None = "constrained"
+) -> Iterator[Figure]:
+    """An empty figure; what is drawn while it is open has the common style."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with rc_context(STYLE):
+        fig = Figure(figsize=(width_mm * MM, height_mm * MM), dpi=150, layout=layout)
+        FigureCanvasAgg(fig)
+        yield fig
+
+
+def headed(fig: Figure, *paragraphs: str, letters: int = 105, **more: Any) -> None:
+    """The title of a whole figure, in lines of so many letters; a no-break space keeps two words in a line."""
+    lines = [line for paragraph in paragraphs for line in textwrap.wrap(paragraph, letters)]
+    fig.suptitle("\n".join(lines).replace("\N{NO-BREAK SPACE}", " "), fontsize=9, parse_math=False, **more)
+
+
+def legend_above(panel: Axes, **style: Any) -> None:
+    """A panel's legend above it, where it cannot cover data; none if nothing has a label."""
+    handles, labels = panel.get_legend_handles_labels()
+    if handles:
+        usual = {"ncols": len(handles), "fontsize": 8, "borderaxespad": 0.1}
+        panel.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), **{**usual, **style})
+
+
+def log_ticks(axis: Any, low: float, high: float) -> None:
+    """Plain numbers on a logarithmic axis from `low` to `high`; where there is room also at 2 and 5 of each decade."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def also_to(fig: Figure, file: str | os.PathLike[str] | None) -> Figure:
+    """`fig`, which is also written to `file` (.png, .pdf, .svg), if that is given."""
+    if file is not None:
+        fig.savefig(file)
+    return fig
