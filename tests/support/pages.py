@@ -26,6 +26,7 @@ from hapnet.metrics.measured import DEFINED
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.recording.samples import Recording
+from hapnet.records.equation import EQUATIONS
 from hapnet.simulation.simulation import simulate
 from netem import cli as netem_cli
 from tests.conftest import ROOT
@@ -220,7 +221,7 @@ def quick(argv: Sequence[str]) -> list[str]:
 
 
 def run_python(text: str) -> None:
-    """Run a block; the metrics that it defines are no other test's."""
+    """Run a block; the metrics and equations that it defines are no other test's."""
     module, metrics = ModuleType("page"), dict(DEFINED)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "page", module)  # dataclasses look there for the annotations' names
@@ -229,6 +230,8 @@ def run_python(text: str) -> None:
         finally:
             for name in DEFINED.keys() - metrics.keys():
                 del DEFINED[name]
+            for function in [one for one in EQUATIONS if one.__module__ == "page"]:
+                del EQUATIONS[function]
 
 
 def run_shell(block: Block) -> str:
