@@ -9,6 +9,8 @@ from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping, damp, wanted
 from hapnet.control.contact_plane import ContactPlane, among, depth, now, withdrawn
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
+from hapnet.mechanics import spring as springs
+from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import AXES, PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
 from hapnet.records.vectors import copy, dot, equal, length, times
@@ -359,6 +361,22 @@ def _depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> 
     for i in range(n):
         along += one.normal[i] * (place[i] - model.shifted[i])
     return along - now(one, model.age)
+
+
+@equation
+def share(model: ContactState, spring: Spring, x: Reals, ybar: Reals, of_planes: Floats, added: Floats) -> None:
+    """The parts of the spring's force at x [N] that the planes and the added damping of the last step make; where the
+    spring is saturated, its parts shrink with it."""
+    n, K, offset = spring.dof, spring.rows, model.before
+    for i in range(n):
+        offset[i] = x[i] - ybar[i]
+    scale = springs.saturation(spring, offset)
+    for i in range(n):
+        one = other = 0.0
+        for j in range(n):
+            one += K[i][j] * (model.made_s[j] - model.made_x[j] + model.made_fading[j])
+            other += K[i][j] * (model.made_y[j] - model.made_before[j])
+        of_planes[i], added[i] = scale * one, scale * other
 
 
 @equation

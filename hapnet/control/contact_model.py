@@ -145,17 +145,6 @@ class ContactModel(ContactState):
         return tuple(self.shifted)
 
     @property
-    def planes_share(self) -> Vector:
-        """The part of the last y - x that comes from the planes, and what is left of a change of them [m]."""
-        parts = zip(self.made_x, self.made_s, self.made_fading, strict=True)
-        return tuple([b - a + c for a, b, c in parts])
-
-    @property
-    def damping_share(self) -> Vector:
-        """The part of the last y - x that is added damping [m]."""
-        return tuple(map(sub, self.made_y, self.made_before))
-
-    @property
     def goes_on(self) -> bool:
         """Is the next step one of its record alone: has nothing come, and are all planes flat and smooth?"""
         return not self.answer.pending and self._reports and not self._bends and not self._rubbing.rubs

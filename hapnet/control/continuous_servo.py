@@ -12,7 +12,7 @@ from operator import sub
 from hapnet.checks import Vector
 from hapnet.control import contact_equations
 from hapnet.control import ledger as ledgers
-from hapnet.control.contact_equations import ContactState
+from hapnet.control.contact_equations import ContactState, share
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import ForceParts, Position, Update
 from hapnet.control.harvest import dissipated_by_range
@@ -20,7 +20,7 @@ from hapnet.control.set_position_coupling import SetPositionCoupling, potential,
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import Reals, Record
-from hapnet.records.vectors import copy, inner
+from hapnet.records.vectors import copy
 
 Passage = Callable[[], tuple[Vector, Vector, float | None]]
 """Returns the extremes of the position since the last call [m], both ends included, and the energy that the damper
@@ -102,17 +102,11 @@ class ContinuousServo(Record):
 def parts_of(
     coupling: SetPositionCoupling, model: ContactModel | None, x: Vector, spring: Vector, damper: Vector
 ) -> ForceParts:
-    """The parts of a force; where the spring is saturated, its own parts shrink with it."""
-    if model is None:
-        nothing = (0.0,) * len(x)
-        return ForceParts(spring, damper, nothing, nothing)
-    stiffness = coupling.spring
-    scale = stiffness.saturation(tuple(map(sub, x, coupling.set_position)))
-    rows = stiffness.K.tolist()
-    of_planes, added = (
-        tuple([scale * inner(row, share) for row in rows]) for share in (model.planes_share, model.damping_share)
-    )
-    return ForceParts(spring, damper, of_planes, added)
+    """The parts of a force."""
+    of_planes, added = [0.0] * len(x), [0.0] * len(x)
+    if model is not None:
+        share(model, coupling.spring, x, coupling.set_position, of_planes, added)
+    return ForceParts(spring, damper, tuple(of_planes), tuple(added))
 
 
 class Sender(Record):

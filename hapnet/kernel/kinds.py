@@ -41,7 +41,7 @@ class Kind(NamedTuple):
         chosen: Choices = dict(OF_SET_POSITIONS)
         if (device := self.device) is not None:
             chosen |= device.lines() | {
-                make_tick: held_tick, sides.tick: law_sides.tick, samples.record_tick: law_sides.record_tick,
+                make_tick: held_tick, sides.tick: law_sides.tick, samples.of_device: law_sides.of_device,
                 law_sides.take_at_device: device.take, law.render: device.render,
                 law_sides.say_at_device: device.say, held_device.potential: law_sides.no_energy,
                 held_device.account: law_sides.account_of,
@@ -49,7 +49,7 @@ class Kind(NamedTuple):
         if (world := self.world) is not None:
             chosen |= world.lines() | {
                 coupling.update: law_sides.update, coupling.potential: law_sides.no_potential,
-                sides.step: law_sides.step, samples.record_step: law_sides.record_step,
+                sides.step: law_sides.step, samples.of_world: law_sides.of_world,
                 law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
                 law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
             }  # fmt: skip

@@ -9,7 +9,7 @@ from hapnet.control.coupling import counted
 from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
 from hapnet.kernel.endpoint import Wire, finish
 from hapnet.kernel.link import Message
-from hapnet.kernel.samples import DEVICE_VECTORS, WORLD_VECTORS, Rows, add_energies, add_times
+from hapnet.kernel.samples import DeviceRow, WorldRow
 from hapnet.kernel.sides import Counts, count_step, meet, note
 from hapnet.plant import device as devices
 from hapnet.plant import integrator
@@ -20,7 +20,7 @@ from hapnet.plant.worlds import walls as contact
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Reals, Record
+from hapnet.records.record import Reals, Record
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice
@@ -109,59 +109,22 @@ def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Messa
 
 
 @equation
-def record_tick(rows: Rows, side: LawDevice, wire: Wire, hand: Hand, now_ns: int) -> None:
-    """A `DeviceSample` without the parts of the force."""
-    device, coupling, ledger, n, at = side.plant, side.coupling, side.coupling.ledger, side.plant.dof, rows.device_rows
-    row = rows.at_device[at]
-    rows.device_rows = at + 1
-    rows.device_ns[at] = now_ns
+def of_device(row: DeviceRow, side: LawDevice, n: int) -> None:
+    """What a law has of a `DeviceSample`: no parts of the force."""
+    copy(n, side.law.y, row.set_position_m)
+    copy(n, side.law.y, row.target_m)
     for i in range(n):
-        row[i] = device.read_position[i]
-        row[n + i] = row[2 * n + i] = side.law.y[i]
-        row[3 * n + i] = side.servo.held[i]
-        row[4 * n + i] = device.state.hand_force[i]
-        row[5 * n + i] = hand.path[hand.at][i]
-        for k in range(6, 10):
-            row[k * n + i] = math.nan
-        row[10 * n + i] = device.read_velocity[i]
-    first = DEVICE_VECTORS * n
-    row[first + 1] = 0.0
-    _account(row, first, 2, coupling)
-    add_times(row, first + 7, wire, now_ns)
-    add_energies(row, first + 9, ledger)
-    row[first + 13] = side.hand.work
+        row.spring_force_N[i] = row.damper_force_N[i] = math.nan
+        row.model_force_N[i] = row.added_damping_force_N[i] = math.nan
+    row.reservoir_J, row.deficit_J, row.potential_J = side.coupling.account, 0.0, 0.0
 
 
 @equation
-def record_step(rows: Rows, side: LawWorld, wire: Wire, counts: Counts, now_ns: int) -> None:
-    """A `WorldSample`."""
-    mass, coupling, n, at = side.mass, side.coupling, side.mass.n, rows.world_rows
-    row = rows.at_world[at]
-    rows.world_rows = at + 1
-    rows.world_ns[at] = now_ns
-    for i in range(n):
-        row[i] = mass.x[i]
-        row[n + i] = mass.v[i]
-        row[2 * n + i] = row[3 * n + i] = side.law.y[i]
-        row[4 * n + i] = mass.coupling_force[i]
-        row[5 * n + i] = mass.force[i]
-    first = WORLD_VECTORS * n
-    row[first] = counts.step_s
-    row[first + 1] = mass.penetration
-    _account(row, first + 2, 1, coupling)
-    add_times(row, first + 8, wire, now_ns)
-    add_energies(row, first + 10, coupling.ledger)
-
-
-@equation
-def _account(row: Floats, at: int, then: int, coupling: LawAccount) -> None:
-    """Reservoir; and from `then` on potential, sent, credited, margin, slack."""
-    row[at] = coupling.account
-    row[at + then] = 0.0
-    row[at + then + 1] = coupling.ledger.sent
-    row[at + then + 2] = coupling.ledger.credited
-    row[at + then + 3] = coupling.ledger.margin
-    row[at + then + 4] = coupling.ledger.slack
+def of_world(row: WorldRow, side: LawWorld, n: int) -> None:
+    """What a law has of a `WorldSample`."""
+    copy(n, side.law.y, row.set_position_m)
+    copy(n, side.law.y, row.target_m)
+    row.reservoir_J, row.potential_J = side.coupling.account, 0.0
 
 
 @equation

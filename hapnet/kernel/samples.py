@@ -1,29 +1,42 @@
-"""What is recorded at a tick and at a step: `hapnet.recording.samples`, as rows of numbers."""
+"""What is recorded at a tick and at a step: a `DeviceSample` and a `WorldSample`, as rows of numbers."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
+from hapnet.control import contact_equations
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
 from hapnet.kernel.endpoint import Wire
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
 from hapnet.mechanics import spring as springs
 from hapnet.plant.device import Hand
+from hapnet.recording.samples import VECTORS, DeviceSample, WorldSample
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, Record, Wholes
+from hapnet.records.record import OfAxes, Record
+from hapnet.records.vectors import copy
 from hapnet.wire.path import age_s, transit_s
-
-DEVICE_VECTORS, DEVICE_SCALARS, WORLD_VECTORS, WORLD_SCALARS = 11, 14, 6, 14
-"""The numbers of columns of a row: vectors first, then scalars."""
-
 
 MOST = 2048
 """So many samples of each side may wait for the recorder."""
 
 
+def row_of(kind: type[NamedTuple]) -> type[Record]:
+    """The record that has a sample's fields."""
+    types = {name: OfAxes if name in VECTORS else float for name in kind._fields}
+    return type(kind.__name__, (Record,), {"__annotations__": {**types, "time_ns": int}})
+
+
+if TYPE_CHECKING:
+    DeviceRow: TypeAlias = Any
+    WorldRow: TypeAlias = Any
+else:
+    DeviceRow, WorldRow = row_of(DeviceSample), row_of(WorldSample)
+
+
 class Rows(Record):
-    """The samples of both sides as rows, with their times [ns].
+    """The samples of both sides.
 
     every : ticks between two samples. device_rows, world_rows : how many there are.
     """
@@ -31,10 +44,8 @@ class Rows(Record):
     every: int
     device_rows: int
     world_rows: int
-    device_ns: Annotated[Wholes, (MOST,)]
-    at_device: Annotated[FloatRows, (MOST, AXES * DEVICE_VECTORS + DEVICE_SCALARS)]
-    world_ns: Annotated[Wholes, (MOST,)]
-    at_world: Annotated[FloatRows, (MOST, AXES * WORLD_VECTORS + WORLD_SCALARS)]
+    at_device: Annotated[Sequence[DeviceRow], (MOST,)]
+    at_world: Annotated[Sequence[WorldRow], (MOST,)]
 
 
 @equation
@@ -45,102 +56,68 @@ def have_room(rows: Rows) -> bool:
 
 @equation
 def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: int) -> None:
-    """A `DeviceSample`: its vectors in their order, then its scalars."""
-    device, servo, coupling, n = side.plant, side.servo, side.coupling, side.plant.dof
-    spring = coupling.modulator.spring
-    x, at = device.read_position, rows.device_rows
-    row, within = rows.at_device[at], device.state.coupled != 0
-    rows.device_rows = at + 1
-    rows.device_ns[at] = now_ns
-    springs.force(spring, x, coupling.modulator.ybar, servo.pull)
-    for i in range(n):
-        row[i] = x[i]
-        row[n + i] = coupling.modulator.ybar[i]
-        row[2 * n + i] = coupling.aim[i]
-        row[3 * n + i] = device.state.actuator_force[i] if within else servo.held[i]
-        row[4 * n + i] = device.state.hand_force[i]
-        row[5 * n + i] = hand.path[hand.at][i]
-        row[6 * n + i] = servo.pull[i]
-        row[7 * n + i] = row[3 * n + i] - row[6 * n + i] if within else -servo.damping[i] * servo.velocity[i]
-        row[8 * n + i] = row[9 * n + i] = 0.0
-        row[10 * n + i] = device.state.velocity[i] if within else device.read_velocity[i]
-    if side.model.in_use:
-        _part(row, side, n)
-    _account(row, DEVICE_VECTORS * n, side, x)
-    add_times(row, DEVICE_VECTORS * n + 7, wire, now_ns)
-    add_energies(row, DEVICE_VECTORS * n + 9, coupling.ledger)
-    row[DEVICE_VECTORS * n + 13] = coupling.ledger.work if within else side.hand.work
-
-
-@equation
-def _part(row: Floats, side: DeviceSide, n: int) -> None:
-    """The parts of the spring's force that the model's planes and the added damping have made."""
-    model, modulator = side.model, side.coupling.modulator
-    K = modulator.spring.rows
-    for i in range(n):
-        modulator.offset[i] = side.plant.read_position[i] - modulator.ybar[i]
-    scale = springs.saturation(modulator.spring, modulator.offset)
-    for i in range(n):
-        of_planes = added = 0.0
-        for j in range(n):
-            of_planes += K[i][j] * (model.made_s[j] - model.made_x[j] + model.made_fading[j])
-            added += K[i][j] * (model.made_y[j] - model.made_before[j])
-        row[8 * n + i] = scale * of_planes
-        row[9 * n + i] = scale * added
-
-
-@equation
-def _account(row: Floats, at: int, side: DeviceSide, x: Floats) -> None:
-    """Reservoir, deficit, potential, sent, credited, margin, slack."""
-    coupling, ledger = side.coupling, side.coupling.ledger
-    row[at] = coupling.modulator.energy
-    row[at + 1] = coupling.modulator.deficit
-    row[at + 2] = couplings.potential(coupling, x)
-    row[at + 3] = ledger.sent
-    row[at + 4] = ledger.credited
-    row[at + 5] = ledger.margin
-    row[at + 6] = ledger.slack
-
-
-@equation
-def add_times(row: Floats, at: int, wire: Wire, now_ns: int) -> None:
-    """`ControlHalf.used`: age and transit of the newest sample in use."""
-    row[at] = age_s(wire.endpoint.used, now_ns)
-    row[at + 1] = transit_s(wire.endpoint.used)
-
-
-@equation
-def add_energies(row: Floats, at: int, ledger: Ledger) -> None:
-    """Bound, work, stored and account."""
-    row[at] = ledger.bound
-    row[at + 1] = ledger.work
-    row[at + 2] = ledger.stored
-    row[at + 3] = ledger.reservoir
+    """A `DeviceSample`."""
+    device, n, row = side.plant, side.plant.dof, rows.at_device[rows.device_rows]
+    rows.device_rows += 1
+    copy(n, device.read_position, row.position_m)
+    copy(n, device.read_velocity, row.velocity_mps)
+    copy(n, side.servo.held, row.force_N)
+    copy(n, device.state.hand_force, row.operator_force_N)
+    copy(n, hand.path[hand.at], row.operator_target_m)
+    row.operator_work_J = side.hand.work
+    of_device(row, side, n)
+    _count(row, side.coupling.ledger, wire, now_ns)
 
 
 @equation
 def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns: int) -> None:
-    """A `WorldSample`: its vectors in their order, then its scalars."""
-    mass, coupling, ledger, n = side.mass, side.coupling, side.coupling.ledger, side.mass.n
-    at = rows.world_rows
-    row = rows.at_world[at]
-    rows.world_rows = at + 1
-    rows.world_ns[at] = now_ns
+    """A `WorldSample`."""
+    mass, n, row = side.mass, side.mass.n, rows.at_world[rows.world_rows]
+    rows.world_rows += 1
+    copy(n, mass.x, row.position_m)
+    copy(n, mass.v, row.velocity_mps)
+    copy(n, mass.coupling_force, row.coupling_force_N)
+    copy(n, mass.force, row.contact_force_N)
+    row.step_s, row.penetration_m = counts.step_s, mass.penetration
+    of_world(row, side, n)
+    _count(row, side.coupling.ledger, wire, now_ns)
+
+
+@equation
+def of_device(row: DeviceRow, side: DeviceSide, n: int) -> None:
+    """What a coupling of set-positions has of it. `within` : its force is not held."""
+    coupling, servo, state, x = side.coupling, side.servo, side.plant.state, row.position_m
+    spring, ybar, within = coupling.modulator.spring, coupling.modulator.ybar, side.plant.state.coupled != 0
+    copy(n, ybar, row.set_position_m)
+    copy(n, coupling.aim, row.target_m)
+    springs.force(spring, x, ybar, row.spring_force_N)
+    if within:
+        copy(n, state.actuator_force, row.force_N)
+        copy(n, state.velocity, row.velocity_mps)
+        row.operator_work_J = coupling.ledger.work
     for i in range(n):
-        row[i] = mass.x[i]
-        row[n + i] = mass.v[i]
-        row[2 * n + i] = coupling.modulator.ybar[i]
-        row[3 * n + i] = coupling.aim[i]
-        row[4 * n + i] = mass.coupling_force[i]
-        row[5 * n + i] = mass.force[i]
-    first = WORLD_VECTORS * n
-    row[first] = counts.step_s
-    row[first + 1] = mass.penetration
-    row[first + 2] = coupling.modulator.energy
-    row[first + 3] = couplings.potential(coupling, mass.x)
-    row[first + 4] = ledger.sent
-    row[first + 5] = ledger.credited
-    row[first + 6] = ledger.margin
-    row[first + 7] = ledger.slack
-    add_times(row, first + 8, wire, now_ns)
-    add_energies(row, first + 10, ledger)
+        own = -servo.damping[i] * servo.velocity[i]
+        row.damper_force_N[i] = row.force_N[i] - row.spring_force_N[i] if within else own
+        row.model_force_N[i] = row.added_damping_force_N[i] = 0.0
+    if side.model.in_use:
+        contact_equations.share(side.model, spring, x, ybar, row.model_force_N, row.added_damping_force_N)
+    row.reservoir_J, row.deficit_J = coupling.modulator.energy, coupling.modulator.deficit
+    row.potential_J = couplings.potential(coupling, x)
+
+
+@equation
+def of_world(row: WorldRow, side: WorldSide, n: int) -> None:
+    """What a coupling of set-positions has of it."""
+    coupling = side.coupling
+    copy(n, coupling.modulator.ybar, row.set_position_m)
+    copy(n, coupling.aim, row.target_m)
+    row.reservoir_J, row.potential_J = coupling.modulator.energy, couplings.potential(coupling, side.mass.x)
+
+
+@equation
+def _count(row: DeviceRow | WorldRow, ledger: Ledger, wire: Wire, now_ns: int) -> None:
+    """When it is, the newest sample in use, as `ControlHalf.used`, and the account."""
+    used = wire.endpoint.used
+    row.time_ns, row.age_s, row.transit_s = now_ns, age_s(used, now_ns), transit_s(used)
+    row.sent_J, row.credited_J, row.margin_J, row.slack_J = ledger.sent, ledger.credited, ledger.margin, ledger.slack
+    row.bound_J, row.work_J, row.stored_J, row.account_J = ledger.bound, ledger.work, ledger.stored, ledger.reservoir

@@ -30,7 +30,7 @@ def _mark(kind: str) -> Path:
 def digest() -> str:
     """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
     packages = [_HERE.parents[1] / "netem"]
-    names = ("kernel", "records", "control", "couplings", "mechanics", "plant", "side", "wire")
+    names = ("kernel", "records", "control", "couplings", "mechanics", "plant", "recording", "side", "wire")
     packages += [_HERE.parent / name for name in names]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):

@@ -12,10 +12,12 @@ from scipy.optimize import minimize
 
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
+from hapnet.control.contact_equations import share
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import Proxy
 from hapnet.control.self_motion import SelfMotion
 from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.spring import Spring
 
 K_WORLD, K_WALL, K, B, TICK = 500.0, 3000.0, 100.0, 1.0, 1e-3
 SOFT = K_WALL / (K_WORLD + K_WALL)
@@ -89,25 +91,32 @@ def test_a_wall_is_felt_as_the_springs_in_series() -> None:
     assert after(m, (0.01,), 0.1)[0] == pytest.approx(0.01 * (1.0 - SOFT), rel=1e-6)
 
 
+def shares(m: ContactModel) -> tuple[float, float]:
+    """The parts of the last y - x, of one axis, that planes and added damping make [m]: of the force, by the spring."""
+    of_planes, added = [0.0], [0.0]
+    share(m, Spring([[K]], 1), (0.0,), (0.0,), of_planes, added)
+    return of_planes[0] / K, added[0] / K
+
+
 def test_the_shares_of_planes_and_damping_are_told() -> None:
     """In contact the planes make all of it; with an old answer, added damping makes the rest; before, nobody."""
     m, x, v = model((0.01,)), 0.01, 0.05
-    assert m.planes_share == m.damping_share == (0.0,)
+    assert shares(m) == (0.0, 0.0)
     m.receive(reported((wall(),)), 0.0, 0.0)
     y = after(m, (x,), 0.1)
-    assert m.planes_share[0] == pytest.approx(-0.01 * SOFT, rel=1e-6)
-    assert m.planes_share[0] == pytest.approx(y[0] - x, abs=1e-9)
+    assert shares(m) == pytest.approx((-0.01 * SOFT, 0.0), rel=1e-6)
+    assert shares(m)[0] == pytest.approx(y[0] - x, abs=1e-9)
     m.receive(reported((wall(),)), 0.1, 3.0)
     for _ in range(100):
         x += v * TICK
         y = m.step(TICK, (x,))
-    assert m.damping_share[0] == pytest.approx(-1.5 * v / K, rel=0.01)
-    assert m.planes_share[0] + m.damping_share[0] == pytest.approx(y[0] - x, abs=1e-9)
+    assert shares(m)[1] == pytest.approx(-1.5 * v / K, rel=0.01)
+    assert sum(shares(m)) == pytest.approx(y[0] - x, abs=1e-9)
     m.receive(reported(None, (0.0,)), 0.2, 0.0)
     after(m, (x,), 0.5)
-    assert m.planes_share == (0.0,)  # the world's answer makes it
+    assert shares(m)[0] == 0.0  # the world's answer makes it
     m.reset((x,))
-    assert m.planes_share == m.damping_share == (0.0,)
+    assert shares(m) == (0.0, 0.0)
 
 
 def test_free_motion_cancels_its_share_of_the_drag() -> None:

@@ -30,7 +30,7 @@ from hapnet.kernel.twins import as_one_unit, entry, reporting
 from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
-from hapnet.recording.samples import Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
+from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import coverage, device, wire, world
@@ -39,20 +39,6 @@ from hapnet.simulation.compiled.link import CompiledLink
 
 if TYPE_CHECKING:
     from hapnet.simulation.simulation import Simulation
-
-_DEVICE_VECTORS = (
-    "position_m", "set_position_m", "target_m", "force_N", "operator_force_N", "operator_target_m", "spring_force_N",
-    "damper_force_N", "model_force_N", "added_damping_force_N", "velocity_mps",
-)  # fmt: skip
-_DEVICE_SCALARS = (
-    "reservoir_J", "deficit_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J", "age_s", "transit_s",
-    "bound_J", "work_J", "stored_J", "account_J", "operator_work_J",
-)  # fmt: skip
-_WORLD_VECTORS = ("position_m", "velocity_mps", "set_position_m", "target_m", "coupling_force_N", "contact_force_N")
-_WORLD_SCALARS = (
-    "step_s", "penetration_m", "reservoir_J", "potential_J", "sent_J", "credited_J", "margin_J", "slack_J",
-    "age_s", "transit_s", "bound_J", "work_J", "stored_J", "account_J",
-)  # fmt: skip
 
 
 @cache
@@ -195,19 +181,11 @@ class CompiledRun:
         of_device, of_world = int(rows.device_rows), int(rows.world_rows)
         rows.device_rows = rows.world_rows = 0
         self._recorder.extend(
-            _columns(rows.device_ns[:of_device], rows.at_device, n, _DEVICE_VECTORS, _DEVICE_SCALARS, self._kind),
-            _columns(rows.world_ns[:of_world], rows.at_world, n, _WORLD_VECTORS, _WORLD_SCALARS, WorldSample),
+            _columns(rows.at_device, of_device, n, self._kind), _columns(rows.at_world, of_world, n, WorldSample)
         )
 
 
-def _columns(
-    time_ns: Any, rows: Any, n: int, vectors: tuple[str, ...], scalars: tuple[str, ...],
-    kind: type[DeviceSample | MotionSample | WorldSample],
-) -> Columns:  # fmt: skip
-    count = len(time_ns)
-    found: Columns = {"time_ns": time_ns.copy()}
-    for k, name in enumerate(vectors):
-        found[name] = rows[:count, k * n : (k + 1) * n].copy()
-    for k, name in enumerate(scalars, len(vectors) * n):
-        found[name] = rows[:count, k].copy()
-    return {name: found[name] for name in kind._fields}
+def _columns(rows: Any, count: int, n: int, kind: type[DeviceSample | MotionSample | WorldSample]) -> Columns:
+    """The first rows, as columns of the recorder."""
+    found = rows.structures[:count]
+    return {name: (found[name][:, :n] if name in VECTORS else found[name]).copy() for name in kind._fields}
