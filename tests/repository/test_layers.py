@@ -43,15 +43,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "recording": {"mechanics", "plant", "wire"},
     "side": {"records", "mechanics", "control", "plant", "wire", "recording"},
     "couplings": {"records", "mechanics", "control", "wire"},
-    "kernel": {
-        "records",
-        "mechanics",
-        "control",
-        "couplings",
-        "plant",
-        "wire",
-        "side",
-    },  # it compiles some of their functions
+    "kernel": BELOW_ASSEMBLY,  # it compiles some of their functions
     "processes": set(),
     "devices": {"plant"},
     "assembly": BELOW_ASSEMBLY | {"devices"},
