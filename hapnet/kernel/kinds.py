@@ -1,4 +1,4 @@
-"""The kinds of scenarios, each compiled on its own: by the coupling's two ends.
+"""The kinds of scenarios, each compiled on its own: by the coupling's two ends, and by what surrounds the mass.
 
 A side whose end is a law has the law's record in it, and calls the law's equations; a side of set-positions is that of
 sides.py.
@@ -12,10 +12,13 @@ from typing import Any, NamedTuple
 
 from hapnet.control import coupling, law, set_position_coupling
 from hapnet.control.law import DeviceEnd, WorldEnd
-from hapnet.kernel import law_sides, samples, sides
+from hapnet.kernel import law_sides, samples, sides, solids
 from hapnet.kernel.simulation import Scenario
 from hapnet.plant.tick import held_tick
 from hapnet.plant.tick import tick as make_tick
+from hapnet.plant.worlds import walls
+from hapnet.plant.worlds.rigid_step import SolidContact
+from hapnet.records.record import Record, holding
 from hapnet.side import held_device
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
@@ -26,15 +29,17 @@ OF_SET_POSITIONS: Choices = {coupling.update: sides.update, coupling.potential: 
 
 
 class Kind(NamedTuple):
-    """The ends of a coupling; None: a set-position's."""
+    """The ends of a coupling; None: a set-position's. solid : is the mass among rigid solids, not among walls?"""
 
     device: type[DeviceEnd] | None = None
     world: type[WorldEnd] | None = None
+    solid: bool = False
 
     @property
     def name(self) -> str:
         """Tells it from all other kinds."""
-        return "-".join("SetPosition" if end is None else end.__name__ for end in self)
+        ends = ["SetPosition" if end is None else end.__name__ for end in self[:2]]
+        return "-".join([*ends, "Solids"] if self.solid else ends)
 
     def choices(self) -> Choices:
         """What is compiled in place of other functions."""
@@ -53,16 +58,24 @@ class Kind(NamedTuple):
                 law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
                 law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
             }  # fmt: skip
+        if self.solid:
+            chosen |= {
+                sides.meet: solids.meet, sides.see: solids.see, walls.penetration: solids.penetration,
+                walls.stored: solids.stored,
+            }  # fmt: skip
         return chosen
 
 
 @cache
 def scenario(kind: Kind) -> type[Scenario]:
     """The record of such a scenario."""
-    made: dict[str, type] = {}
+    made: dict[str, type[Record]] = {}
+    if kind.solid:
+        made["at_world"] = holding(sides.WorldSide, contacts=SolidContact)
     for name, side, end in (
         ("at_device", law_sides.LawDevice, kind.device), ("at_world", law_sides.LawWorld, kind.world)
     ):  # fmt: skip
         if end is not None:
-            made[name] = type(side.__name__, (side,), {"__annotations__": {"law": end}})
-    return type("Scenario", (Scenario,), {"__annotations__": made}) if made else Scenario
+            around = {"contacts": SolidContact} if kind.solid and end is kind.world else {}
+            made[name] = holding(side, law=end, **around)
+    return holding(Scenario, **made) if made else Scenario

@@ -105,8 +105,10 @@ def store(structure: R, record: R) -> None:
 
 
 def load(record: R, structure: R) -> None:
-    """The reverse of `store`."""
+    """The reverse of `store`; a tuple stays as it is."""
     for name, of, dimensions in _plan(type(record)):
+        if isinstance(getattr(record, name), tuple):
+            continue
         found = getattr(structure, name)
         if of is not None and not dimensions:
             load(getattr(record, name), found)

@@ -11,7 +11,7 @@ from hapnet.control.contact_plane import understand
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import counted
 from hapnet.control.harvest import by_range
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.prediction import Around, PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.kernel.endpoint import PROXY, Wire, finish
 from hapnet.kernel.link import Message
@@ -23,7 +23,7 @@ from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Record
+from hapnet.records.record import Floats, Reals, Record
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice
@@ -269,13 +269,20 @@ def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     around, contacts, n = side.predicted.around, side.contacts, side.mass.n
     message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
     copy(n, side.mass.force, message.force)
-    around.count = message.planes = walls.nearest(contacts, side.mass.x, reach_m)
-    for k in range(around.count):
-        at = contacts.near[k]
-        copy(n, contacts.normals[at], around.normal[k])
-        around.offset[k], around.stiffness[k], around.velocity[k] = contacts.offsets[at], contacts.stiffnesses[at], 0.0
+    see(contacts, side.mass.x, reach_m, around)
+    message.planes = around.count
     message.reach_m = reach_m
     for k in range(around.count):
         copy(n, around.normal[k], message.normal[k])
         message.offset[k], message.stiffness[k] = around.offset[k], around.stiffness[k]
         message.velocity[k] = around.velocity[k]
+
+
+@equation
+def see(contacts: Contacts, position: Reals, reach_m: float, around: Around) -> None:
+    """`Contacts.planes`."""
+    around.count = walls.nearest(contacts, position, reach_m)
+    for k in range(around.count):
+        at = contacts.near[k]
+        copy(contacts.dof, contacts.normals[at], around.normal[k])
+        around.offset[k], around.stiffness[k], around.velocity[k] = contacts.offsets[at], contacts.stiffnesses[at], 0.0

@@ -13,13 +13,14 @@ along it rises, so a step that went too far is halved.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
-from typing import NamedTuple
+from typing import Annotated
 
-from hapnet.checks import Vector
-from hapnet.records.vectors import added, inner
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record
+from hapnet.records.vectors import copy, dot, length, times
 
-Matrix = Sequence[Sequence[float]]
+MOST = 8
+"""The most planes of a compiled step."""
 
 ROUNDS = 50
 """The most rounds; 3 to 8 are usual."""
@@ -27,121 +28,192 @@ ROUNDS = 50
 _EXACT = 1e-13
 """A residual of so much of the forces is none."""
 
-
-class Contact(NamedTuple):
-    """A plane for one step."""
-
-    normal: Vector  #: into the solid; of any length
-    depth_m: float  #: p0, below 0 outside
-    stiffness: float
-    damping: float
+_RIGHT = 4
+"""The most right sides of a system."""
 
 
-def compliance(inverse_columns: Sequence[Sequence[float]]) -> list[list[float]]:
+class Coupled(Record):
+    """At most `most` planes of one step with n axes, and room for what is solved.
+
+    Attributes
+    ----------
+    count : how many planes there are. normals : into the solid, of any length. depths : p0, below 0 outside [m].
+    stiffnesses, dampings : [N/m], [Ns/m]. pushes : f_i [N], none above 0. rates : -df_i/du_i [Ns/m].
+    """
+
+    n: int
+    count: int
+    normals: Annotated[FloatRows, (MOST, AXES)]
+    depths: Annotated[Floats, (MOST,)]
+    stiffnesses: Annotated[Floats, (MOST,)]
+    dampings: Annotated[Floats, (MOST,)]
+    pushes: Annotated[Floats, (MOST,)]
+    rates: Annotated[Floats, (MOST,)]
+    best: Annotated[Floats, (MOST,)]
+    f: OfAxes
+    trial: OfAxes
+    residual: OfAxes
+    step: OfAxes
+    direction: OfAxes
+    vhat: OfAxes
+    rows: Annotated[FloatRows, (AXES, AXES + _RIGHT)]
+
+    def __init__(self, n: int, most: int) -> None:
+        self.n, self.count = n, 0
+        self.normals = [[0.0] * n for _ in range(most)]
+        self.depths, self.stiffnesses, self.dampings = [0.0] * most, [0.0] * most, [0.0] * most
+        self.pushes, self.rates, self.best = [0.0] * most, [0.0] * most, [0.0] * most
+        self.f, self.trial, self.residual, self.step = [0.0] * n, [0.0] * n, [0.0] * n, [0.0] * n
+        self.direction, self.vhat = [0.0] * n, [0.0] * n
+        self.rows = [[0.0] * (n + _RIGHT) for _ in range(n)]
+
+
+@equation
+def put(planes: Coupled, normal: Reals, depth: float, stiffness: float, damping: float) -> None:
+    """One more plane."""
+    k = planes.count
+    copy(planes.n, normal, planes.normals[k])
+    planes.depths[k], planes.stiffnesses[k], planes.dampings[k] = depth, stiffness, damping
+    planes.count = k + 1
+
+
+@equation
+def compliance(n: int, columns: Sequence[Reals], C: FloatRows) -> None:
     """C = A^-1 from its columns, made symmetric."""
-    n = len(inverse_columns)
-    return [[0.5 * (inverse_columns[i][j] + inverse_columns[j][i]) for j in range(n)] for i in range(n)]
+    for i in range(n):
+        for j in range(n):
+            C[i][j] = 0.5 * (columns[i][j] + columns[j][i])
 
 
-def force(contact: Contact, u: float, dt: float) -> tuple[float, float]:
+@equation
+def force(stiffness: float, damping: float, depth: float, u: float, dt: float) -> tuple[float, float]:
     """f [N] at the velocity `u` [m/s] along the normal over a step of `dt` [s], and -df/du [Ns/m]."""
-    K, p0 = contact.stiffness, contact.depth_m
+    K, p0 = stiffness, depth
     direction = dt * u
     p1 = p0 + direction
     if p1 > 0.0:
         if p0 > 0.0:
-            push = 0.5 * K * (p0 + p1) + contact.damping * u
-            rate = 0.5 * K * dt + contact.damping
+            push = 0.5 * K * (p0 + p1) + damping * u
+            rate = 0.5 * K * dt + damping
         else:
             share = p1 / direction
-            push = 0.5 * K * p1 * share + contact.damping * p1 / dt
-            rate = K * dt * share * (1.0 - 0.5 * share) + contact.damping
+            push = 0.5 * K * p1 * share + damping * p1 / dt
+            rate = K * dt * share * (1.0 - 0.5 * share) + damping
     elif p0 > 0.0:
         share = -p0 / direction
-        push = 0.5 * K * p0 * share - contact.damping * p0 / dt
+        push = 0.5 * K * p0 * share - damping * p0 / dt
         rate = 0.5 * K * dt * share * share
     else:
         return 0.0, 0.0
     return (-push, rate) if push > 0.0 else (0.0, 0.0)
 
 
-def solve(contacts: Sequence[Contact], w: Sequence[float], C: Matrix, dt: float) -> list[float]:
-    """The forces f_i [N] of all planes, none above 0.
+@equation
+def solve(planes: Coupled, w: Reals, C: FloatRows, dt: float) -> None:
+    """The forces of all planes, into `pushes`.
 
     Parameters
     ----------
     w : (n,) velocity without contact [m/s]. C : (n, n) A^-1 [m/s per N]. dt : the step's length [s].
     """
-    n = len(w)
-    f = [0.0] * n
-    best: list[float] = [0.0] * len(contacts)
-    residual, stiffening, pushes = _residual(contacts, f, w, C, dt)
-    minimum = hypot(*residual)
+    n, f, trial = planes.n, planes.f, planes.trial
+    for i in range(n):
+        f[i] = 0.0
+    for k in range(planes.count):
+        planes.best[k] = 0.0
+    _balance(planes, f, w, C, dt)
+    minimum = length(n, planes.residual)
     for _ in range(ROUNDS):
-        scale = added([-push * hypot(*c.normal) for push, c in zip(pushes, contacts, strict=True)])
-        if hypot(*residual) <= _EXACT * scale:
-            return pushes
-        step = _direction(residual, stiffening, contacts, C)
-        direction = times(C, step)
-        slope = inner(residual, direction)
+        scale = 0.0
+        for k in range(planes.count):
+            scale += -planes.pushes[k] * length(n, planes.normals[k])
+        if length(n, planes.residual) <= _EXACT * scale:
+            return
+        _turn(planes, C)
+        times(n, C, planes.step, planes.direction)
+        slope = dot(n, planes.residual, planes.direction)
         size, low, high = 1.0, 0.0, 0.0
         for _ in range(30):
-            trial = [a + size * b for a, b in zip(f, step, strict=True)]
-            residual, stiffening, pushes = _residual(contacts, trial, w, C, dt)
-            there = inner(residual, direction)
-            if there <= -0.5 * slope:  # slope < 0: it may overshoot, but by less than it was short
-                break
+            for i in range(n):
+                trial[i] = f[i] + size * planes.step[i]
+            _balance(planes, trial, w, C, dt)
+            if dot(n, planes.residual, planes.direction) <= -0.5 * slope:
+                break  # slope < 0: it may overshoot, but by less than it was short
             high = size
             size = 0.5 * (low + high)
-        f = trial
-        if (size_now := hypot(*residual)) < minimum:
-            minimum, best = size_now, pushes
-    return best
+        copy(n, trial, f)
+        now = length(n, planes.residual)
+        if now < minimum:
+            minimum = now
+            copy(planes.count, planes.pushes, planes.best)
+    copy(planes.count, planes.best, planes.pushes)
 
 
-def _residual(
-    contacts: Sequence[Contact], f: Sequence[float], w: Sequence[float], C: Matrix, dt: float
-) -> tuple[list[float], list[float], list[float]]:
-    vhat = [a + b for a, b in zip(w, times(C, f), strict=True)]
-    residual, stiffening, pushes = list(f), [], []
-    for contact in contacts:
-        push, rate = force(contact, inner(contact.normal, vhat), dt)
-        stiffening.append(rate)
-        pushes.append(push)
-        if push:
-            residual = [r - push * n for r, n in zip(residual, contact.normal, strict=True)]
-    return residual, stiffening, pushes
+@equation
+def total(planes: Coupled, out: Floats) -> None:
+    """The sum of all forces [N]."""
+    for i in range(planes.n):
+        out[i] = 0.0
+    for k in range(planes.count):
+        for i in range(planes.n):
+            out[i] = out[i] + planes.pushes[k] * planes.normals[k][i]
 
 
-def _direction(
-    residual: Sequence[float], rates: Sequence[float], contacts: Sequence[Contact], C: Matrix
-) -> list[float]:
-    """Newton's step of f: ``(I + sum k_i n_i n_i' C) step = -residual``."""
-    n = len(residual)
-    rows = [[1.0 if i == j else 0.0 for j in range(n)] for i in range(n)]
-    for contact, rate in zip(contacts, rates, strict=True):
-        if rate:
-            seen = times(C, contact.normal)  # C is symmetric
-            for row, part in zip(rows, contact.normal, strict=True):
-                factor = rate * part
-                for j, value in enumerate(seen):
-                    row[j] += factor * value
-    return solved(rows, [[-r] for r in residual])[0]
-
-
-def solved(rows: list[list[float]], right: list[list[float]]) -> list[list[float]]:
-    """The columns of X in ``rows X = right``, by elimination with pivots; both arguments are used up."""
-    n = len(rows)
-    work = [row + values for row, values in zip(rows, right, strict=True)]
+@equation
+def _balance(planes: Coupled, f: Reals, w: Reals, C: FloatRows, dt: float) -> None:
+    """The forces at the velocity that `f` [N] makes, and what is missing to `f`."""
+    n, residual = planes.n, planes.residual
+    times(n, C, f, planes.vhat)
     for i in range(n):
-        pivot = max(range(i, n), key=lambda k: abs(work[k][i]))
-        work[i], work[pivot] = work[pivot], work[i]
-        top = work[i]
+        planes.vhat[i] = w[i] + planes.vhat[i]
+        residual[i] = f[i]
+    for k in range(planes.count):
+        normal = planes.normals[k]
+        u = dot(n, normal, planes.vhat)
+        push, planes.rates[k] = force(planes.stiffnesses[k], planes.dampings[k], planes.depths[k], u, dt)
+        planes.pushes[k] = push
+        if push != 0.0:
+            for i in range(n):
+                residual[i] = residual[i] - push * normal[i]
+
+
+@equation
+def _turn(planes: Coupled, C: FloatRows) -> None:
+    """Newton's step of f: ``(I + sum k_i n_i n_i' C) step = -residual``."""
+    n, rows, seen = planes.n, planes.rows, planes.direction
+    for i in range(n):
+        for j in range(n):
+            rows[i][j] = 1.0 if i == j else 0.0
+        rows[i][n] = -planes.residual[i]
+    for k in range(planes.count):
+        if planes.rates[k] != 0.0:
+            normal = planes.normals[k]
+            times(n, C, normal, seen)  # C is symmetric
+            for i in range(n):
+                factor = planes.rates[k] * normal[i]
+                for j in range(n):
+                    rows[i][j] = rows[i][j] + factor * seen[j]
+    eliminate(n, 1, rows)
+    for i in range(n):
+        planes.step[i] = rows[i][n] / rows[i][i]
+
+
+@equation
+def eliminate(n: int, right: int, rows: FloatRows) -> None:
+    """Make the first n columns diagonal, with pivots; the `right` columns after them become the right sides."""
+    for i in range(n):
+        pivot = i
+        for k in range(i + 1, n):
+            if abs(rows[k][i]) > abs(rows[pivot][i]):
+                pivot = k
+        if pivot != i:
+            for j in range(n + right):
+                rows[i][j], rows[pivot][j] = rows[pivot][j], rows[i][j]
+        top = rows[i]
         for k in range(n):
-            if k != i and (factor := work[k][i] / top[i]):
-                work[k] = [a - factor * b for a, b in zip(work[k], top, strict=True)]
-    return [[work[i][n + j] / work[i][i] for i in range(n)] for j in range(len(right[0]))]
-
-
-def times(matrix: Matrix, vector: Sequence[float]) -> list[float]:
-    return [inner(row, vector) for row in matrix]
+            if k != i:
+                row = rows[k]
+                factor = row[i] / top[i]
+                if factor != 0.0:
+                    for j in range(n + right):
+                        row[j] = row[j] - factor * top[j]

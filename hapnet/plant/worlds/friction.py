@@ -11,13 +11,15 @@ mu may vary over the surface: a step takes its value where the step begins. That
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import hypot, inf, pi, sin, sqrt
+from collections.abc import Callable
+from math import inf, pi, sin
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.records.vectors import added
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Reals, Record
+from hapnet.records.vectors import dot, length
 
 Friction = Callable[[Vector], float]
 """Coulomb's mu at a place (3,) [m]; what is not above 0 there counts as 0."""
@@ -34,61 +36,77 @@ def at(friction: float | Friction, place: Vector) -> float:
     return found if 0.0 < found < inf else 0.0
 
 
-class FrictionTexture:
+class FrictionTexture(Record):
     """A `Friction` that varies: ``mu (1 + share/3 (sin kx + sin ky + sin kz))``, k = 2 pi / wavelength.
 
     mu : its mean. share : 0 to 1. wavelength : [m].
     """
 
+    mu: float
+    third: float
+    wave: float
+
     def __init__(self, mu: float, share: float, wavelength: float) -> None:
-        self.mu: float = checks.positive("friction", mu)
+        self.mu = checks.positive("friction", mu)
         if not 0.0 <= share <= 1.0:
             raise InvalidParameter("texture", share, "a share of the friction from 0 to 1, and a wavelength")
-        self._third = share / 3.0
-        self._wave = 2.0 * pi / checks.positive("wavelength", wavelength)
+        self.third = share / 3.0
+        self.wave = 2.0 * pi / checks.positive("wavelength", wavelength)
 
+    @equation
     def __call__(self, position: Vector) -> float:
-        x, y, z = position
-        k = self._wave
-        return self.mu * (1.0 + self._third * (sin(k * x) + sin(k * y) + sin(k * z)))
+        k, x, y, z = self.wave, position[0], position[1], position[2]
+        return self.mu * (1.0 + self.third * (sin(k * x) + sin(k * y) + sin(k * z)))
 
 
-def coefficient(
-    normal: Vector, grip_N: float, vhat: Vector, v0: Vector, resistance: Callable[[Vector], float]
-) -> float:
+textured = FrictionTexture.__call__
+
+
+@equation
+def coefficient(grip_N: float, speed: float, resistance: float, start: Vector) -> float:
     """c [Ns/m] for one contact.
 
     Parameters
     ----------
-    normal : (3,) of the contact, of any length. grip_N : mu |F|. vhat : (3,) the step's velocity without friction
-        [m/s]. v0 : (3,) at its start [m/s]. resistance : a [Ns/m] along a unit vector.
+    grip_N : mu |F|. speed : of the step without friction, across the normal [m/s]. resistance : a [Ns/m] along it.
+    start : (3,) the velocity across the normal at the step's start [m/s].
     """
-    x, y, z = tangential(vhat, normal)
-    speed = sqrt(x * x + y * y + z * z)
     if not (grip_N > 0.0 and speed > 0.0):
         return 0.0
-    a = resistance((x / speed, y / speed, z / speed))
-    slip = speed - grip_N / a
+    slip = speed - grip_N / resistance
     c = grip_N / slip if slip > 0.0 else inf
-    if start := 0.5 * hypot(*tangential(v0, normal)):
-        c = min(c, max(0.0, a * (speed / start - 1.0)))
-    return min(c, _STUCK * a)
+    half = 0.5 * length(3, start)
+    if half != 0.0:
+        c = min(c, max(0.0, resistance * (speed / half - 1.0)))
+    return min(c, _STUCK * resistance)
 
 
-def tangential(vector: Vector, normal: Vector) -> Vector:
+@equation
+def resistance_along(vector: Vector, size: float, C: FloatRows) -> float:
+    """a [Ns/m] along a vector of this size, where C = A^-1 (3, 3)."""
+    if size == 0.0:
+        return inf
+    x, y, z = vector[0] / size, vector[1] / size, vector[2] / size
+    along = 0.0
+    along += x * dot(3, C[0], (x, y, z))
+    along += y * dot(3, C[1], (x, y, z))
+    along += z * dot(3, C[2], (x, y, z))
+    return 1.0 / along
+
+
+@equation
+def tangential(vector: Vector, normal: Vector) -> tuple[float, float, float]:
     """The part of `vector` across `normal`."""
-    x, y, z = vector
-    a, b, c = normal
+    x, y, z = vector[0], vector[1], vector[2]
+    a, b, c = normal[0], normal[1], normal[2]
     share = (x * a + y * b + z * c) / (a * a + b * b + c * c)
     return (x - share * a, y - share * b, z - share * c)
 
 
-def drag_of(coefficients: Sequence[float], normals: Sequence[Vector]) -> list[list[float]]:
-    """D (3, 3) [Ns/m]."""
-    D = [[0.0] * 3 for _ in range(3)]
-    for c, normal in zip(coefficients, normals, strict=True):
-        square = added([part * part for part in normal])
-        for i in range(3):
-            for j in range(3):
-                D[i][j] += c * ((i == j) - normal[i] * normal[j] / square)
-    return D
+@equation
+def add_drag(c: float, normal: Reals, D: FloatRows) -> None:
+    """Add a contact's part to D (3, 3) [Ns/m]."""
+    square = dot(3, normal, normal)
+    for i in range(3):
+        for j in range(3):
+            D[i][j] = D[i][j] + c * ((1.0 if i == j else 0.0) - normal[i] * normal[j] / square)

@@ -68,6 +68,10 @@ class RigidScene(WorldDefaults):
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return self._empty.next_step_s(rng)
 
+    def next_steps_s(self, rng: np.random.Generator, count: int) -> Array:
+        """The next `count` durations, as `Scene.next_steps_s`."""
+        return self._empty.next_steps_s(rng, count)
+
     def picture(self) -> SolidsPicture:
         return SolidsPicture(self.contacts.solids)
 
@@ -112,7 +116,12 @@ def rigid(
 
 def builder(text: str) -> Callable[..., RigidScene] | None:
     """A function that makes the scene that `text` describes; None: it describes no rigid scene."""
-    return partial(rigid, text) if _kind(_parts(text)[0])[0] in KINDS else None
+    return partial(rigid, text) if describes(text) else None
+
+
+def describes(text: str) -> bool:
+    """Does the text describe a rigid scene?"""
+    return _kind(_parts(text)[0])[0] in KINDS
 
 
 def parts_of_words(scene: object) -> tuple[Part, ...]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import dist, inf, sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.plant.worlds.friction import Friction
-from hapnet.plant.worlds.shapes import Near, Shape
+from hapnet.plant.worlds.friction import Friction, FrictionTexture, textured
+from hapnet.plant.worlds.shapes import UNKNOWN, Form, Near, Shape, Triple, form_of, near_form, triple
 from hapnet.plant.worlds.walls import Axis, Face
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import Floats, OfAxes, Record, zero
+from hapnet.records.vectors import distance as apart
 
 GOOD_MPS = 5e-5
 """A plane that is wrong at the step's end by less than this times its length is not corrected [m/s]. The anchor pays
@@ -28,133 +30,170 @@ _CAST_STEPS = 16
 
 
 class Hit(NamedTuple):
-    """A point on a path or at its end, in front of the surface or behind it."""
+    """A point on a path or at its end, in front of the surface or behind it; not `found`: the path goes by."""
 
+    found: bool
     at: Vector
     near: Near
 
 
-class Secant:
+class Known(Record):
+    """A solid's distance and gradient, in front of it or behind, at a place [m]; `here`: is there one?"""
+
+    here: int
+    at: OfAxes
+    distance: float
+    gradient: OfAxes
+
+
+class Secant(Record):
     """A solid near the proxy. In a step a plane stands for it, ``p = depth + normal . Delta``, with spring and damper.
 
     Parameters
     ----------
     shape : of the solid. stiffness, damping, friction : K_w [N/m], B_w [Ns/m] and Coulomb's mu; if that is a function
-        of the place, the attribute is what it gave for this step.
+        of the place (`varies`), the attribute is what it gave for this step.
+
+    Attributes
+    ----------
+    normal : into the solid; of about unit length. plane : what pushes along it, from depth, velocity without contact,
+        A along it, and the step's length. met : does this step meet it?
+    form, texture : of shape and friction, if equations know them.
+    known : what is known of the surface; asked : where the shape itself was asked last, as far as `flat` is above 0.
+    start : distance [m] and gradient where the step begins. front : the gradient at the last onset if that was inside,
+        or where a step enters. entering : does the step enter? rounds : the corrections in this step.
     """
 
-    __slots__ = (
-        "_along", "_asked", "_at", "_entering", "_flat", "_front", "_half", "_near", "_plane", "_rounds", "_start",
-        "_varies", "damping", "depth", "friction", "normal", "push", "shape", "slope", "stiffness",
-    )  # fmt: skip
+    form: Form
+    texture: FrictionTexture
+    plane: Axis
+    slope: float
+    flat: float
+    stiffness: float
+    damping: float
+    friction: float
+    varies: int
+    depth: float
+    normal: OfAxes
+    known: Known
+    asked: Known
+    start_m: float
+    start: OfAxes
+    has_front: int
+    front: OfAxes
+    entering: int
+    rounds: int
+    met: int
 
     def __init__(self, shape: Shape, stiffness: float, damping: float, friction: float | Friction) -> None:
+        super().__init__()
         self.shape: Shape = shape
-        self.slope: float = shape.slope
-        self._flat = shape.flat_m
-        self.stiffness: float = stiffness
-        self.damping: float = damping
-        self._varies: Friction | None = None
-        self.friction: float = 0.0
+        self.form = form_of(shape) or zero(Form)
+        self.slope, self.flat = shape.slope, shape.flat_m
+        self.stiffness, self.damping = stiffness, damping
+        self.plane = Axis((), Face(0.0, stiffness, damping), Face(-inf, 0.0, 0.0))
+        self.mu: float | Friction = friction
         if callable(friction):
-            self._varies = friction
+            self.varies = 1
+            if type(friction) is FrictionTexture:
+                self.texture = friction
         else:
             self.friction = friction
-        plane = Axis((), Face(0.0, stiffness, damping), Face(-inf, 0.0, 0.0))
-        self.push: Callable[[float, float, float, float], float] = plane.force
-        """The force along a plane's normal, from depth, velocity without contact, A along it, and the step's length."""
-        self.depth: float = 0.0
-        self.normal: Vector = (0.0, 0.0, 0.0)
-        """Into the solid; of about unit length."""
-        self._half = 0.5 * stiffness
-        self._front: Vector | None = None  # the gradient at the last onset if that was inside, or where a step enters
-        self._at: Vector | None = None  # what is known is known there
-        self._near = self._start = Near(0.0, self.normal)
-        self._asked: Vector | None = None  # where the shape itself was asked last, and what it answered:
-        self._plane, self._along = self._near, 0.0  # distance and gradient, and gradient . place
-        self._entering = False
-        self._rounds = 0
 
-    # -- where it is --------------------------------------------------------------------------------------------------
-
-    def near(self, x: Vector) -> Near:
-        """Distance and gradient at `x` [m]; of a thin solid that was entered, those of the side where it was."""
-        if self._at == x:
-            return self._near
-        if self._flat and (asked := self._asked) is not None and (off := dist(asked, x)) <= self._flat:
-            distance, gradient = self._plane
-            if off < abs(distance):
-                self._at = x
-                self._near = Near(distance + _dot(gradient, x) - self._along, gradient)
-                return self._near
-        near = self.shape.near(x)
-        if self._front is not None and _dot(near.gradient, self._front) < _AGAINST:
-            near = self._from_the_front(x, near, self._front)
-        self._at, self._near = x, near
-        if self._flat:
-            self._asked, self._plane, self._along = x, near, _dot(near.gradient, x)
-        return near
-
-    def farther_than(self, reach: float, x: Vector) -> bool:
-        """Is the surface surely farther than `reach` [m] from `x`, as what is known nearby says at no cost?"""
-        distance = self._near.distance_m
-        if self._at is None or distance <= self.slope * reach:
-            return False
-        return distance > self.slope * (reach + dist(x, self._at))
-
-    def _from_the_front(self, x: Vector, near: Near, front: Vector) -> Near:
-        lift = _LIFT_M + 2.0 * abs(near.distance_m)
-        for _ in range(_LIFTS):
-            out = _along(x, front, lift)
-            distance, gradient = self.shape.near(out)
-            if _dot(gradient, front) > -_AGAINST:
-                return Near(distance + _dot(gradient, x) - _dot(gradient, out), gradient)
-            lift *= 2.0
-        return near
+    @property
+    def has_formula(self) -> bool:
+        """Do equations know its shape, and how it rubs?"""
+        return self.form.what != UNKNOWN and (not self.varies or self.texture is self.mu)
 
     def friction_at(self, x: Vector) -> float:
         """Coulomb's mu at `x` [m]; 0: none, or a number of no sense."""
-        mu = self.friction if self._varies is None else self._varies(x)
+        mu = friction_now(self, x) if self.varies else self.friction
         return mu if mu > 0.0 else 0.0
 
-    # -- its plane in a step ------------------------------------------------------------------------------------------
+    def near(self, x: Vector) -> Near:
+        """Distance and gradient at `x` [m]; of a thin solid that was entered, those of the side where it was."""
+        known = self.known
+        if known.here:
+            at = known.at
+            if at[0] == x[0] and at[1] == x[1] and at[2] == x[2]:
+                return Near(known.distance, triple(known.gradient))
+        if self.flat > 0.0 and self.asked.here:
+            asked = self.asked
+            off = apart(3, asked.at, x)
+            if off <= self.flat and off < abs(asked.distance):
+                gradient = triple(asked.gradient)
+                _note(known, x, Near(asked.distance + _dot(gradient, x) - _dot(gradient, triple(asked.at)), gradient))
+                return Near(known.distance, gradient)
+        found = ask(self, x)
+        if self.has_front and _dot(found.gradient, triple(self.front)) < _AGAINST:
+            found = _from_the_front(self, x, found, triple(self.front))
+        _note(known, x, found)
+        if self.flat > 0.0:
+            _note(self.asked, x, found)
+        return found
+
+    def farther_than(self, reach: float, x: Vector) -> bool:
+        """Is the surface surely farther than `reach` [m] from `x`, as what is known nearby says at no cost?"""
+        distance = self.known.distance
+        if not self.known.here or distance <= self.slope * reach:
+            return False
+        return distance > self.slope * (reach + apart(3, x, self.known.at))
 
     def meets(self, x: Vector, delta: Vector, length: float) -> bool:
         """Is `x` inside, or does the straight path `delta` from there enter? Then the plane is made.
 
         length : of `delta` [m].
         """
-        if self.farther_than(length, x):
-            self._front = None
+        if farther_than(self, length, x):
+            self.has_front = 0
             return False
-        self._start = near = self.near(x)
-        self._rounds = 0
-        if self._varies is not None:
-            self.friction = self._varies(x)
-        distance, gradient = near
+        distance, gradient = near(self, x)
+        self.start_m, self.rounds = distance, 0
+        _put(self.start, gradient)
+        if self.varies:
+            self.friction = friction_now(self, x)
         if distance <= 0.0:
-            self._front = gradient
-            self._entering = False
-            self.depth = -distance
-            a, b, c = gradient
-            self.normal = (-a, -b, -c)
+            self.has_front, self.entering, self.depth = 1, 0, -distance
+            _put(self.front, gradient)
+            _put_opposite(self.normal, gradient)
             return True
-        self._front = None
-        if distance > self.slope * length or (hit := self._hit(x, delta, length)) is None:
+        self.has_front = 0
+        if distance > self.slope * length:
             return False
-        self._entering = True
-        self._enter(x, hit)
+        entry = hit(self, x, delta, length)
+        if not entry.found:
+            return False
+        self.entering = 1
+        _enter(self, x, entry.at, entry.near)
         return True
 
-    def onset_J(self) -> float:
-        """U at the step's onset [J]."""
-        return self._half * self.depth * self.depth if self.depth > 0.0 else 0.0
-
-    def end_J(self, delta: Vector) -> float:
-        """U of the plane at the end of the displacement `delta` (3,) [m]."""
-        a, b, c = self.normal
-        depth = self.depth + a * delta[0] + b * delta[1] + c * delta[2]
-        return self._half * depth * depth if depth > 0.0 else 0.0
+    def hit(self, x: Vector, direction: Vector, length: float) -> Hit:
+        """Where the straight path from `x`, which is outside, in `direction` enters, roughly."""
+        before = Near(self.start_m, triple(self.start))
+        end = _along(x, direction, 1.0)
+        after = near(self, end)
+        recedes = _dot(after.gradient, direction) >= 0.0
+        if after.distance_m < 0.0 and not recedes:
+            return Hit(True, end, after)
+        if after.distance_m >= 0.0 and not (
+            recedes
+            and _dot(before.gradient, direction) < 0.0
+            and before.distance_m + after.distance_m <= self.slope * length
+        ):
+            return Hit(False, end, after)
+        # It may have gone through, or is past the middle: look where it went in.
+        share, at, found = 0.0, x, before
+        for _ in range(_CAST_STEPS):
+            close = found.distance_m <= 0.01 * length
+            if close and _dot(found.gradient, direction) < 0.0:
+                self.known.here = self.asked.here = 0  # what is known of the end is the back's
+                return Hit(True, at, found)
+            share += (1.0 / _CAST_STEPS) if close else found.distance_m / (self.slope * length)
+            if share >= 1.0:
+                break
+            at = _along(x, direction, share)
+            found = ask(self, at)
+        return Hit(after.distance_m < 0.0, end, after)
 
     def correct(self, x: Vector, delta: Vector, end: Vector, good: float) -> bool:
         """Turn the plane to what is true at the step's end; False: it is so within `good` [m] already.
@@ -162,74 +201,162 @@ class Secant:
         If the surface turns much within the step, planes would alternate without an end. So round k takes the mean
         of all k: it corrects 1/k of the error.
         """
-        distance, gradient = self.near(end)
-        a, b, c = self.normal
-        after = self.depth + a * delta[0] + b * delta[1] + c * delta[2]
-        if after <= 0.0 <= distance:
-            return False
-        wanted = -distance if self._entering else self.depth + self._start.distance_m - distance
-        if -good <= after - wanted <= good:
-            return False
-        self._rounds += 1
-        before = self.normal
-        if self._entering:
-            self._enter(x, Hit(end, Near(distance, gradient)))
-        else:
-            a, b, c = self._start.gradient
-            if distance < 0.0:
-                d, e, f = gradient
-                a, b, c = 0.5 * (a + d), 0.5 * (b + e), 0.5 * (c + f)
-            self.normal = (-a, -b, -c)
-        square = _dot(delta, delta)
-        turn = (wanted - self.depth - _dot(self.normal, delta)) / square if square else 0.0
-        if turn:
-            turn *= min(1.0, _MOST_TURN / (abs(turn) * sqrt(square)))
-            self.normal = _along(self.normal, delta, turn)
-        if not self._entering and self._rounds > 1:
-            a, b, c = self.normal
-            self.normal = _along(before, (a - before[0], b - before[1], c - before[2]), 1.0 / self._rounds)
-        return True
-
-    def _enter(self, x: Vector, hit: Hit) -> None:
-        """The tangent plane where it goes in. `x` stays in front of it, so no energy is there at the onset."""
-        at, (distance, gradient) = hit
-        self._front = gradient
-        a, b, c = gradient
-        self.normal = (-a, -b, -c)
-        self.depth = min(0.0, a * (at[0] - x[0]) + b * (at[1] - x[1]) + c * (at[2] - x[2]) - distance)
-
-    def _hit(self, x: Vector, direction: Vector, length: float) -> Hit | None:
-        """Where the straight path from `x`, which is outside, in `direction` enters, roughly; None: nowhere."""
-        before = self._start
-        end = _along(x, direction, 1.0)
-        after = self.near(end)
-        recedes = _dot(after.gradient, direction) >= 0.0
-        if after.distance_m < 0.0 and not recedes:
-            return Hit(end, after)
-        if after.distance_m >= 0.0 and not (
-            recedes
-            and _dot(before.gradient, direction) < 0.0
-            and before.distance_m + after.distance_m <= self.slope * length
-        ):
-            return None
-        # It may have gone through, or is past the middle: look where it went in.
-        share, at, near = 0.0, x, before
-        for _ in range(_CAST_STEPS):
-            close = near.distance_m <= 0.01 * length
-            if close and _dot(near.gradient, direction) < 0.0:
-                self._at = self._asked = None  # what is known of the end is the back's
-                return Hit(at, near)
-            share += (1.0 / _CAST_STEPS) if close else near.distance_m / (self.slope * length)
-            if share >= 1.0:
-                break
-            at = _along(x, direction, share)
-            near = self.shape.near(at)
-        return Hit(end, after) if after.distance_m < 0.0 else None
+        return turned(self, x, delta, end, near(self, end), good)
 
 
-def _along(x: Vector, direction: Vector, share: float) -> Vector:
+# What a solid of another kind may do otherwise, so Python asks the object:
+
+
+@compiled_as(Secant.near)
+def near(secant: Secant, x: Vector) -> Near:
+    """As the method, like those below."""
+    return secant.near(x)
+
+
+@compiled_as(Secant.farther_than)
+def farther_than(secant: Secant, reach: float, x: Vector) -> bool:
+    return secant.farther_than(reach, x)
+
+
+@compiled_as(Secant.meets)
+def meets(secant: Secant, x: Vector, delta: Vector, length: float) -> bool:
+    return secant.meets(x, delta, length)
+
+
+@compiled_as(Secant.hit)
+def hit(secant: Secant, x: Vector, direction: Vector, length: float) -> Hit:
+    return secant.hit(x, direction, length)
+
+
+@compiled_as(Secant.correct)
+def correct(secant: Secant, x: Vector, delta: Vector, end: Vector, good: float) -> bool:
+    return secant.correct(x, delta, end, good)
+
+
+def _friction_of_texture(secant: Secant, x: Vector) -> float:
+    return textured(secant.texture, x)
+
+
+@compiled_as(_friction_of_texture)
+def friction_now(secant: Secant, x: Vector) -> float:
+    """What the function of friction says of `x` [m]."""
+    return secant.mu(x) if callable(secant.mu) else secant.mu
+
+
+# -- where it is ------------------------------------------------------------------------------------------------------
+
+
+def _near_form(secant: Secant, x: Vector) -> Near:
+    return near_form(secant.form, x)
+
+
+@compiled_as(_near_form)
+def ask(secant: Secant, x: Vector) -> Near:
+    """What the shape itself says of `x` [m]."""
+    return secant.shape.near(x)
+
+
+@equation
+def _note(known: Known, x: Vector, found: Near) -> None:
+    known.here, known.distance = 1, found.distance_m
+    _put(known.at, x)
+    _put(known.gradient, found.gradient)
+
+
+@equation
+def _from_the_front(secant: Secant, x: Vector, found: Near, front: Vector) -> Near:
+    lift = _LIFT_M + 2.0 * abs(found.distance_m)
+    for _ in range(_LIFTS):
+        out = _along(x, front, lift)
+        distance, gradient = ask(secant, out)
+        if _dot(gradient, front) > -_AGAINST:
+            return Near(distance + _dot(gradient, x) - _dot(gradient, out), gradient)
+        lift *= 2.0
+    return found
+
+
+# -- its plane in a step ----------------------------------------------------------------------------------------------
+
+
+@equation
+def onset_J(secant: Secant) -> float:
+    """U at the step's onset [J]."""
+    return 0.5 * secant.stiffness * secant.depth * secant.depth if secant.depth > 0.0 else 0.0
+
+
+@equation
+def end_J(secant: Secant, delta: Vector) -> float:
+    """U of the plane at the end of the displacement `delta` (3,) [m]."""
+    depth = _after(secant, delta)
+    return 0.5 * secant.stiffness * depth * depth if depth > 0.0 else 0.0
+
+
+@equation
+def turned(secant: Secant, x: Vector, delta: Vector, end: Vector, found: Near, good: float) -> bool:
+    """`Secant.correct`, with what is found at the step's end."""
+    distance = found.distance_m
+    after = _after(secant, delta)
+    if after <= 0.0 <= distance:
+        return False
+    wanted = -distance if secant.entering else secant.depth + secant.start_m - distance
+    if -good <= after - wanted <= good:
+        return False
+    secant.rounds += 1
+    before = triple(secant.normal)
+    if secant.entering:
+        _enter(secant, x, end, found)
+    else:
+        out = triple(secant.start)
+        if distance < 0.0:
+            a, b, c = out
+            d, e, f = found.gradient
+            out = (0.5 * (a + d), 0.5 * (b + e), 0.5 * (c + f))
+        _put_opposite(secant.normal, out)
+    normal = triple(secant.normal)
+    square = _dot(delta, delta)
+    turn = (wanted - secant.depth - _dot(normal, delta)) / square if square > 0.0 else 0.0
+    if turn != 0.0:
+        turn *= min(1.0, _MOST_TURN / (abs(turn) * sqrt(square)))
+        normal = _along(normal, delta, turn)
+    if not secant.entering and secant.rounds > 1:
+        a, b, c = normal
+        normal = _along(before, (a - before[0], b - before[1], c - before[2]), 1.0 / secant.rounds)
+    _put(secant.normal, normal)
+    return True
+
+
+@equation
+def _after(secant: Secant, delta: Vector) -> float:
+    """How deep the end of the displacement `delta` is behind the plane [m]."""
+    a, b, c = triple(secant.normal)
+    return secant.depth + a * delta[0] + b * delta[1] + c * delta[2]
+
+
+@equation
+def _enter(secant: Secant, x: Vector, at: Vector, found: Near) -> None:
+    """The tangent plane where it goes in. `x` stays in front of it, so no energy is there at the onset."""
+    distance, (a, b, c) = found
+    secant.has_front = 1
+    _put(secant.front, (a, b, c))
+    _put_opposite(secant.normal, (a, b, c))
+    secant.depth = min(0.0, a * (at[0] - x[0]) + b * (at[1] - x[1]) + c * (at[2] - x[2]) - distance)
+
+
+@equation
+def _along(x: Vector, direction: Vector, share: float) -> Triple:
     return (x[0] + share * direction[0], x[1] + share * direction[1], x[2] + share * direction[2])
 
 
+@equation
 def _dot(one: Vector, other: Vector) -> float:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@equation
+def _put(target: Floats, vector: Vector) -> None:
+    target[0], target[1], target[2] = vector[0], vector[1], vector[2]
+
+
+@equation
+def _put_opposite(target: Floats, vector: Vector) -> None:
+    target[0], target[1], target[2] = -vector[0], -vector[1], -vector[2]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, hypot, inf, isfinite, pi, sin, sqrt
-from operator import sub
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, Reals, Record
+from hapnet.records.vectors import length as length_of
+
+Triple = tuple[float, float, float]
 
 
 class Near(NamedTuple):
@@ -43,39 +47,62 @@ class Bent(Protocol):
         """Principal curvatures where the surface is nearest to `position` (3,) [m]. None: it is flat, or an edge."""
 
 
-class HalfSpace:
+UNKNOWN, HALF_SPACE, SPHERE, CUBOID, CYLINDER = range(5)
+"""What a form is."""
+
+
+class Form(Record):
+    """A shape with a formula, as equations have it: what it is, its numbers, and its relief; a height of 0: none.
+
+    axis : of a cylinder. centre, size, radius, length : [m]. out : the unit vector out of a half space, `offset` [m]
+    along which its surface is. height : a third of the relief's [m]. wave : its 2 pi / wavelength [1/m].
+    """
+
+    what: int
+    axis: int
+    centre: Annotated[Vector, (AXES,)]
+    size: Annotated[Vector, (AXES,)]
+    out: Annotated[Vector, (AXES,)]
+    radius: float
+    length: float
+    offset: float
+    height: float
+    wave: float
+
+    slope: ClassVar[float] = 1.0
+    flat_m: ClassVar[float] = 0.0
+
+
+class HalfSpace(Form):
     """Solid where ``normal . x > offset`` [m]; `normal` (3,) has any length."""
 
-    slope: float = 1.0
-    flat_m: float = 0.0
-
     def __init__(self, normal: Sequence[float], offset: float) -> None:
+        super().__init__()
         into = checks.vector("normal", normal, 3)
         length = hypot(*into)
         if not 0.0 < length < inf:
             raise InvalidParameter("normal", normal, "a vector of non-zero length")
         x, y, z = [-part / length for part in into]
         self.normal: tuple[float, float, float] = (-x, -y, -z)
-        self.offset: float = _finite("offset", offset)
-        self._out = (x, y, z)
+        self.what, self.offset, self.out = HALF_SPACE, _finite("offset", offset), (x, y, z)
 
-    def near(self, position: Vector) -> Near:
-        x, y, z = self._out
-        return Near(self.offset + x * position[0] + y * position[1] + z * position[2], self._out)
+    @equation
+    def near(self: Form, position: Vector) -> Near:
+        x, y, z = triple(self.out)
+        return Near(self.offset + x * position[0] + y * position[1] + z * position[2], (x, y, z))
 
 
-class Sphere:
+class Sphere(Form):
     """A ball of `radius` [m] around `centre` (3,) [m]."""
 
-    slope: float = 1.0
-    flat_m: float = 0.0
-
     def __init__(self, centre: Sequence[float], radius: float) -> None:
-        self.centre: Vector = checks.vector("centre", centre, 3)
-        self.radius: float = checks.positive("radius", radius)
+        super().__init__()
+        self.what, self.centre = SPHERE, checks.vector("centre", centre, 3)
+        self.radius = checks.positive("radius", radius)
 
-    def near(self, position: Vector) -> Near:
-        x, y, z = map(sub, position, self.centre)
+    @equation
+    def near(self: Form, position: Vector) -> Near:
+        x, y, z = away(self, position)
         length = sqrt(x * x + y * y + z * z)
         if length == 0.0:  # all directions are alike
             return Near(-self.radius, (1.0, 0.0, 0.0))
@@ -85,59 +112,58 @@ class Sphere:
         return round_all_over(self.near(position).gradient, self.radius)
 
 
-class Cuboid:
+class Cuboid(Form):
     """A box with faces across the axes, `size` (3,) [m] from face to face, around `centre` (3,) [m]."""
 
-    slope: float = 1.0
-    flat_m: float = 0.0
-
     def __init__(self, centre: Sequence[float], size: Sequence[float]) -> None:
-        self.centre: Vector = checks.vector("centre", centre, 3)
-        self.size: tuple[float, ...] = tuple([checks.positive("size", side) for side in checks.vector("size", size, 3)])
+        super().__init__()
+        self.what, self.centre = CUBOID, checks.vector("centre", centre, 3)
+        self.size = tuple([checks.positive("size", side) for side in checks.vector("size", size, 3)])
 
-    def near(self, position: Vector) -> Near:
-        away = list(map(sub, position, self.centre))
-        beyond = [abs(part) - 0.5 * side for part, side in zip(away, self.size, strict=True)]
-        deepest = max(beyond)
+    @equation
+    def near(self: Form, position: Vector) -> Near:
+        x, y, z = away(self, position)
+        size = self.size
+        a, b, c = abs(x) - 0.5 * size[0], abs(y) - 0.5 * size[1], abs(z) - 0.5 * size[2]
+        deepest = max(a, b, c)
         if deepest <= 0.0:
-            axis = beyond.index(deepest)
-            return Near(deepest, tuple([_sign(part) if i == axis else 0.0 for i, part in enumerate(away)]))
-        length = hypot(*[max(0.0, part) for part in beyond])
-        return Near(
-            length, tuple([_sign(part) * max(0.0, out) / length for part, out in zip(away, beyond, strict=True)])
-        )
+            if a == deepest:
+                return Near(deepest, (sign(x), 0.0, 0.0))
+            return Near(deepest, (0.0, sign(y), 0.0) if b == deepest else (0.0, 0.0, sign(z)))
+        a, b, c = max(0.0, a), max(0.0, b), max(0.0, c)
+        length = length_of(3, (a, b, c))
+        return Near(length, (sign(x) * a / length, sign(y) * b / length, sign(z) * c / length))
 
 
-class Cylinder:
+class Cylinder(Form):
     """A cylinder of `radius` and `length` [m] along the axis with index `axis`, around `centre` (3,) [m]."""
 
-    slope: float = 1.0
-    flat_m: float = 0.0
-
     def __init__(self, centre: Sequence[float], radius: float, length: float, axis: int = 2) -> None:
-        self.centre: Vector = checks.vector("centre", centre, 3)
-        self.radius: float = checks.positive("radius", radius)
-        self.length: float = checks.positive("length", length)
+        super().__init__()
+        self.what, self.centre = CYLINDER, checks.vector("centre", centre, 3)
+        self.radius = checks.positive("radius", radius)
+        self.length = checks.positive("length", length)
         if axis not in (0, 1, 2):
             raise InvalidParameter("axis", axis, "0, 1 or 2")
         self.axis = axis
 
-    def near(self, position: Vector) -> Near:
-        away = list(map(sub, position, self.centre))
-        along = away[self.axis]
-        away[self.axis] = 0.0
-        off_axis = hypot(*away)
+    @equation
+    def near(self: Form, position: Vector) -> Near:
+        axis, off = self.axis, away(self, position)
+        along = off[axis]
+        x, y, z = changed(off, axis, 0.0)
+        off_axis = length_of(3, (x, y, z))
         side, end = off_axis - self.radius, abs(along) - 0.5 * self.length
         aside, lengthwise = (1.0, 0.0) if side > end else (0.0, 1.0)
         distance = max(side, end)
         if side > 0.0 and end > 0.0:
-            distance = hypot(side, end)
+            distance = length_of(2, (side, end, 0.0))
             aside, lengthwise = side / distance, end / distance
         if off_axis == 0.0:  # on the axis all directions are alike
-            away[(self.axis + 1) % 3] = off_axis = 1.0
-        gradient = [aside * part / off_axis for part in away]
-        gradient[self.axis] = lengthwise * _sign(along)
-        return Near(distance, tuple(gradient))
+            off_axis = 1.0
+            x, y, z = changed((x, y, z), (axis + 1) % 3, 1.0)
+        across = (aside * x / off_axis, aside * y / off_axis, aside * z / off_axis)
+        return Near(distance, changed(across, axis, lengthwise * sign(along)))
 
     def curvatures(self, position: Vector) -> Curvatures:
         """Of the side, around the axis."""
@@ -150,36 +176,88 @@ class Cylinder:
         return (Curvature(tuple(around), 1.0 / self.radius),)
 
 
-class Textured:
+class Textured(Form):
     """A shape with a relief: its surface is raised by ``height/3 (sin kx + sin ky + sin kz)``.
 
     height, wavelength : [m]; k = 2 pi / wavelength.
     """
 
     def __init__(self, shape: Shape, height: float, wavelength: float) -> None:
+        super().__init__()
         self.shape = shape
-        self._wave = 2.0 * pi / checks.positive("wavelength", wavelength)
-        self._height = checks.non_negative("height", height) / 3.0
-        steepness = self._height * self._wave * sqrt(3.0)
+        if type(shape) in _FORMULAS:
+            vars(self).update(vars(shape))
+        self.wave = 2.0 * pi / checks.positive("wavelength", wavelength)
+        self.height = checks.non_negative("height", height) / 3.0
+        steepness = self.height * self.wave * sqrt(3.0)
         if not steepness <= _STEEPEST:
             raise InvalidParameter("height", height, f"a relief that rises by {_STEEPEST:g} per metre at most")
-        self.slope: float = shape.slope + steepness
-        self.flat_m: float = 0.0
+        self.slope = shape.slope + steepness  # type: ignore[misc]  # a relief's own
 
     def near(self, position: Vector) -> Near:
-        distance, (a, b, c) = self.shape.near(position)
-        wave, height = self._wave, self._height
-        x, y, z = wave * position[0], wave * position[1], wave * position[2]
-        steep = height * wave
-        return Near(
-            distance - height * (sin(x) + sin(y) + sin(z)), (a - steep * cos(x), b - steep * cos(y), c - steep * cos(z))
-        )
+        return raised(self, self.shape.near(position), position)
 
 
+_FORMULAS = (HalfSpace, Sphere, Cuboid, Cylinder)
 _STEEPEST = 0.9
 
+_of_half_space, _of_sphere, _of_cuboid, _of_cylinder = HalfSpace.near, Sphere.near, Cuboid.near, Cylinder.near
 
-def _sign(value: float) -> float:
+
+def form_of(shape: Shape) -> Form | None:
+    """The form of a shape; None: equations do not know it."""
+    known = type(shape) in (*_FORMULAS, Textured)
+    return shape if known and isinstance(shape, Form) and shape.what != UNKNOWN else None
+
+
+@equation
+def near_form(form: Form, position: Vector) -> Near:
+    """`Shape.near` of any form."""
+    if form.what == SPHERE:
+        found = _of_sphere(form, position)
+    elif form.what == CUBOID:
+        found = _of_cuboid(form, position)
+    elif form.what == CYLINDER:
+        found = _of_cylinder(form, position)
+    else:
+        found = _of_half_space(form, position)
+    return raised(form, found, position) if form.height > 0.0 else found
+
+
+@equation
+def raised(form: Form, near: Near, position: Vector) -> Near:
+    """What the relief makes of a shape's distance and gradient."""
+    distance, (a, b, c) = near
+    wave, height = form.wave, form.height
+    x, y, z = wave * position[0], wave * position[1], wave * position[2]
+    steep = height * wave
+    return Near(
+        distance - height * (sin(x) + sin(y) + sin(z)), (a - steep * cos(x), b - steep * cos(y), c - steep * cos(z))
+    )
+
+
+@equation
+def triple(vector: Reals) -> Triple:
+    """A vector of three as a tuple."""
+    return (vector[0], vector[1], vector[2])
+
+
+@equation
+def away(form: Form, position: Vector) -> Triple:
+    """From the centre to `position` [m]."""
+    centre = form.centre
+    return (position[0] - centre[0], position[1] - centre[1], position[2] - centre[2])
+
+
+@equation
+def changed(vector: Vector, axis: int, value: float) -> Triple:
+    """The vector with another component along an axis."""
+    return (value if axis == 0 else vector[0], value if axis == 1 else vector[1], value if axis == 2 else vector[2])
+
+
+@equation
+def sign(value: float) -> float:
+    """-1 or 1."""
     return -1.0 if value < 0.0 else 1.0
 
 

@@ -35,13 +35,12 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
-from hapnet.plant.worlds.coupled import Contact, compliance, solve
+from hapnet.plant.worlds import coupled
+from hapnet.plant.worlds.coupled import MOST as MOST
+from hapnet.plant.worlds.coupled import Coupled
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes
 from hapnet.records.vectors import dot, inner
-
-MOST = 8
-"""The most walls, and axes of walls, of a compiled scene."""
 
 _WALL = WallParams()
 WALL_STIFFNESS, WALL_DAMPING = _WALL.stiffness, _WALL.damping
@@ -137,7 +136,7 @@ class Axis(Record):
         return 0.5 * (self.upper.stiffness * above * above + self.lower.stiffness * below * below)
 
 
-_force, _potential = Axis.force, Axis.potential_J
+force_along, _potential = Axis.force, Axis.potential_J
 
 
 @equation
@@ -238,6 +237,10 @@ class Contacts(Record, Surroundings):
         self.offsets = [wall.offset for wall in self.walls]
         self.stiffnesses = [wall.stiffness for wall in self.walls]
         self.taken, self.response = [0] * self.faces, [0.0] * self.dof
+        self._together = Coupled(self.dof, self.faces)
+        for wall in self.walls:
+            coupled.put(self._together, wall.normal, 0.0, wall.stiffness, wall.damping)
+        self._compliance: FloatRows = [[0.0] * self.dof for _ in range(self.dof)]
 
     def _axes(self) -> list[Axis]:
         axes: list[Axis] = []
@@ -352,13 +355,13 @@ class Contacts(Record, Surroundings):
     def _solve_together(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[list[float], list[float]]:
-        contacts = [
-            Contact(wall.normal, wall.penetration(position), wall.stiffness, wall.damping) for wall in self.walls
-        ]
-        C = compliance([inverse(unit) for unit in self._units])
-        force = [0.0] * len(velocity)
-        for contact, push in zip(contacts, solve(contacts, velocity, C, dt), strict=True):
-            force = [f + push * n for f, n in zip(force, contact.normal, strict=True)]
+        together = self._together
+        for k, wall in enumerate(self.walls):
+            together.depths[k] = wall.penetration(position)
+        coupled.compliance(self.dof, [inverse(unit) for unit in self._units], self._compliance)
+        coupled.solve(together, velocity, self._compliance, dt)
+        force = [0.0] * self.dof
+        coupled.total(together, force)
         return force, [v + r for v, r in zip(velocity, inverse(tuple(force)), strict=True)]
 
 
@@ -375,7 +378,7 @@ def push(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals, force: Fl
     """Add its force [N], and what that does to vhat; `response` is A^-1 times its normal."""
     n, axis, response = contacts.dof, contacts.axes[k], contacts.response
     normal = axis.normal
-    f = _force(axis, dot(n, normal, x), dot(n, normal, free), 1.0 / dot(n, normal, response), dt)
+    f = force_along(axis, dot(n, normal, x), dot(n, normal, free), 1.0 / dot(n, normal, response), dt)
     for i in range(n):
         force[i] = force[i] + f * normal[i]
         vhat[i] = vhat[i] + f * response[i]

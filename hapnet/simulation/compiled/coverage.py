@@ -11,6 +11,8 @@ from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
 from hapnet.kernel.sources import no_compiler
 from hapnet.params import Params
+from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.rigid import RigidScene, describes
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records.record import AXES
@@ -32,13 +34,16 @@ _WORTH_TICKS = 200_000
 _ticks: Counter[str] = Counter()
 
 
-def kind_of(params: Params) -> Kind | None:
+def kind_of(params: Params, scene: World | None = None) -> Kind | None:
     """The kind of scenario that a run with these parameters is; None: its coupling, or stages before it, are not
-    compiled."""
+    compiled.
+
+    scene : what it is, where only that tells: a user's own may have solids too.
+    """
     law = known(params.coupling)
     if law is None or law.compiled is None or (params.rendering == "hapnet" and any(law.compiled)):
         return None
-    return Kind(*law.compiled)
+    return Kind(*law.compiled, describes(params.scene) if scene is None else type(scene) is RigidScene)
 
 
 def unavailable(setup: Setup, kind: Kind) -> str | None:
@@ -82,7 +87,7 @@ def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None
         return "it is switched off"
     if watcher is not None:
         return f"{watcher} runs the events itself"
-    why, kind = why_not(setup), kind_of(setup.params)
+    why, kind = why_not(setup), kind_of(setup.params, setup.scene)
     if why is not None or kind is None:
         return why
     return unavailable(setup, kind) if kernel is None else no_compiler()
@@ -111,9 +116,16 @@ def _reasons(setup: Setup) -> Iterator[str]:
 
 
 def _of_scene(setup: Setup) -> Iterator[str]:
-    """The walls of a `Scene` are all that is covered. They are flat and smooth; so is its contact model."""
+    """The walls of a `Scene`, and solids that equations know."""
     scene = setup.scene
-    if type(scene) is not Scene or type(scene.contacts) is not Contacts:
+    if type(scene) is RigidScene:
+        if setup.params.rendering == "hapnet":
+            yield f"the scene {setup.params.scene}"
+        elif not 0 < len(scene.contacts.secants) <= MOST:
+            yield f"a scene with {len(scene.contacts.secants)} solids"
+        elif not scene.contacts.have_formulas:
+            yield "a mesh, or a user's shape or friction"
+    elif type(scene) is not Scene or type(scene.contacts) is not Contacts:
         yield f"the scene {setup.params.scene}"
     elif scene.dof > AXES or len(scene.walls) > MOST:
         yield f"a scene with {scene.dof} axes and {len(scene.walls)} walls"

@@ -29,6 +29,7 @@ from hapnet.kernel.simulation import (
 from hapnet.kernel.twins import as_one_unit, entry, reporting
 from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.hand_path import hand_path
+from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.records.record import NEVER
@@ -70,7 +71,7 @@ class CompiledRun:
         self._rng_state, self._steps_used = self._rng.state, 0
         tuning = simulation.setup.tuning
         self._kind: type[DeviceSample | MotionSample] = DeviceSample if side.write_motion is None else MotionSample
-        kind = coverage.kind_of(simulation.setup.params)
+        kind = coverage.kind_of(simulation.setup.params, simulation.setup.scene)
         assert kind is not None, "it is covered"
         self._record_kind = kinds.scenario(kind)
         scenario = self._scenario = new(self._record_kind)
@@ -161,7 +162,7 @@ class CompiledRun:
         clock, hand = self._scenario.clock, self._scenario.hand
         if clock.steps_used == STEPS:
             scene, rng = self._simulation.setup.scene, self._simulation.world.rng
-            assert isinstance(scene, Scene)
+            assert isinstance(scene, Scene | RigidScene)
             clock.steps_ns[:] = np.maximum(1, np.rint(scene.next_steps_s(rng, STEPS) / NANO))
             clock.steps_used = 0
             self._steps_used += STEPS

@@ -11,15 +11,14 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.kernel.memory import load, store
 from hapnet.kernel.sides import Counts
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.rigid_contacts import RigidContacts
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.record import Record
 from hapnet.side.world import WorldSide, WorldState
 
 
 def read_side(record: Any, side: WorldSide) -> None:
-    contacts, coupling = side.scene.contacts, side.coupling
-    assert isinstance(contacts, Contacts)
-    store(record.contacts, contacts)
+    coupling = side.coupling
     if isinstance(coupling, SetPositionCoupling) and isinstance(coupling.source, PredictedDevice):
         store(record.predicted, coupling.source)
     for part, own in _parts(record, side):
@@ -29,11 +28,14 @@ def read_side(record: Any, side: WorldSide) -> None:
 def _parts(record: Any, side: WorldSide) -> list[tuple[Record, Record]]:
     """The records of the world's side, each with the side's own."""
     coupling = side.coupling
-    assert isinstance(side.mass, PassiveIntegrator), "a scene of walls"
+    assert isinstance(side.mass, PassiveIntegrator), "a scene of walls or solids"
     assert side.environment is not None, "control has started"
     assert isinstance(coupling, SetPositionCoupling | LawState)
+    contacts = side.scene.contacts
+    assert isinstance(contacts, Contacts | RigidContacts)
     parts: list[tuple[Record, Record]] = [
-        (record.mass, side.mass), (record.coupling, coupling), (record.environment, side.environment),
+        (record.contacts, contacts), (record.mass, side.mass), (record.coupling, coupling),
+        (record.environment, side.environment),
     ]  # fmt: skip
     if isinstance(coupling, LawState):
         assert isinstance(coupling.law, WorldEnd), "a law that is compiled"

@@ -18,7 +18,8 @@ from hapnet.plant.worlds.friction import Friction, FrictionTexture
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.plant.worlds.rigid import RigidScene
-from hapnet.plant.worlds.rigid_contacts import ANCHOR_CEILING_J, RigidContacts, Solid
+from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
+from hapnet.plant.worlds.rigid_step import ANCHOR_CEILING_J
 from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Near, Shape, Sphere
 from hapnet.simulation.simulation import Simulation
 from tests.metrics.test_contact import random_spd
