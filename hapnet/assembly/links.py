@@ -10,9 +10,7 @@ from netem import LinkProfile, Timeline
 def link_profile(name: str, words: str) -> LinkProfile:
     """The emulated link that the parameter `name` describes: tc-netem's syntax, or a profile's name.
 
-    Raises
-    ------
-    NetemError, InvalidParameter : there is no such link, or it cannot stand between the two sides.
+    Raises NetemError, InvalidParameter: there is no such link, or it cannot stand between the two sides.
     """
     return _between_sides(name, LinkProfile.named(words))
 

@@ -29,9 +29,7 @@ def with_springs(params: Params) -> Params:
     which they were tuned. A spring of more than that is never stiffer than the ceiling covers while its torque is held;
     a ceiling that is left at its default grows for it.
 
-    Raises
-    ------
-    InvalidParameter : there is no such device, or no such coupling, or one axis of several has no stiffness.
+    Raises InvalidParameter: there is no such device, or no such coupling, or one axis of several has no stiffness.
     """
     device = params.device
     if isinstance(device.stiffness, tuple) and not np.all(np.linalg.norm(np.atleast_2d(device.stiffness), axis=0)):

@@ -39,9 +39,7 @@ def load_class(name: str) -> Callable[..., Any]:
 
     Its options are bound already.
 
-    Raises
-    ------
-    InvalidParameter : there is no such class, or no such option.
+    Raises InvalidParameter: there is no such class, or no such option.
     """
     target, words = resolve(name)
     found = load("hardware", target, allowed(), ("simulated", *known()))
@@ -53,9 +51,7 @@ def load_class(name: str) -> Callable[..., Any]:
 def servo_rate(params: Params) -> float:
     """The rate of the servo [Hz]: the device's own, if that is below the one that the parameters give.
 
-    Raises
-    ------
-    InvalidParameter : there is no such device, or its rate is not a number.
+    Raises InvalidParameter: there is no such device, or its rate is not a number.
     """
     wanted = params.device.servo_hz
     if params.hardware == "simulated":
@@ -77,9 +73,7 @@ def declared(made: Callable[..., Any], part: str) -> Any:
 def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
     """The operating range: what `device` declares, and `params` for the rest.
 
-    Raises
-    ------
-    InvalidParameter : a number in it is impossible.
+    Raises InvalidParameter: a number in it is impossible.
     """
 
     def declared_or(part: str, name: str, value: object) -> NamedValue:
@@ -120,9 +114,7 @@ class UserDevice:
     Its driver may fail at any time, and a NaN would become a force. So whatever it raises, and any reading that is not
     two times `dof` finite numbers, becomes one HapnetError that names the device.
 
-    Raises
-    ------
-    InvalidParameter : the device lacks a part, or its first reading does not fit. HapnetError : it cannot be made.
+    Raises InvalidParameter: the device lacks a part, or its first reading does not fit. HapnetError: it cannot be made.
     """
 
     def __init__(self, name: str, dof: int, params: DeviceParams | None = None) -> None:
@@ -321,9 +313,7 @@ class UserDevice:
     def limiter(self, params: DeviceParams) -> ForceLimiter:
         """What this device may render, with the run's force ramp and dead-man switch.
 
-        Raises
-        ------
-        InvalidParameter : device.dead_man is no button's number.
+        Raises InvalidParameter: device.dead_man is no button's number.
         """
         dead_man: int | None = self.dead_man
         if params.dead_man == "none":
@@ -345,9 +335,7 @@ class UserDevice:
     def check(self, params: DeviceParams) -> ActuatorCheck | None:
         """The pushes at the start, with no more than the forces allowed; None: there are none.
 
-        Raises
-        ------
-        InvalidParameter : device.known_mass_kg is not one number, or one for each axis.
+        Raises InvalidParameter: device.known_mass_kg is not one number, or one for each axis.
         """
         limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
         if not params.self_test_N:

@@ -22,9 +22,7 @@ class UserOperator:
     Later errors become one HapnetError that names the operator: whatever it raises, and a reference that is not as many
     finite numbers as the first, or is farther than `reach` [m] from the origin.
 
-    Raises
-    ------
-    InvalidParameter : the operator cannot be made, has no impedance, or its first reference is not valid.
+    Raises InvalidParameter: the operator cannot be made, has no impedance, or its first reference is not valid.
     """
 
     def __init__(self, name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> None:

@@ -122,12 +122,12 @@ def run_sides(seconds: float, *, realtime: bool) -> list[tuple[Stamps, str]]:
 def raw_once(seconds: float) -> Distribution:
     """Microseconds through raw Zenoh over the same link with the same settings."""
     with _link() as address:
-        return _bare_once(send_raw, receive_raw, address, seconds)
+        return _bare_once(send_zenoh, receive_zenoh, address, seconds, True)
 
 
 def default_once(seconds: float) -> Distribution:
     """Microseconds through raw Zenoh as it comes: its own configuration and publisher, over tcp."""
-    return _bare_once(send_default, receive_default, free_address(), seconds)
+    return _bare_once(send_zenoh, receive_zenoh, free_address(), seconds, False)
 
 
 def socket_once(seconds: float) -> Distribution:
@@ -136,11 +136,11 @@ def socket_once(seconds: float) -> Distribution:
 
 
 def _bare_once(
-    send: Callable[..., Stamps], receive: Callable[..., Stamps], address: str, seconds: float
+    send: Callable[..., Stamps], receive: Callable[..., Stamps], address: str, seconds: float, *given: bool
 ) -> Distribution:
-    with Child(receive, address, seconds) as receiver:
+    with Child(receive, address, seconds, *given) as receiver:
         receiver.wait_ready()
-        with Child(send, address, seconds) as sender:
+        with Child(send, address, seconds, *given) as sender:
             sender.wait_ready()
             for child in (receiver, sender):
                 child.go()
@@ -219,30 +219,33 @@ def run_side(
     return side.handed_over if role == "device" else side.arrived, side.refusal
 
 
-def send_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
-    """Put messages of the same form on absolute deadlines, as the servo does."""
-    with zenoh.open(zenoh_config(ZenohSettings(connect=(address,)))) as session:
-        return _send_zenoh(wait_for_start, session, publisher(session, _KEY, "position"), seconds)
+def send_zenoh(wait_for_start: WaitForStart, address: str, seconds: float, ours: bool) -> Stamps:
+    """Put messages of the same form on absolute deadlines, as the servo does; with our settings, or Zenoh's own."""
+    with zenoh.open(_config("connect", address, ours)) as session:
+        sender = publisher(session, _KEY, "position") if ours else session.declare_publisher(_KEY)
+        give_up = time.monotonic() + 10.0
+        while not session.info.transports() and time.monotonic() < give_up:
+            time.sleep(0.01)
+        return _send(wait_for_start, sender.put, seconds)
 
 
-def receive_raw(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
+def receive_zenoh(wait_for_start: WaitForStart, address: str, seconds: float, ours: bool) -> Stamps:
     """Stamp what arrives, on Zenoh's own thread."""
-    return _receive_zenoh(wait_for_start, zenoh_config(ZenohSettings(listen=(address,))), seconds)
+    stamps: Stamps = []
 
+    def on_sample(sample: zenoh.Sample) -> None:
+        data = sample.payload.to_bytes()
+        stamps.append((time.monotonic_ns(), data))
 
-def send_default(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
-    """As `send_raw`, with Zenoh's defaults."""
-    with zenoh.open(_default("connect", address)) as session:
-        return _send_zenoh(wait_for_start, session, session.declare_publisher(_KEY), seconds)
-
-
-def receive_default(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
-    """As `receive_raw`, with Zenoh's defaults."""
-    return _receive_zenoh(wait_for_start, _default("listen", address), seconds)
+    with zenoh.open(_config("listen", address, ours)) as session, tuned_interpreter():
+        session.declare_subscriber(_KEY, zenoh.handlers.Callback(on_sample, indirect=False))
+        wait_for_start()
+        time.sleep(seconds + _SETTLE_S + _AFTER_S)
+        return list(stamps)
 
 
 def send_plain(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
-    """As `send_raw`, through a socket."""
+    """As `send_zenoh`, through a socket."""
     host, _, port = address.partition("/")[2].rpartition(":")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect((host, int(port)))
@@ -250,7 +253,7 @@ def send_plain(wait_for_start: WaitForStart, address: str, seconds: float) -> St
 
 
 def receive_plain(wait_for_start: WaitForStart, address: str, seconds: float) -> Stamps:
-    """As `receive_raw`, from a socket."""
+    """As `receive_zenoh`, from a socket."""
     host, _, port = address.partition("/")[2].rpartition(":")
     stamps: Stamps = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
@@ -265,35 +268,15 @@ def receive_plain(wait_for_start: WaitForStart, address: str, seconds: float) ->
     return stamps
 
 
-def _default(side: Literal["connect", "listen"], address: str) -> zenoh.Config:
+def _config(side: Literal["connect", "listen"], address: str, ours: bool) -> zenoh.Config:
+    if ours:
+        ends = (address,)
+        return zenoh_config(ZenohSettings(connect=ends) if side == "connect" else ZenohSettings(listen=ends))
     config = zenoh.Config()
     for name in ("connect", "listen"):
         config.insert_json5(f"{name}/endpoints", json.dumps([address] if name == side else []))
     config.insert_json5("scouting/multicast/enabled", "false")  # it would find others
     return config
-
-
-def _send_zenoh(
-    wait_for_start: WaitForStart, session: zenoh.Session, publisher: zenoh.Publisher, seconds: float
-) -> Stamps:
-    give_up = time.monotonic() + 10.0
-    while not session.info.transports() and time.monotonic() < give_up:
-        time.sleep(0.01)
-    return _send(wait_for_start, publisher.put, seconds)
-
-
-def _receive_zenoh(wait_for_start: WaitForStart, config: zenoh.Config, seconds: float) -> Stamps:
-    stamps: Stamps = []
-
-    def on_sample(sample: zenoh.Sample) -> None:
-        data = sample.payload.to_bytes()
-        stamps.append((time.monotonic_ns(), data))
-
-    with zenoh.open(config) as session, tuned_interpreter():
-        session.declare_subscriber(_KEY, zenoh.handlers.Callback(on_sample, indirect=False))
-        wait_for_start()
-        time.sleep(seconds + _SETTLE_S + _AFTER_S)
-        return list(stamps)
 
 
 def _send(wait_for_start: WaitForStart, put: Callable[[bytes], object], seconds: float) -> Stamps:

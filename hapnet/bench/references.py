@@ -17,11 +17,7 @@ class PlainPD:
     def force(self, x: Vector, y: Vector, v: Vector) -> Vector:
         """f [N] at position x, set-position y [m], velocity v [m/s]."""
         K, B = self.stiffness, self.damping
-        return (
-            -K * (x[0] - y[0]) - B * v[0],
-            -K * (x[1] - y[1]) - B * v[1],
-            -K * (x[2] - y[2]) - B * v[2],
-        )
+        return (-K * (x[0] - y[0]) - B * v[0], -K * (x[1] - y[1]) - B * v[1], -K * (x[2] - y[2]) - B * v[2])
 
 
 class NumpyPspm:

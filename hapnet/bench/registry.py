@@ -59,9 +59,7 @@ ROWS: dict[str, Measure] = {
 def select(only: Sequence[str]) -> dict[str, Measure]:
     """The rows with these names or patterns (``pspm_*``); all if none is given.
 
-    Raises
-    ------
-    InvalidParameter : no row has such a name.
+    Raises InvalidParameter: no row has such a name.
     """
     for word in only:
         if not any(fnmatchcase(name, word) for name in ROWS):

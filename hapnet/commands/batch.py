@@ -30,9 +30,7 @@ _WIDE = 100
 def seed_range(text: str) -> range:
     """The seeds of ``A:B``, from A to B - 1.
 
-    Raises
-    ------
-    InvalidParameter : these are not two whole numbers, or there is no seed between them.
+    Raises InvalidParameter: these are not two whole numbers, or there is no seed between them.
     """
     found = re.fullmatch(r"(\d{1,18}):(\d{1,18})", text.strip())
     seeds = range(int(found[1]), int(found[2])) if found else range(0)

@@ -32,9 +32,7 @@ def bench(
     realtime: flags.Realtime = False,
     beside: Annotated[int, typer.Option(help="Number of busy processes during servo_traffic.")] = 0,
     json_to: flags.Json = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-bench")
-    ] = None,
+    out: Annotated[Path | None, flags.out_in("runs/<UTC time>-bench")] = None,
 ) -> int:
     """Measure what the servo, the message path and the simulation cost here, each beside a bare reference.
 

@@ -122,7 +122,7 @@ class CompareOptions:
         False
     )
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be compared, estimate the time by a few cases, and end.")
+        bool, flags.dry_run("Say what would be compared, estimate the time by a few cases, and end.")
     ] = False
     metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
 
@@ -136,9 +136,7 @@ def compare(
     ],
     params: ParamsOptions,
     json_to: flags.Json = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-compare")
-    ] = None,
+    out: Annotated[Path | None, flags.out_in("runs/<UTC time>-compare")] = None,
 ) -> int:
     """Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.
 

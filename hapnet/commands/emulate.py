@@ -5,9 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -37,6 +35,7 @@ def emulate(
     It says how to reach it, and at its end how much energy its actuators gave to the hand.
     """
     from hapnet import checks
+    from hapnet.processes.signals import handled
 
     name, _, _ = device.partition(":")
     checks.non_negative("--duration", duration)
@@ -49,7 +48,7 @@ def emulate(
         caught.append(number)
         stop.set()
 
-    with _signals_to(on_signal):
+    with handled(on_signal):
         if duration > 0.0:
             timer = threading.Timer(duration, stop.set)
             timer.daemon = True
@@ -71,9 +70,7 @@ def emulate(
 def make_emulator(device: str, params: Params) -> Emulator:
     """The emulator of a device, with the simulated hand of `params` on its handle.
 
-    Raises
-    ------
-    InvalidParameter : the device has no emulator, or not these options.
+    Raises InvalidParameter: the device has no emulator, or not these options.
     """
     from hapnet.assembly.operators import operator
     from hapnet.devices import registry
@@ -108,19 +105,3 @@ def _has_emulator(target: str) -> bool:
         return bool(getattr(load("device", target, ""), "emulator", ""))
     except InvalidParameter:
         return False
-
-
-@contextmanager
-def _signals_to(handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """The signals that end a program go to `handler` meanwhile."""
-    from hapnet.processes.signals import ENDING
-
-    before: dict[signal.Signals, Any] = {}
-    try:
-        for number in ENDING:
-            before[number] = signal.signal(number, handler)
-        yield
-    finally:
-        for caught, earlier in before.items():
-            if earlier is not None:  # None: it was not set by Python, which cannot set it again
-                signal.signal(caught, earlier)

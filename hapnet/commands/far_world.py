@@ -6,11 +6,9 @@ import contextlib
 import json
 import os
 import queue
-import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +24,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.processes.frames import frames
-from hapnet.processes.signals import ENDING
+from hapnet.processes.signals import handled
 from hapnet.processes.start import PIPE, Program, end, module, started
 from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.view.controls import Direction, require_no_file
@@ -140,8 +138,6 @@ class Hand:
 
     Its words, the verdict and the files at its end are its own, on this terminal.
 
-    Parameters
-    ----------
     history : gets the telemetry of both sides. closing : ends the process if nothing else has.
     """
 
@@ -165,7 +161,7 @@ class Hand:
 
     def wait(self) -> int:
         """Pass on what asks this process to end, until the side has ended; returns its exit code."""
-        with _handled(self._child.send_signal):
+        with handled(lambda number, frame: self._child.send_signal(number)):
             return self._child.wait()
 
     def lead(self, position: Vector) -> None:
@@ -218,15 +214,3 @@ def _gone(child: Program) -> None:
     if child.stdin is not None:
         with contextlib.suppress(OSError):
             child.stdin.close()
-
-
-@contextlib.contextmanager
-def _handled(handle: Callable[[int], object]) -> Iterator[None]:
-    """What asks this process to end goes to `handle`."""
-    kept = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, lambda number, frame: handle(number)) for number in kept}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

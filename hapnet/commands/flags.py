@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,10 +15,10 @@ from hapnet.laws import COUPLING_NAMES
 from hapnet.param_values import LARGEST_SEED
 
 RECORDINGS = "One recording, or the device's and the world's."
-_LINK = "Link, emulated"
-_ZENOH = "Zenoh"
-_SECURITY = "Security"
-_PARAMS = "Parameters"
+_link = partial(typer.Option, rich_help_panel="Link, emulated")
+_zenoh = partial(typer.Option, rich_help_panel="Zenoh")
+_security = partial(typer.Option, rich_help_panel="Security")
+_params = partial(typer.Option, rich_help_panel="Parameters")
 
 Scene = Annotated[
     str | None,
@@ -82,25 +83,18 @@ SideSeed = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of this side's link and steps; random by default."),
 ]
-ParamsFile = Annotated[
-    Path | None,
-    typer.Option("--params", help="TOML file of parameters, as --show-params prints.", rich_help_panel=_PARAMS),
-]
+ParamsFile = Annotated[Path | None, _params("--params", help="TOML file of parameters, as --show-params prints.")]
 Assign = Annotated[
     list[str] | None,
-    typer.Option(
+    _params(
         "--set",
         metavar="NAME=VALUE",
         help="Set one parameter: world.wall.stiffness=30000.",
-        rich_help_panel=_PARAMS,
         autocompletion=complete.assignments,
     ),
 ]
-Show = Annotated[bool, typer.Option("--show-params", help="Print all parameters and exit.", rich_help_panel=_PARAMS)]
-Schema = Annotated[
-    bool,
-    typer.Option("--schema", help="With --show-params: print a JSON schema for editors.", rich_help_panel=_PARAMS),
-]
+Show = Annotated[bool, _params("--show-params", help="Print all parameters and exit.")]
+Schema = Annotated[bool, _params("--schema", help="With --show-params: print a JSON schema for editors.")]
 
 
 def _writable(target: str | None) -> str | None:
@@ -116,16 +110,24 @@ Json = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; -: alone on stdout.", callback=_writable),
 ]
-Out = Annotated[
-    Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<seed>")
-]
+
+
+def out_in(default: str) -> Any:
+    """The flag `--out` of a command that otherwise writes into `default`."""
+    return typer.Option(help="Directory for all output files.", show_default=default)
+
+
+def dry_run(help: str) -> Any:
+    """The flag `--dry-run` of a command; `help` says what it tells."""
+    return typer.Option("--dry-run", help=help)
+
+
+Out = Annotated[Path | None, out_in("runs/<UTC time>-<seed>")]
 Recorded = Annotated[
     list[Path],
     typer.Argument(metavar="FILE", help="One recording, or the device's and the world's; or a run's directory."),
 ]
-SideOut = Annotated[
-    Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-<device or world>")
-]
+SideOut = Annotated[Path | None, out_in("runs/<UTC time>-<device or world>")]
 Files = Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all tables of the summary, not only five lines.")]
 Realtime = Annotated[
@@ -143,11 +145,10 @@ RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run the faile
 
 Link = Annotated[
     str | None,
-    typer.Option(
+    _link(
         "--link",
         metavar="NAME|'TC WORDS'",
         help="The link: a profile's name (`netem profiles`), or tc-netem's syntax.",
-        rich_help_panel=_LINK,
         autocompletion=complete.profiles,
     ),
 ]
@@ -155,126 +156,66 @@ Profile = Annotated[
     str | None,
     typer.Option(help="As --link, for scripts of older versions.", hidden=True, autocompletion=complete.profiles),
 ]
-Delay = Annotated[str | None, typer.Option(help="Delay, such as 40ms.", rich_help_panel=_LINK)]
-Jitter = Annotated[str | None, typer.Option(help="Jitter, such as 10ms.", rich_help_panel=_LINK)]
-Loss = Annotated[str | None, typer.Option(help="Loss, such as 2% or 'gemodel 1% 20%'.", rich_help_panel=_LINK)]
-Reorder = Annotated[str | None, typer.Option(help="Reordering, such as 5%.", rich_help_panel=_LINK)]
-Rate = Annotated[str | None, typer.Option(help="Rate, such as 1mbit.", rich_help_panel=_LINK)]
+Delay = Annotated[str | None, _link(help="Delay, such as 40ms.")]
+Jitter = Annotated[str | None, _link(help="Jitter, such as 10ms.")]
+Loss = Annotated[str | None, _link(help="Loss, such as 2% or 'gemodel 1% 20%'.")]
+Reorder = Annotated[str | None, _link(help="Reordering, such as 5%.")]
+Rate = Annotated[str | None, _link(help="Rate, such as 1mbit.")]
 Resend = Annotated[
     str | None,
-    typer.Option(
-        metavar="N TIME",
-        help="The link resends lost packets, such as '3 8ms' or '3 8ms unordered'; 0: never.",
-        rich_help_panel=_LINK,
-    ),
+    _link(metavar="N TIME", help="The link resends lost packets, such as '3 8ms' or '3 8ms unordered'; 0: never."),
 ]
-Uplink = Annotated[
-    str | None,
-    typer.Option(help="From the device only, as --link.", rich_help_panel=_LINK, autocompletion=complete.profiles),
-]
-Downlink = Annotated[
-    str | None,
-    typer.Option(help="From the world only, as --link.", rich_help_panel=_LINK, autocompletion=complete.profiles),
-]
+Uplink = Annotated[str | None, _link(help="From the device only, as --link.", autocompletion=complete.profiles)]
+Downlink = Annotated[str | None, _link(help="From the world only, as --link.", autocompletion=complete.profiles)]
 
 _TIMELINE = "Changes from pairing on: 'at 5s: down; at 9s: up', or a file"
-TimelineText = Annotated[
-    str | None, typer.Option("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}.", rich_help_panel=_LINK)
-]
-UpTimeline = Annotated[
-    str | None, typer.Option(metavar="TEXT|FILE", help="From the device only.", rich_help_panel=_LINK)
-]
-DownTimeline = Annotated[
-    str | None, typer.Option(metavar="TEXT|FILE", help="From the world only.", rich_help_panel=_LINK)
-]
+TimelineText = Annotated[str | None, _link("--timeline", metavar="TEXT|FILE", help=f"{_TIMELINE}.")]
+UpTimeline = Annotated[str | None, _link(metavar="TEXT|FILE", help="From the device only.")]
+DownTimeline = Annotated[str | None, _link(metavar="TEXT|FILE", help="From the world only.")]
 
 Mode = Annotated[
-    str | None,
-    typer.Option(
-        "-m",
-        "--mode",
-        help="peer, client or router.",
-        rich_help_panel=_ZENOH,
-        autocompletion=complete.words(*complete.MODES),
-    ),
+    str | None, _zenoh("-m", "--mode", help="peer, client or router.", autocompletion=complete.words(*complete.MODES))
 ]
 Connect = Annotated[
-    list[str] | None,
-    typer.Option(
-        "-e", "--connect", metavar="ENDPOINT", help="Dial this, such as tcp/192.168.0.2:17447.", rich_help_panel=_ZENOH
-    ),
+    list[str] | None, _zenoh("-e", "--connect", metavar="ENDPOINT", help="Dial this, such as tcp/192.168.0.2:17447.")
 ]
 Listen = Annotated[
-    list[str] | None,
-    typer.Option(
-        "-l", "--listen", metavar="ENDPOINT", help="Listen here, such as tcp/0.0.0.0:17447.", rich_help_panel=_ZENOH
-    ),
+    list[str] | None, _zenoh("-l", "--listen", metavar="ENDPOINT", help="Listen here, such as tcp/0.0.0.0:17447.")
 ]
-Config = Annotated[str | None, typer.Option("-c", "--config", help="Zenoh configuration file.", rich_help_panel=_ZENOH)]
-NoScouting = Annotated[
-    bool, typer.Option("--no-multicast-scouting", help="Do not look for peers by multicast.", rich_help_panel=_ZENOH)
-]
-Cfg = Annotated[
-    list[str] | None,
-    typer.Option("--cfg", metavar="KEY:JSON5", help="Override a key of Zenoh's configuration.", rich_help_panel=_ZENOH),
-]
+Config = Annotated[str | None, _zenoh("-c", "--config", help="Zenoh configuration file.")]
+NoScouting = Annotated[bool, _zenoh("--no-multicast-scouting", help="Do not look for peers by multicast.")]
+Cfg = Annotated[list[str] | None, _zenoh("--cfg", metavar="KEY:JSON5", help="Override a key of Zenoh's configuration.")]
 TlsCa = Annotated[
     Path | None,
-    typer.Option(
-        "--tls-ca",
-        metavar="FILE",
-        help="Certificate of the authority that signed the other side's.",
-        rich_help_panel=_SECURITY,
-    ),
+    _security("--tls-ca", metavar="FILE", help="Certificate of the authority that signed the other side's."),
 ]
-TlsCert = Annotated[
-    Path | None, typer.Option("--tls-cert", metavar="FILE", help="This side's certificate.", rich_help_panel=_SECURITY)
-]
-TlsKey = Annotated[
-    Path | None,
-    typer.Option("--tls-key", metavar="FILE", help="Its private key, without a passphrase.", rich_help_panel=_SECURITY),
-]
+TlsCert = Annotated[Path | None, _security("--tls-cert", metavar="FILE", help="This side's certificate.")]
+TlsKey = Annotated[Path | None, _security("--tls-key", metavar="FILE", help="Its private key, without a passphrase.")]
 MutualTls = Annotated[
-    bool,
-    typer.Option(
-        "--mutual-tls", help="The dialling side needs a certificate too, signed by --tls-ca.", rich_help_panel=_SECURITY
-    ),
+    bool, _security("--mutual-tls", help="The dialling side needs a certificate too, signed by --tls-ca.")
 ]
-User = Annotated[
-    str | None,
-    typer.Option(
-        "--user", metavar="NAME", help="The name to dial with; it needs a password.", rich_help_panel=_SECURITY
-    ),
-]
+User = Annotated[str | None, _security("--user", metavar="NAME", help="The name to dial with; it needs a password.")]
 PasswordFile = Annotated[
     Path | None,
-    typer.Option(
-        "--password-file",
-        metavar="FILE",
-        help="File with the password; or set HAPNET_PASSWORD in the environment.",
-        rich_help_panel=_SECURITY,
+    _security(
+        "--password-file", metavar="FILE", help="File with the password; or set HAPNET_PASSWORD in the environment."
     ),
 ]
-Users = Annotated[
-    Path | None,
-    typer.Option("--users", metavar="FILE", help="Who may dial here: lines user:password.", rich_help_panel=_SECURITY),
-]
+Users = Annotated[Path | None, _security("--users", metavar="FILE", help="Who may dial here: lines user:password.")]
 SecretFile = Annotated[
     Path | None,
-    typer.Option(
+    _security(
         "--secret-file",
         metavar="FILE",
         help="A file whose first line only the two sides know: nobody else can take part.",
-        rich_help_panel=_SECURITY,
     ),
 ]
 
 Encrypt = Annotated[
     bool,
-    typer.Option(
+    _security(
         "--encrypt",
         help="Encrypt all that the two sides send, also over udp; the other side follows. Best with --secret-file.",
-        rich_help_panel=_SECURITY,
     ),
 ]
 
@@ -306,10 +247,7 @@ Deadband = Annotated[
         "--deadband", metavar="FRACTION", help="Send only changes of the force above this fraction; 0.1 is hardly felt."
     ),
 ]
-Figure = Annotated[
-    str,
-    typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*complete.FIGURES)),
-]
+Figure = Annotated[str, typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*complete.FIGURES))]
 Only = Annotated[
     str | None,
     typer.Option(

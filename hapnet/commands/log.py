@@ -27,8 +27,6 @@ class Log:
     Each line has the time of the monotonic clock and the time of day. The system clock is read only once, at the start,
     so its later steps do not show.
 
-    Parameters
-    ----------
     role : of this side.
     words : the console for people; None: none.
     target : where JSON lines go: a file, "-" for standard output, None: nowhere.
@@ -38,9 +36,7 @@ class Log:
     ----------
     failure : one line on why the file is not complete; None if it is.
 
-    Raises
-    ------
-    HapnetError : the file cannot be written.
+    Raises HapnetError: the file cannot be written.
     """
 
     def __init__(self, role: str, console: Console | None, target: str | None, *, progress: bool = False) -> None:

@@ -20,6 +20,8 @@ from netem.profile import LinkProfile, compose
 if TYPE_CHECKING:
     from hapnet.transport.security import Security
 
+SECURITY = ("tls_ca", "tls_cert", "tls_key", "mutual_tls", "user", "password_file", "users", "secret_file", "encrypt")
+
 NO_LINK = LinkParams("", "")
 """The default for two hosts on a real network: no emulation unless asked for."""
 
@@ -81,9 +83,7 @@ class LinkOptions:
     def over(self, params: Params) -> Params:
         """`params` with the link that these flags describe.
 
-        Raises
-        ------
-        InvalidParameter, netem.NetemError : the text is not tc-netem's syntax, or its parts do not go together.
+        Raises InvalidParameter, netem.NetemError: the text is not tc-netem's syntax, or its parts do not go together.
         """
         up = self._direction(params.link.up) if self.uplink is None else self.uplink
         down = self._direction(params.link.down) if self.downlink is None else self.downlink
@@ -114,14 +114,7 @@ class LinkOptions:
     @property
     def _effects(self) -> dict[str, str | None]:
         """The flags that set one property, by their names."""
-        return {
-            "delay": self.delay,
-            "jitter": self.jitter,
-            "loss": self.loss,
-            "resend": self.resend,
-            "reorder": self.reorder,
-            "rate": self.rate,
-        }
+        return {name: getattr(self, name) for name in ("delay", "jitter", "loss", "resend", "reorder", "rate")}
 
 
 OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "down_timeline")]
@@ -142,9 +135,7 @@ class ParamsOptions:
 
         Each overrides those before it.
 
-        Raises
-        ------
-        InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
+        Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed.
         """
         params = base if self.params_file is None else base.load(self.params_file)
         params = params.set({name: value for name, value in (named or {}).items() if value is not None})
@@ -216,19 +207,8 @@ class ZenohOptions:
         """The security flags, with the password from the environment for users who do not want it in a file."""
         from hapnet.transport.security import PASSWORD_VARIABLE, Security
 
-        password = os.environ.get(PASSWORD_VARIABLE)
-        return Security(
-            self.tls_ca,
-            self.tls_cert,
-            self.tls_key,
-            self.mutual_tls,
-            self.user,
-            self.password_file,
-            password,
-            self.users,
-            self.secret_file,
-            self.encrypt,
-        )
+        given = {field.name: getattr(self, field.name) for field in fields(self) if field.name in SECURITY}
+        return Security(**given, password=os.environ.get(PASSWORD_VARIABLE))
 
 
 Dialling = Annotated[

@@ -193,9 +193,7 @@ def remove_empty() -> None:
 def run_directory(out: Path | None, which: int | str | None) -> Path:
     """The directory for a command's output, made if needed: `out`, or runs/<UTC time>-<seed or name>.
 
-    Raises
-    ------
-    MissingLibrary : what makes recordings and figures is not installed. HapnetError : it cannot be made.
+    Raises MissingLibrary: what makes recordings and figures is not installed. HapnetError: it cannot be made.
     """
     require("report", "writing recordings and figures")
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"

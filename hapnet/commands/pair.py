@@ -81,8 +81,6 @@ STOP_LIMIT_S = 30.0
 class Pair:
     """Two child processes: a world that listens, and a device that dials it.
 
-    Parameters
-    ----------
     params, seed : of both. directory : for the parameters, and for what both write.
     on_notice : called with each notice: role, the raw line, and its content.
     record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`send`).

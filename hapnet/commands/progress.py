@@ -30,8 +30,6 @@ _drawn: set[Progress] = set()
 class Progress:
     """Shows how far a command is, while the ``with`` block lasts; a bar leaves no trace.
 
-    Parameters
-    ----------
     console : where it is shown, standard error.
     doing : what is being done, such as "simulating".
     total : the final value of what `update` counts; None: unknown.

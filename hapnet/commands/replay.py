@@ -23,8 +23,7 @@ def replay(
     ],
     *,
     model: Annotated[
-        ModelOptions,
-        Without("operator", "hardware", "servo", "servo_hz", "dof", "on_silence", "silence_after"),
+        ModelOptions, Without("operator", "hardware", "servo", "servo_hz", "dof", "on_silence", "silence_after")
     ],
     seed: flags.ReplaySeed = None,
     links: LinkOptions,

@@ -158,9 +158,7 @@ def check_sides(setup: Setup) -> None:
 
     A user's own device is only imported: made here, it would be open when the device's process needs it.
 
-    Raises
-    ------
-    InvalidParameter : as `device_side` and `world_side` do.
+    Raises InvalidParameter: as `device_side` and `world_side` do.
     """
     import time
 

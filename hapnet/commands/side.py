@@ -24,7 +24,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter
-from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop
+from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop, handled
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary
@@ -79,12 +79,7 @@ def main(role: Role, params: Params, given: SideFlags, zenoh: ZenohOptions) -> i
 
 
 def _main(
-    role: Role,
-    params: Params,
-    given: SideFlags,
-    settings: ZenohSettings,
-    refusals: Refusals,
-    directory: Path | None,
+    role: Role, params: Params, given: SideFlags, settings: ZenohSettings, refusals: Refusals, directory: Path | None
 ) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
@@ -218,17 +213,12 @@ def held_back(caught: list[signal.Signals]) -> Iterator[None]:
 
     def on_signal(number: int, stack: object) -> None:
         if number in caught and number != HANGUP:
-            signal.signal(number, before[signal.Signals(number)])
+            as_before(number)
             signal.raise_signal(number)
         caught.append(signal.Signals(number))
 
-    kept = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, on_signal) for number in kept}
-    try:
+    with handled(on_signal) as as_before:
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def exit_code(caught: list[signal.Signals]) -> int:

@@ -43,8 +43,6 @@ class Stage:
     whose force goes to zero, and starts another: with a fresh energy account, where the handle is. Each pair has a
     verdict of its own, which is printed when it ends.
 
-    Parameters
-    ----------
     params, seed : of the first episode. out : where recordings go. address : where the world listens.
     history : knows where the handle is, and how passive the pair was as far as telemetry shows it.
     """
@@ -81,9 +79,7 @@ class Stage:
     async def run(self, stop: asyncio.Event) -> None:
         """Run one episode after another until `stop` is set.
 
-        Raises
-        ------
-        HapnetError : a process failed; the message is its own.
+        Raises HapnetError: a process failed; the message is its own.
         """
         self._loop = asyncio.get_running_loop()
         with tempfile.TemporaryDirectory(prefix="hapnet-") as meshes:

@@ -62,9 +62,7 @@ def stop(ran: Ran, how_to_go_on: str) -> int:
 def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
     """What makes, for so many cases, `workers` processes here (0: one per core), or those of the scheduler at `dask`.
 
-    Raises
-    ------
-    InvalidParameter, HapnetError : as `DaskCluster` does, once it is called.
+    Raises InvalidParameter, HapnetError: as `DaskCluster` does, once it is called.
     """
     if dask is None:
         return lambda cases: backends.local_workers(min(workers or usable_cores(), cases))
@@ -147,11 +145,7 @@ def estimate_cases(
 
 
 def estimate(
-    console: Console,
-    run: Callable[[Part], object],
-    kinds: Sequence[Kind[Part]],
-    workers: int,
-    dask: str | None = None,
+    console: Console, run: Callable[[Part], object], kinds: Sequence[Kind[Part]], workers: int, dask: str | None = None
 ) -> None:
     """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
     reported, sum_s, parts = [], 0.0, 0

@@ -65,15 +65,12 @@ def run(
         str, typer.Option("--format", help="Format of the results: csv, parquet, both; auto: both if pyarrow is there.")
     ] = "auto",
     dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="Check the spec, list its first and last cases, estimate the time by a few."),
+        bool, flags.dry_run("Check the spec, list its first and last cases, estimate the time by a few.")
     ] = False,
     retry_failed: flags.RetryFailed = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard all results of this sweep, and start again.")] = False,
     json_to: flags.Json = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/sweep-<SPEC>")
-    ] = None,
+    out: Annotated[Path | None, flags.out_in("runs/sweep-<SPEC>")] = None,
 ) -> int:
     """Run every combination of parameters, links and seeds that SPEC.toml lists, in virtual time.
 

@@ -59,9 +59,9 @@ class TransparencyOptions:
         ),
     ] = False
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be measured, estimate the time by a few runs, and end.")
-    ] = False
+    dry_run: Annotated[bool, flags.dry_run("Say what would be measured, estimate the time by a few runs, and end.")] = (
+        False
+    )
 
 
 def transparency(
@@ -84,9 +84,7 @@ def transparency(
     ],
     params: ParamsOptions,
     json_to: flags.Json = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/<UTC time>-transparency")
-    ] = None,
+    out: Annotated[Path | None, flags.out_in("runs/<UTC time>-transparency")] = None,
 ) -> int:
     """Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.
 

@@ -33,16 +33,14 @@ def tune(
     dask: flags.Dask = None,
     assign: flags.Assign = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the spec, say what would run, estimate the time by a few cases.")
+        bool, flags.dry_run("Check the spec, say what would run, estimate the time by a few cases.")
     ] = False,
     retry_failed: flags.RetryFailed = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Discard all results of this tuning, and start again.")
     ] = False,
     json_to: flags.Json = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for all output files.", show_default="runs/tune-<SPEC>")
-    ] = None,
+    out: Annotated[Path | None, flags.out_in("runs/tune-<SPEC>")] = None,
 ) -> int:
     """Search the parameters that are best for an objective and break no constraint; score them on other cases.
 

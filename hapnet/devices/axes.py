@@ -15,9 +15,7 @@ class Axes:
 
     words : one letter for each axis of the scene, with a minus if its direction is reversed; empty: the first ones.
 
-    Raises
-    ------
-    InvalidParameter : they do not fit.
+    Raises InvalidParameter: they do not fit.
     """
 
     def __init__(self, text: str, dof: int, native: int = 3) -> None:

@@ -22,8 +22,6 @@ _MOST_BEHIND_NS = 1_000_000_000
 class Handle:
     """A simulated handle that moves in real time; the time is an argument.
 
-    Parameters
-    ----------
     device : simulated; it moves in steps of its period, so its position may be as old.
     watchdog_s : the force ends when no command has come for so long; None: never.
     """

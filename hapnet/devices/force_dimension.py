@@ -97,9 +97,7 @@ class ForceDimension(Driver):
     library; empty: where the system finds it. gravity : does the device carry the weight of its own arms? calibrate :
     may a device that is not calibrated move by itself, where `libdrd` can do that?
 
-    Raises
-    ------
-    InvalidParameter : a value is not allowed. HapnetError : no library, or no device.
+    Raises InvalidParameter: a value is not allowed. HapnetError: no library, or no device.
     """
 
     about = "Force Dimension omega, delta, sigma, lambda; Novint Falcon (libdhd)"
@@ -147,9 +145,7 @@ class ForceDimension(Driver):
     def home(self) -> None:
         """Calibrate the device: by itself, where it can. Until then its positions mean nothing.
 
-        Raises
-        ------
-        HapnetError : it must be done by hand; or its locks are closed, or it has no power.
+        Raises HapnetError: it must be done by hand; or its locks are closed, or it has no power.
         """
         status = self._status()
         if not status[_POWER]:
@@ -168,9 +164,7 @@ class ForceDimension(Driver):
     def begin(self) -> None:
         """Enable the forces: brakes off, own weight carried, watchdog on.
 
-        Raises
-        ------
-        HapnetError : the device refuses one of them.
+        Raises HapnetError: the device refuses one of them.
         """
         dhd, own = self._dhd, self._id
         self._require(dhd.dhdSetBrakes(_OFF, own))
@@ -185,9 +179,7 @@ class ForceDimension(Driver):
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s], which the library estimates over 20 ms.
 
-        Raises
-        ------
-        DeviceSilent : the library reports an error.
+        Raises DeviceSilent: the library reports an error.
         """
         position = self._three("dhdGetPosition")
         velocity = self._three("dhdGetLinearVelocity")
@@ -197,9 +189,7 @@ class ForceDimension(Driver):
     def apply(self, force: Vector) -> Vector:
         """Hold this force; there is none while the device has its forces off. After its watchdog they come on again.
 
-        Raises
-        ------
-        DeviceSilent : the library reports an error.
+        Raises DeviceSilent: the library reports an error.
         """
         if not self._begun:
             return (0.0,) * self.dof

@@ -30,9 +30,7 @@ class InputDevice(Driver):
     path : the file; empty: the first that is found. axes : which of its axes the scene gets, as in `Axes`. reach : how
     far full deflection is [m]. dead : deflections below this share are none.
 
-    Raises
-    ------
-    InvalidParameter : a value is not allowed, or there is no such device.
+    Raises InvalidParameter: a value is not allowed, or there is no such device.
     """
 
     tested = "tested with recorded events, not on hardware"

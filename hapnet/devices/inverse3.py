@@ -54,10 +54,8 @@ class Inverse3(Driver):
     watchdog_ms : after how long without a command the arm was measured to take its force away; 0: not measured.
     More than twenty attributes: nine of them are what it declares of itself.
 
-    Raises
-    ------
-    InvalidParameter : an option is not allowed. MissingLibrary : `websockets` is not installed.
-    HapnetError : no service answers, or it has no such arm.
+    Raises InvalidParameter: an option is not allowed. MissingLibrary: `websockets` is not installed. HapnetError: no
+    service answers, or it has no such arm.
     """
 
     about = "Haply Inverse3, through the Inverse Service"
@@ -149,9 +147,7 @@ class Inverse3(Driver):
     def read(self) -> tuple[Vector, Vector]:
         """The state that the last command was answered with, as old as that command.
 
-        Raises
-        ------
-        DeviceSilent : there is none within `PATIENCE_S`, or the service has gone.
+        Raises DeviceSilent: there is none within `PATIENCE_S`, or the service has gone.
         """
         self._safety.hear(self._device)
         until_s = time.monotonic() + PATIENCE_S
@@ -212,12 +208,7 @@ class Inverse3(Driver):
         self._safety.close()
 
     def _begin(self) -> None:
-        """Read the first state.
-
-        Raises
-        ------
-        HapnetError : no service answers, or it has no such arm.
-        """
+        """Read the first state. Raises HapnetError: no service answers, or it has no such arm."""
         until_s = time.monotonic() + _START_S
         while self._last is None or not self._safety.are_heard:
             try:
@@ -300,9 +291,7 @@ class Inverse3(Driver):
     def _hear_of_force(self, newest: wire.State) -> None:
         """Does the service take the forces? It reports the one that acts now.
 
-        Raises
-        ------
-        HapnetError : it reported no force for `_UNFELT` readings with one.
+        Raises HapnetError: it reported no force for `_UNFELT` readings with one.
         """
         if newest.force is None or not any(self._acting):
             return

@@ -128,9 +128,7 @@ class OpenHaptics:
     quick : calls in the scheduler's own thread that only copy. To let go of the interpreter for each would cost more,
         and beside a busy thread up to 0.1 ms.
 
-    Raises
-    ------
-    HapnetError : there is none, or it is another library.
+    Raises HapnetError: there is none, or it is another library.
     """
 
     def __init__(self, path: str = "") -> None:

@@ -48,9 +48,7 @@ def resolve(text: str) -> tuple[str, str]:
 def options(name: str, made: Callable[..., Any], text: str) -> dict[str, Any]:
     """The options of the device `name` as keywords for its class, each of the type of its default.
 
-    Raises
-    ------
-    InvalidParameter : there is no such option, or its value is of another type.
+    Raises InvalidParameter: there is no such option, or its value is of another type.
     """
     known = _keywords(made)
     found: dict[str, Any] = {}

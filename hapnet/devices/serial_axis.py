@@ -44,10 +44,8 @@ class SerialAxis(Driver):
 
     port : of the axis. baud : bits a second (USB ignores it). home : count positions from where the handle is now.
 
-    Raises
-    ------
-    InvalidParameter : not one axis, or there is no such port. MissingLibrary : pyserial is not installed.
-    HapnetError : nothing that speaks this protocol answers there, its states come in bursts, or its clock is wrong.
+    Raises InvalidParameter: not one axis, or there is no such port. MissingLibrary: pyserial is not installed.
+    HapnetError: nothing that speaks this protocol answers there, its states come in bursts, or its clock is wrong.
     """
 
     about = "a home-made axis on a serial port (Teensy, RP2040, ESP32, SimpleFOC, Hapkit)"
@@ -127,10 +125,8 @@ class SerialAxis(Driver):
     def read(self) -> tuple[Vector, Vector]:
         """Wait for the next state; of several that wait already take the last.
 
-        Raises
-        ------
-        DeviceSilent : no whole state came within two periods, or the port has gone. HapnetError : the board has started
-        anew, and has lost its zero.
+        Raises DeviceSilent: no whole state came within two periods, or the port has gone. HapnetError: the board has
+        started anew, and has lost its zero.
         """
         if self._port.reopen(self._patience_s):
             self._frames = wire.Frames()

@@ -26,9 +26,7 @@ class SerialPort:
 
     path : such as /dev/ttyACM0. baud : bits a second. adapters : where Linux shows how long USB adapters hold bytes.
 
-    Raises
-    ------
-    InvalidParameter : it cannot be opened. HapnetError : its adapter holds bytes for long.
+    Raises InvalidParameter: it cannot be opened. HapnetError: its adapter holds bytes for long.
     """
 
     def __init__(self, path: str, baud: int, adapters: Path = _ADAPTERS) -> None:
@@ -41,9 +39,7 @@ class SerialPort:
     def reopen(self, patience_s: float) -> bool:
         """Open the port again if it has gone; returns whether it had.
 
-        Raises
-        ------
-        DeviceSilent : it is still gone; at most `patience_s` were waited.
+        Raises DeviceSilent: it is still gone; at most `patience_s` were waited.
         """
         if self._port is not None:
             return False
@@ -59,12 +55,7 @@ class SerialPort:
         return True
 
     def read(self, seconds: float) -> bytes:
-        """What has come, waiting for it as long as `seconds`.
-
-        Raises
-        ------
-        DeviceSilent : the port has gone.
-        """
+        """What has come, waiting for it as long as `seconds`. Raises DeviceSilent: the port has gone."""
         if self._port is None or seconds <= 0.0:
             return b""
         try:

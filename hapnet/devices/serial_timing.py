@@ -33,9 +33,7 @@ def period_us(arrivals: Sequence[tuple[float, Sequence[int]]]) -> float:
 
     arrivals : by our clock [s], and the times of the states that came then, by the board's clock [us].
 
-    Raises
-    ------
-    Untimely : too few states, the board's clock is wrong, or the states come in bursts.
+    Raises Untimely: too few states, the board's clock is wrong, or the states come in bursts.
     """
     times_us = [time_us for _, together in arrivals for time_us in together]
     if len(times_us) < _LEAST:

@@ -39,9 +39,7 @@ class Touch(Driver):
     name : as in the maker's setup program; empty: the first device. axes : which of its axes the scene gets, as in
     `Axes`. library : path of the library; empty: where the system finds it. clock : monotonic [s].
 
-    Raises
-    ------
-    InvalidParameter : a value is not allowed. HapnetError : no library, no licence, or no device.
+    Raises InvalidParameter: a value is not allowed. HapnetError: no library, no licence, or no device.
     """
 
     about = "3D Systems Touch and Touch X, Phantom Omni and Desktop (OpenHaptics)"
@@ -96,9 +94,7 @@ class Touch(Driver):
     def home(self) -> None:
         """Take over the calibration that the user has made possible.
 
-        Raises
-        ------
-        HapnetError : the user must put the stylus into the inkwell first, or calibrate with the maker's program.
+        Raises HapnetError: the user must put the stylus into the inkwell first, or calibrate with the maker's program.
         """
         if self._calibration() == oh.NEEDS_UPDATE:
             styles = self._hd.slow.integer(oh.STYLES)
@@ -117,9 +113,7 @@ class Touch(Driver):
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] of the newest frame; the library smooths the velocity.
 
-        Raises
-        ------
-        DeviceSilent : no frame came within `PATIENCE_S`. HapnetError : the library refused a command.
+        Raises DeviceSilent: no frame came within `PATIENCE_S`. HapnetError: the library refused a command.
         """
         frames = self._frames.wait(PATIENCE_S)
         if not frames:

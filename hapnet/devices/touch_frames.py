@@ -69,9 +69,7 @@ class Faults:
     def take(self, now_s: float, failures: list[oh.Failure], hottest: float) -> bool:
         """The errors of one frame, and the temperature of the warmest motor (0 to 1); were there any?
 
-        Raises
-        ------
-        HapnetError : one that only a defect here can cause.
+        Raises HapnetError: one that only a defect here can cause.
         """
         self.lost = ""
         for failure in failures:
@@ -102,8 +100,6 @@ class Faults:
 class Frames:
     """Frames of the device `handle` from `start` to `close`.
 
-    Parameters
-    ----------
     hd : the library. handle : of the device. clock : monotonic [s].
     """
 
@@ -122,12 +118,7 @@ class Frames:
         self._scheduled: int | None = None
 
     def start(self) -> None:
-        """Begin, without force.
-
-        Raises
-        ------
-        HapnetError : the library cannot.
-        """
+        """Begin, without force. Raises HapnetError: the library cannot."""
         self._hd.slow.c.hdDisable(oh.FORCE_OUTPUT)
         self._scheduled = self._hd.slow.c.hdScheduleAsynchronous(self._callback, None, oh.HIGHEST_PRIORITY)
         self._hd.slow.c.hdStartScheduler()
@@ -145,9 +136,7 @@ class Frames:
     def wait(self, seconds: float) -> list[Frame]:
         """The frames since the last call; none if none came within `seconds`.
 
-        Raises
-        ------
-        HapnetError : the library refused a command.
+        Raises HapnetError: the library refused a command.
         """
         until_s = self._clock() + seconds
         while not self._frames:

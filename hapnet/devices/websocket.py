@@ -32,12 +32,7 @@ class Gone(ConnectionError):
 
 
 def dial(family: int, where: tuple[Any, ...]) -> WebSocket:
-    """Begin to connect to the socket address `where`; `receive` completes it.
-
-    Raises
-    ------
-    Gone : nothing listens there.
-    """
+    """Begin to connect to the socket address `where`; `receive` completes it. Raises Gone: nothing listens there."""
     host = f"[{where[0]}]" if ":" in where[0] else where[0]
     protocol = ClientProtocol(parse_uri(f"ws://{host}:{where[1]}"), max_size=_MOST_MESSAGE)
     protocol.send_request(protocol.connect())
@@ -64,9 +59,7 @@ class Caller:
 
     host, port : of the service.
 
-    Raises
-    ------
-    InvalidParameter : there is no such host.
+    Raises InvalidParameter: there is no such host.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -91,9 +84,7 @@ class Caller:
     def receive(self, seconds: float) -> list[bytes]:
         """The messages that have come, waiting at most `seconds`; dials first where that is needed.
 
-        Raises
-        ------
-        DeviceSilent : the service has gone.
+        Raises DeviceSilent: the service has gone.
         """
         if not self.is_open and (now_s := time.monotonic()) >= self._next_try_s:
             if self._socket is not None:
@@ -171,9 +162,7 @@ class WebSocket:
     def receive(self, seconds: float) -> list[bytes]:
         """The messages that have come. Where there are none, wait at most `seconds` for something to happen.
 
-        Raises
-        ------
-        Gone : the connection has ended.
+        Raises Gone: the connection has ended.
         """
         if seconds > 0.0:
             self._collect()

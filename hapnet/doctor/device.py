@@ -86,9 +86,7 @@ def examine_device(
     ramp_N : push the handle to and fro with this force; damping_N : push the free handle with it; 0: do not.
     known_mass : of each axis, as it was found before [kg]; on_mass : is called with what it is now.
 
-    Raises
-    ------
-    HapnetError : the device fails.
+    Raises HapnetError: the device fails.
     """
     found = Readings(device, rate_hz, clock, sleep)
     if len(found.at_ns) < 3:

@@ -61,9 +61,7 @@ def examine(
 
     `session` and `name`: the names under which the sides of the probed network talk.
 
-    Raises
-    ------
-    InvalidParameter : an endpoint that Zenoh does not accept, or security that does not fit it.
+    Raises InvalidParameter: an endpoint that Zenoh does not accept, or security that does not fit it.
     """
     _require_endpoints(connect, security)
     checks: tuple[Callable[[], Check], ...] = (

@@ -83,9 +83,7 @@ def own_damping(
 ) -> Check:
     """Measure a lower bound, the same for each axis, with at most this force [N], and say what to set.
 
-    Raises
-    ------
-    HapnetError : the device fails.
+    Raises HapnetError: the device fails.
     """
     try:
         trials = [
@@ -136,9 +134,7 @@ def push(
 ) -> Iterator[Swing]:
     """Let the handle swing along an axis, once for each of `SHARES`; at the end there is no force on it.
 
-    Raises
-    ------
-    Unmeasured : the handle ran away, or the device renders no force. HapnetError : the device fails.
+    Raises Unmeasured: the handle ran away, or the device renders no force. HapnetError: the device fails.
     """
     spring = _Spring(device, rate_hz, clock, sleep, most_N)
     try:

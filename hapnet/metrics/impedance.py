@@ -87,8 +87,6 @@ def transmitted(
 ) -> list[Line]:
     """The impedance at each of these harmonics of ``1 / period_s``.
 
-    Parameters
-    ----------
     position : (N,) the device's [m], in the settled state. resistance : (N,) the force on it, against the motion [N].
     step_s : between samples; a whole number of them makes a period. Samples after the last whole period are left out.
 

@@ -41,8 +41,6 @@ Found = TypeVar("Found")
 class Metric:
     """One figure of merit.
 
-    Parameters
-    ----------
     name : its key in dictionaries and files; it ends in the unit, as in `margin_J` or `packets_per_s`.
     label : its name for people, short enough for a column.
     unit : of its values; "" for a bare number. better : "lower", "higher" or "nearer" a value. meaning : its
@@ -237,8 +235,6 @@ class Span(NamedTuple):
 def first_and_last(lasts_s: float, still_s: float = 0.0) -> tuple[Span, Span] | None:
     """The first 10 s and the last minute; None: the run is too short.
 
-    Parameters
-    ----------
     lasts_s : the whole run [s], 120 or more. still_s : so long the hand holds still at the end [s]; the last minute is
         the one before.
     """

@@ -117,8 +117,6 @@ _MIN_S, _MIN_MPS = 0.3, 0.005
 def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | None:
     """Root mean square of the distance between device and proxy in free motion [m]; None without such motion.
 
-    Parameters
-    ----------
     free : (N,) is the device outside of all walls, at each of its samples? The proxy may well be in one: it is where
         the hand is not. (The summary's `motion` asks for the proxy, since a recording alone knows no walls. It
         leaves out a proxy that has run into a wall, and counts one that is late while the hand pushes in it.)

@@ -90,8 +90,6 @@ def environment_force(
     environment for all couplings (the "transparency" of D. A. Lawrence 1993 is that its force is felt), while drag, lag
     and softness of a coupling all count as its error.
 
-    Parameters
-    ----------
     times : of the positions [s]. walls : those that stand at such a time. stiffness : of a wall in series with the
         springs [N/m].
     """

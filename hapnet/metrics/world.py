@@ -57,8 +57,6 @@ def contact_force_error(recording: Recording, true_force: Callable[[Array, Array
     step; nothing is shifted. None if the two sides are not on one clock, or if the true force is always zero or not
     known.
 
-    Parameters
-    ----------
     true_force : (N, n) [N] of positions (N, n) [m] and their times (N,) since the recording's origin [s]; None: it is
         not known.
     """

@@ -38,9 +38,7 @@ def draw(grid: Grid, stat: str | None = None, where: Sequence[str] = (), name: s
 
     stat : the statistic of the runs in a cell; None: the metric's usual one. where, name : for the title.
 
-    Raises
-    ------
-    InvalidParameter : there is no such statistic.
+    Raises InvalidParameter: there is no such statistic.
     """
     stat = stat or usual_statistic(grid.metric)
     of = statistic(stat)

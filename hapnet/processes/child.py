@@ -66,12 +66,7 @@ class Child:
         self._pipe.send(None)
 
     def result(self, timeout_s: float) -> Any:
-        """The function's result.
-
-        Raises
-        ------
-        HapnetError : the function failed, or did not return in time.
-        """
+        """The function's result. Raises HapnetError: the function failed, or did not return in time."""
         return self._receive(timeout_s)
 
     def _receive(self, timeout_s: float) -> Any:

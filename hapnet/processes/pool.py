@@ -64,9 +64,7 @@ class WorkerPool(Generic[Task, Result]):
     work : a function at the top level of a module that the processes import. Tasks and results must be picklable; no
     task is None.
 
-    Raises
-    ------
-    HapnetError : from `wait`, if processes do not start.
+    Raises HapnetError: from `wait`, if processes do not start.
     """
 
     def __init__(self, work: Callable[[Task, Progress], Result], workers: int) -> None:
@@ -164,9 +162,7 @@ def in_processes(
 
     `progress` is called with the mean of the workers' progress.
 
-    Raises
-    ------
-    HapnetError : a process died, for example because memory ran out. Also whatever `work` raises.
+    Raises HapnetError: a process died, for example because memory ran out. Also whatever `work` raises.
     """
     found: list[list[Result] | None] = [None] * len(shares)
     pool = WorkerPool(work, len(shares))

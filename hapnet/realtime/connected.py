@@ -101,9 +101,7 @@ class ConnectedSide(Generic[SampleType]):
     def change_link(self, text: str) -> None:
         """From now on send through this emulated link: tc-netem's syntax, or a profile's name.
 
-        Raises
-        ------
-        NetemError, InvalidParameter : there is no such link.
+        Raises NetemError, InvalidParameter: there is no such link.
         """
         self._task.require_running()
         self._task.side.change_link(text)
@@ -111,9 +109,7 @@ class ConnectedSide(Generic[SampleType]):
     def report(self, name: str, value: Signal) -> None:
         """Tell the other side a small value beside the stream.
 
-        Raises
-        ------
-        InvalidParameter : it is no number, text, boolean, None or tuple of numbers, or there are too many.
+        Raises InvalidParameter: it is no number, text, boolean, None or tuple of numbers, or there are too many.
         """
         self._task.require_running()
         self._task.side.report(name, value)
@@ -134,9 +130,7 @@ class ConnectedSide(Generic[SampleType]):
     def record(self, path: str | PathLike[str] | None) -> None:
         """End the running recording, if there is one, and begin another at `path`; None: only end it.
 
-        Raises
-        ------
-        RecordingError : it cannot be written.
+        Raises RecordingError: it cannot be written.
         """
         self._task.require_running()
         self._task.side.record(None if path is None else Path(path))

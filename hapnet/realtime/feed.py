@@ -16,8 +16,6 @@ U = TypeVar("U")
 class Feed(Generic[T]):
     """Items that one thread gives, and any number of streams read.
 
-    Parameters
-    ----------
     most : a stream that is further behind misses the oldest items.
     keep : how many of the last items a new stream begins with.
     missed : called on the event loop with the number of items that a stream has just found missing.

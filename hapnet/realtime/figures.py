@@ -28,8 +28,6 @@ _ENERGY = ("sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ")
 class Figures:
     """Reads the figures from a side's parts; on the event loop.
 
-    Parameters
-    ----------
     setup, role, seed : of the side. names : of its session and its device, as in the key expressions.
     control, driver, transport, clock : the side's parts.
     utc_less_clock_ns : UTC less the clock's reading, as of the start [ns].

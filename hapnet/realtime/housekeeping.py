@@ -36,8 +36,6 @@ _COLLECT_EVERY = 20  # rounds
 class Housekeeping:
     """Reports what a side waits for, watches its peer, and ends the side when it is time.
 
-    Parameters
-    ----------
     role : this side's. control, driver, transport, figures, reporter, clock : its parts.
     accounts : reports its account. alone : what it does without its peer. diagnosis : finds out why nobody answers.
     timeline : of its link, from pairing on.

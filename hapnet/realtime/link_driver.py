@@ -20,8 +20,6 @@ from netem.aio import DeadlineTimer
 class LinkDriver:
     """Drives a link port by the clock.
 
-    Parameters
-    ----------
     port : the side's. put : puts a message of a kind on the wire. clock : [ns].
     period_ns : the servo's period; None if no servo sends.
 

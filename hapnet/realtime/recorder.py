@@ -26,8 +26,6 @@ class Recorder:
 
     If the disk is full or the file cannot be written any more, the recording ends and the run goes on.
 
-    Parameters
-    ----------
     path : of the recording.
     report : called with a text that says what is missing in it.
 
@@ -36,9 +34,7 @@ class Recorder:
     broken : it ended too early.
     missing : what `report` was called with last; None: nothing is missing.
 
-    Raises
-    ------
-    RecordingError : it cannot be written.
+    Raises RecordingError: it cannot be written.
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:

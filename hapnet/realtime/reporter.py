@@ -22,8 +22,6 @@ _MOST_NOTES = 1000
 class Reporter:
     """A side's notices, recordings and telemetry. `keep` is for any thread, all else for the event loop.
 
-    Parameters
-    ----------
     role : this side's. on_silence : what it does when nothing arrives. clock : [ns].
     notify : called with each notice. telemetry : publishes telemetry; None: nobody can watch.
     watch : called with each sample or note from control, on its thread.

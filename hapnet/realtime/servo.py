@@ -46,9 +46,7 @@ class DeadlineGrid:
     deadline_ns : the next deadline.
     skipped : how many deadlines were given up so far, because they passed before the tick before them had ended.
 
-    Raises
-    ------
-    InvalidParameter : the period is not positive.
+    Raises InvalidParameter: the period is not positive.
     """
 
     def __init__(self, start_ns: int, period_ns: int) -> None:
@@ -86,8 +84,6 @@ class ServoStats:
 class Servo:
     """A thread that calls ``tick(now_ns)`` once every `period_ns`.
 
-    Parameters
-    ----------
     period_ns : the period [ns].
     tick : called on the servo's thread with the clock's reading [ns]. An exception ends the servo.
     safe : called on the servo's thread when it ends, for whatever reason: it must set the force to zero. An
@@ -97,9 +93,7 @@ class Servo:
     realtime : ask for SCHED_FIFO and locked memory; `start` returns the reason if they are refused.
     clock, sleep : a monotonic clock [ns], and a function that sleeps a number of seconds on it.
 
-    Raises
-    ------
-    InvalidParameter : the period is not positive.
+    Raises InvalidParameter: the period is not positive.
     """
 
     def __init__(

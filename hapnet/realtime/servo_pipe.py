@@ -97,12 +97,7 @@ class Pipe:
         return True
 
     def look(self) -> Any | None:
-        """The next frame, if there is one.
-
-        Raises
-        ------
-        PipeClosed : no more will come.
-        """
+        """The next frame, if there is one. Raises PipeClosed: no more will come."""
         try:
             return self._opened(self._end.recv(MAX_FRAME, _DONT_WAIT))
         except BlockingIOError:

@@ -50,13 +50,9 @@ NOT_STARTED = "the servo's process did not start"
 class ServoProcess:
     """Starts the servo's process. The wire half uses it like a control half in this process.
 
-    Parameters
-    ----------
     setup, session, callbacks : of this side.
 
-    Raises
-    ------
-    InvalidParameter : a user's part is defined in the script itself, where another process cannot import it.
+    Raises InvalidParameter: a user's part is defined in the script itself, where another process cannot import it.
     """
 
     def __init__(self, setup: Setup, session: Session, callbacks: ControlCallbacks) -> None:
@@ -127,9 +123,7 @@ class ServoProcess:
     def start(self) -> str | None:
         """Start the process and wait until its servo runs; call it once. After `stop` it does nothing.
 
-        Raises
-        ------
-        HapnetError : the device cannot be made, or the process does not start.
+        Raises HapnetError: the device cannot be made, or the process does not start.
         """
         with self._life:
             if self._stopping:

@@ -25,8 +25,6 @@ class TelemetryPublisher:
 
     Everything else comes first: a turn that is late by more than a period, because the loop was busy, is skipped.
 
-    Parameters
-    ----------
     rate_hz : turns per second. put : publishes; returns at once. status : gives the side's present status.
     planes : gives the planes that a device knows; they are published when they change, and with each status.
 

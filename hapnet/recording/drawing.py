@@ -108,9 +108,7 @@ def pack(parts: tuple[Part, ...]) -> bytes:
 def unpack(data: bytes) -> tuple[Part, ...]:
     """The parts in these bytes; none if there are no bytes: they were too large.
 
-    Raises
-    ------
-    BadMessage : they are no drawing.
+    Raises BadMessage: they are no drawing.
     """
     if not data:
         return ()

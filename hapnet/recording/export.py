@@ -27,9 +27,8 @@ SETTINGS = b"hapnet"
 def formats(word: str) -> tuple[str, ...]:
     """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``.
 
-    Raises
-    ------
-    InvalidParameter : `word` is none of these. MissingLibrary : Parquet is asked for, but pyarrow is not installed.
+    Raises InvalidParameter: `word` is none of these. MissingLibrary: Parquet is asked for, but pyarrow is not
+    installed.
     """
     if word not in FORMATS:
         raise InvalidParameter("--format", word, ", ".join(FORMATS), FORMATS)
@@ -71,9 +70,7 @@ def write(recording: Recording, directory: Path, stems: Sequence[str], endings: 
         ``device.csv`` and ``device-events.csv``; with both sides, ``run.mcap`` becomes ``run-device.csv``,
         ``run-world.csv`` and ``run-events.csv``.
 
-    Raises
-    ------
-    RecordingError : one cannot be written.
+    Raises RecordingError: one cannot be written.
     """
     tables: dict[str, dict[str, Any]] = {}
     for k, side in enumerate(side for side in ("device", "world") if getattr(recording, side) is not None):

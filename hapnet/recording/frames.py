@@ -19,9 +19,7 @@ def table(recording: Recording, side: str = "device") -> Columns:
     A vector is a column for each axis: ``position_m`` (N, 2) is ``position_m_x`` and ``position_m_y``. Where the
     recording knows the real time, ``utc_ns`` says it.
 
-    Raises
-    ------
-    InvalidParameter : this side was not recorded.
+    Raises InvalidParameter: this side was not recorded.
     """
     recorded = {name: columns for name in ("device", "world") if (columns := getattr(recording, name)) is not None}
     if side not in recorded:
@@ -50,9 +48,7 @@ def knows_utc(recording: Recording) -> bool:
 def to_pandas(recording: Recording, side: str = "device") -> DataFrame:
     """One side's `table` as pandas has it, by time since the start [s].
 
-    Raises
-    ------
-    InvalidParameter : this side was not recorded. MissingLibrary : pandas is not installed.
+    Raises InvalidParameter: this side was not recorded. MissingLibrary: pandas is not installed.
     """
     try:
         import pandas

@@ -39,9 +39,7 @@ def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math
 
     reach : the motion may go this far from the origin [m].
 
-    Raises
-    ------
-    RecordingError : the file is not a recording. InvalidParameter : it contains no such motion.
+    Raises RecordingError: the file is not a recording. InvalidParameter: it contains no such motion.
     """
     recording = read_recording(name)
     if recording.device is None:

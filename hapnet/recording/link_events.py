@@ -33,8 +33,6 @@ def read(text: str) -> Change:
 def played(spec: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[Entry, ...], list[str]]:
     """A recorded link, for a run that begins when the changes' times are 0.
 
-    Parameters
-    ----------
     spec : the link when the recording began.
     changes : time [ns] and text of each, in order. Changes up to time 0 are in force when the run starts.
 

@@ -64,16 +64,12 @@ _TOPICS: dict[type[Sample], str] = {
 class RecordingWriter:
     """Writes a recording during the run; the file on disk can be read at any time.
 
-    Parameters
-    ----------
     path : the file; an existing one is overwritten.
     meta : settings, seed, versions, role. ``origin_ns`` is the instant from which ``time_s`` counts; ``clock`` names
         the clock (`join` can align recordings of the same clock). ``utc_origin_ns`` is UTC at that instant, and
         ``utc_clock`` says whose: without it, log times are those of the samples.
 
-    Raises
-    ------
-    RecordingError : from any method, when the file cannot be written (no such directory, disk full, ...).
+    Raises RecordingError: from any method, when the file cannot be written (no such directory, disk full, ...).
     """
 
     def __init__(self, path: str | os.PathLike[str], meta: Mapping[str, Any]) -> None:
@@ -237,9 +233,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 def save(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write `recording` to `path`; the file appears only when it is complete.
 
-    Raises
-    ------
-    RecordingError : the file cannot be written.
+    Raises RecordingError: the file cannot be written.
     """
     with complete_or_absent(Path(path)) as part:
         writer = RecordingWriter(part, recording.meta)
@@ -296,9 +290,7 @@ def _mcap_writer(file: IO[bytes]) -> McapWriter:
 def complete_or_absent(target: Path, what: str = "recording") -> Iterator[Path]:
     """Gives a path to write to. The file becomes `target` if the body succeeds, and is removed if not.
 
-    Raises
-    ------
-    RecordingError : the file cannot be written; the message calls it `what`.
+    Raises RecordingError: the file cannot be written; the message calls it `what`.
     """
     part = target.with_name(target.name + ".part")
     try:

@@ -44,8 +44,6 @@ _BLOCK_BYTES = 1 << 16
 class McapWriter:
     """As `mcap.writer.Writer`, with lz4 and all indices; its memory does not grow with the file.
 
-    Parameters
-    ----------
     file : open for writing and reading, and empty. chunk_bytes : a chunk ends after the message that passes this size.
     """
 

@@ -42,9 +42,7 @@ def read_motion(
     samples are joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the axis that presses (the
     last one). No coordinate may be farther than `reach` [m] from the origin.
 
-    Raises
-    ------
-    InvalidParameter : the file cannot be read, is not such a recording, or is not in metres.
+    Raises InvalidParameter: the file cannot be read, is not such a recording, or is not in metres.
     """
     file = Path(name)
     table = _read_columns(file)

@@ -47,10 +47,8 @@ Recorded: TypeAlias = Recording | HasRecording | Opened | File | Sequence[File]
 def opened(what: Recorded) -> Opened:
     """Read and join what was recorded of a run: a recording, a file, both sides' files, or a run's directory.
 
-    Raises
-    ------
-    InvalidParameter : these are more than two files, or a directory without a recording. RecordingError : one cannot be
-        read, or the two are not of one run.
+    Raises InvalidParameter: these are more than two files, or a directory without a recording. RecordingError: one
+    cannot be read, or the two are not of one run.
     """
     if isinstance(what, Opened):
         return what

@@ -229,9 +229,7 @@ def join(a: Recording, b: Recording) -> Recording:
     and ``meta["aligned"]`` is False: the order of events on the two sides is not known. The settings of both are kept
     under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` joins the two.
 
-    Raises
-    ------
-    RecordingError : the two are not one device's and one world's, or are of different runs.
+    Raises RecordingError: the two are not one device's and one world's, or are of different runs.
     """
     if a.device is None and b.device is not None:
         a, b = b, a

@@ -36,10 +36,8 @@ def schema_for(sample: Sample | Shown) -> Schema:
 def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, bytes], Sample]:
     """The function from a log time [ns] and data to a sample, for messages called `name` in `descriptor`.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError, google.protobuf.message.DecodeError : from here or from the returned function, if
-        these are not such samples.
+    Raises KeyError, TypeError, ValueError, google.protobuf.message.DecodeError: from here or from the returned
+    function, if these are not such samples.
     """
     from google.protobuf.descriptor_pb2 import FileDescriptorSet
 

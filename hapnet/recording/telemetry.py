@@ -91,12 +91,7 @@ def encode(message: Sample | Status | KnownPlanes) -> bytes:
 
 
 def decode(data: bytes) -> Telemetry:
-    """The message that was published.
-
-    Raises
-    ------
-    BadMessage : these bytes are not a message of this version.
-    """
+    """The message that was published. Raises BadMessage: these bytes are not a message of this version."""
     maximum = _MAX_DRAWING if data.startswith(_DRAWING_BEGINS) else MAX_LENGTH
     if len(data) > maximum:
         raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {maximum}")

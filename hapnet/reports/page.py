@@ -221,12 +221,7 @@ def _settings(rows: list[Setting]) -> Html:
         f"{changed} of {len(rows)} differ from the defaults; they are marked." if changed else "All are the defaults."
     )
     cells = [
-        (
-            join(element("mark", row.name), " ") if row.default else row.name,
-            row.value,
-            row.default,
-            row.meaning,
-        )
+        (join(element("mark", row.name), " ") if row.default else row.name, row.value, row.default, row.meaning)
         for row in rows
     ]
     return join(element("p", words), table(("parameter", "value", "default", "meaning"), cells, class_="settings"))

@@ -260,11 +260,7 @@ def summary_text(tree: object) -> RenderableType:
         links(summary),
         motion(summary),
     )
-    return Group(
-        _verdict_text(tree),
-        Text(_about(summary)),
-        *(drawn(table) for table in tables if table.rows),
-    )
+    return Group(_verdict_text(tree), Text(_about(summary)), *(drawn(table) for table in tables if table.rows))
 
 
 def _verdict_text(tree: object) -> Text:

@@ -88,8 +88,6 @@ class ControlInbox(Protocol):
 class ControlHalf:
     """The half that the servo (or the world's loop) owns. Whole values come and go through deques.
 
-    Parameters
-    ----------
     positions : makes the position messages.
     backlog : how many messages of the peer's stream may wait.
     """
@@ -244,8 +242,6 @@ class ControlHalf:
 class WireHalf:
     """The wire half. The code that moves bytes owns it.
 
-    Parameters
-    ----------
     session : this side's protocol state.
     control : takes what arrives.
     """
@@ -378,8 +374,6 @@ class WorldControl(ControlHalf):
     def step(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
         """Run the law at the onset of step k with the newest set-position; `coupling.set_position` is then ybar_k.
 
-        Parameters
-        ----------
         dt : T_{k-1}, the length of the step that has ended [s].
         x, kinetic : position x_k [m] and kinetic energy kappa_k [J] of the virtual mass.
         work : f_{k-1} . vhat_{k-1} T_{k-1} [J], put in by the environment in the step that has ended.

@@ -15,8 +15,6 @@ from hapnet.checks import Vector
 class ForceLimiter:
     """Limits a force before it goes to the actuators.
 
-    Parameters
-    ----------
     ramp_s : the force grows from zero over this time after `restart`, and after the dead-man switch was pressed [s].
     dead_man : number of the button that must be held; None: there is no such switch.
     peak : maximum force of the actuators [N]. continuous : the maximum that they can give for ever [N]; None: `peak`.

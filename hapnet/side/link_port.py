@@ -35,8 +35,6 @@ class LinkPort:
     What is due in one port at the same time runs in this order in both runtimes: changes of the link, packets that the
     link releases, messages of the protocol. Not thread-safe: two users need a lock.
 
-    Parameters
-    ----------
     wire : the side's wire half. link : others may only read its figures.
     """
 

@@ -35,8 +35,6 @@ class WorldState(NamedTuple):
 class WorldSide:
     """A virtual mass among the contacts of a scene, and its endpoint.
 
-    Parameters
-    ----------
     endpoint, mass, scene : of this side.
     make_coupling : called when control starts, with position [m], kinetic energy [J], and whether the reservoir is
         empty; makes the coupling.

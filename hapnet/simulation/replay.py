@@ -59,10 +59,8 @@ def read_original(files: Sequence[Path]) -> Original:
     The device's settings, hand and link come from the device's recording; the scene, the world's settings and its link
     come from the world's. With one recording everything comes from it.
 
-    Raises
-    ------
-    RecordingError : a file cannot be read, or the two do not belong together.
-    InvalidParameter : they contain no run that could be replayed.
+    Raises RecordingError: a file cannot be read, or the two do not belong together. InvalidParameter: they contain no
+    run that could be replayed.
     """
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")

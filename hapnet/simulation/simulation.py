@@ -60,16 +60,12 @@ class Simulation:
 
     More than twenty attributes: the parts of both sides and both links, and when each is due.
 
-    Parameters
-    ----------
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
     motion_only : record of the device only its motion, for metrics (`MotionSample`).
     kernel : may the compiled kernel run it (see hapnet/kernel)? None: where it covers the run and numba is there.
 
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : the parameters are not valid for a run.
+    Raises InvalidParameter, netem.NetemError: the parameters are not valid for a run.
     """
 
     def __init__(
@@ -149,9 +145,7 @@ class Simulation:
 
         `progress` is called from time to time with the simulated seconds since pairing.
 
-        Raises
-        ------
-        HapnetError : the sides did not find each other, or the duration is unlimited.
+        Raises HapnetError: the sides did not find each other, or the duration is unlimited.
         """
         with named_failures(self.setup.params):
             if self.not_compiled is None:

@@ -42,9 +42,7 @@ def measure(params: Params, seed: int) -> Measures:
 
     "auto" stands for the sampled servo, as on hardware, so that all couplings of a comparison have the same servo.
 
-    Raises
-    ------
-    HapnetError, netem.NetemError : the parameters do not make a run, or the sides did not find each other.
+    Raises HapnetError, netem.NetemError: the parameters do not make a run, or the sides did not find each other.
     """
     params = _studied(params)
     ideal = _ideal(params)

@@ -27,11 +27,9 @@ _AHEAD = 2  # tasks per thread: one runs, one waits at the worker
 class DaskCluster:
     """The workers of the scheduler at `address`, such as ``tcp://127.0.0.1:8786``.
 
-    Raises
-    ------
-    InvalidParameter : `address` is not an address. MissingLibrary : dask.distributed is not installed.
-    HapnetError : nobody answers there, there is no worker, or a worker has another version of hapnet; from `wait` and
-        `submit`, when the scheduler is gone.
+    Raises InvalidParameter: `address` is not an address. MissingLibrary: dask.distributed is not installed.
+    HapnetError: nobody answers there, there is no worker, or a worker has another version of hapnet; from `wait` and
+    `submit`, when the scheduler is gone.
     """
 
     def __init__(self, address: str) -> None:

@@ -25,9 +25,7 @@ LIGHT = "@light"
 def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
     """The name in ``pspm:rendering=paper``, and the parameters that are set besides; any number may follow.
 
-    Raises
-    ------
-    InvalidParameter : a parameter is set twice. It names `flag`.
+    Raises InvalidParameter: a parameter is set twice. It names `flag`.
     """
     name, *rest = text.split(":")
     if rest and "=" not in rest[0]:
@@ -44,9 +42,7 @@ def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
 def hand(operator: str) -> tuple[str, dict[str, object]]:
     """The operator's name in ``press@light:operator_hand.reach_s=0.5``, and the parameters that go with it.
 
-    Raises
-    ------
-    InvalidParameter : a parameter is set twice.
+    Raises InvalidParameter: a parameter is set twice.
     """
     name, own = parted(operator, "--operator")
     relaxed = RELAXED_HAND if name.endswith(LIGHT) else {}
@@ -93,8 +89,6 @@ class Outcome:
 class Plan:
     """What to compare.
 
-    Parameters
-    ----------
     params : of all cases, except for what follows.
     couplings : each as `Variant.coupling`. links : by name, the text of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by parameters of its own (`hand`).

@@ -39,9 +39,7 @@ def table(journal: Journal) -> Table:
 def write(columns: Table, directory: Path, endings: Iterable[str]) -> list[Path]:
     """Write the table as ``results.csv`` and ``results.parquet``; each file appears only when it is complete.
 
-    Raises
-    ------
-    RecordingError : one cannot be written.
+    Raises RecordingError: one cannot be written.
     """
     paths = []
     for ending in endings:

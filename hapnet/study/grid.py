@@ -27,9 +27,7 @@ def grid(
 
     where : values by name. units : of the parameters by name.
 
-    Raises
-    ------
-    InvalidParameter : the sweep has no such name or value. HapnetError : there is nothing to draw.
+    Raises InvalidParameter: the sweep has no such name or value. HapnetError: there is nothing to draw.
     """
     names = [*journal.varied, SEED]
     for flag, name in (("--x", x), ("--y", y), *(("--where", name) for name in where)):

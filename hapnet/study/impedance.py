@@ -87,9 +87,7 @@ def transmission(params: Params, seed: int, periods: int = 4) -> Transmission:
 
     The operator and the duration of `params` are not used. Two periods or more also give the estimates' spread.
 
-    Raises
-    ------
-    HapnetError, netem.NetemError : the parameters do not make a run; InvalidParameter if the scene has no wall.
+    Raises HapnetError, netem.NetemError: the parameters do not make a run; InvalidParameter if the scene has no wall.
     """
     begin_s = _APPROACH_S + _REST_S + PERIOD_S
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}

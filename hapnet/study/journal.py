@@ -79,9 +79,7 @@ class Journal:
     def create_or_resume(cls, directory: Path, spec: Spec, cases: Sequence[Case], *, fresh: bool = False) -> Journal:
         """The journal of `spec` in `directory`, which must exist; `fresh`: begin a new one in any case.
 
-        Raises
-        ------
-        HapnetError : another process runs this sweep, or the journal is of another spec or cannot be used.
+        Raises HapnetError: another process runs this sweep, or the journal is of another spec or cannot be used.
         """
         path = directory / NAME
         with ExitStack() as undo:

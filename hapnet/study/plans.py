@@ -51,9 +51,7 @@ def plans(
 
     couplings, operators : as `Plan` has them. links, traces : as `links_of` reads them, or links by name.
 
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed.
+    Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed.
     """
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
@@ -106,10 +104,7 @@ def _check_words(plan: Plan) -> None:
     from hapnet.couplings.registry import coupling
 
     taken: dict[str, str] = dict(_OWN)
-    for flag, words, parts in (
-        ("--coupling", plan.couplings, parted),
-        ("--operator", plan.operators, hand),
-    ):
+    for flag, words, parts in (("--coupling", plan.couplings, parted), ("--operator", plan.operators, hand)):
         found: dict[str, str] = {}
         for word in words:
             name, own = parts(word)

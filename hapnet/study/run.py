@@ -47,9 +47,7 @@ def run_missing(
 
     rounds : each step of it may add cases, which are run before the next step. most : so many there may be in the end.
 
-    Raises
-    ------
-    HapnetError : the backend is not available; no case was run.
+    Raises HapnetError: the backend is not available; no case was run.
     """
     total, before, _ = journal.count()
     most = max(most, total)
@@ -97,9 +95,7 @@ def journal_in(
 
     What failed before is run again.
 
-    Raises
-    ------
-    HapnetError : there is another spec's journal, or nothing can be written.
+    Raises HapnetError: there is another spec's journal, or nothing can be written.
     """
     with TemporaryDirectory(prefix="hapnet-") as passing:
         into = Path(passing if directory is None else directory)

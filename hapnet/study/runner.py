@@ -39,8 +39,6 @@ def _reference(case: Case) -> tuple[str, ...]:
 class Sweep:
     """Runs the cases of `journal` that have no result on the workers of `backend`.
 
-    Parameters
-    ----------
     progress : called often with the number of cases that have a result. clock : [s].
     """
 
@@ -64,9 +62,7 @@ class Sweep:
     def run(self) -> None:
         """Run all these cases. However this ends, the results of all finished cases are in the journal.
 
-        Raises
-        ------
-        HapnetError : the workers or the journal cannot be used any more.
+        Raises HapnetError: the workers or the journal cannot be used any more.
         """
         self._progress(self.done)
         try:

@@ -81,9 +81,7 @@ class Spec:
     def read(cls, file: Path, assignments: Mapping[str, object] | None = None) -> Spec:
         """The spec in `file`; `assignments` override what it fixes.
 
-        Raises
-        ------
-        InvalidParameter : it cannot be read, or an entry is not allowed; the message names the entry.
+        Raises InvalidParameter: it cannot be read, or an entry is not allowed; the message names the entry.
         """
         return cls.of_tables(file.stem, table_of(file), assignments)
 
@@ -130,9 +128,7 @@ class Spec:
 
         only : of these products; the keys are the same as if all were asked for.
 
-        Raises
-        ------
-        InvalidParameter : a value is not of its parameter's type, or there are more cases than `MOST`.
+        Raises InvalidParameter: a value is not of its parameter's type, or there are more cases than `MOST`.
         """
         if self.count > MOST:
             raise InvalidParameter("the number of cases", self.count, f"{MOST} at most")

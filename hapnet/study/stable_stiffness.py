@@ -83,9 +83,7 @@ class Case(NamedTuple):
 def cases(params: Params) -> list[Case]:
     """Both couplings, with and without encoders, over servo rates and own dampings; those of `params` are among them.
 
-    Raises
-    ------
-    InvalidParameter : the device's B is not a number, so that there is no bound.
+    Raises InvalidParameter: the device's B is not a number, so that there is no bound.
     """
     device = params.device
     bound(1.0, 1.0, device.damping)
@@ -110,9 +108,7 @@ def stiffest(params: Params, ratio: float = RATIO) -> ZWidth:
 
     Hand, world, link and duration are set here. It supposes that a softer spring than a stable one is stable.
 
-    Raises
-    ------
-    HapnetError : the parameters do not make a run.
+    Raises HapnetError: the parameters do not make a run.
     """
     return maximum(lambda K: stable(params.set({"device.stiffness": K})), MINIMUM, MOST, ratio)
 

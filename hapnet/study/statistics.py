@@ -58,10 +58,7 @@ def spreads(hands: Sequence[Sequence[Measures]], seed: int = SEED) -> Iterator[t
         low, high = None, None
         if len(hands) > 1 and len(units) >= _MIN_HANDS:
             low, high = median_interval(units, np.random.default_rng(seed))
-        yield (
-            metric,
-            Spread(len(values) - missed, median, q1, q3, min(finite), max(finite), missed, low, high),
-        )
+        yield (metric, Spread(len(values) - missed, median, q1, q3, min(finite), max(finite), missed, low, high))
 
 
 def median_interval(values: Sequence[float], rng: np.random.Generator) -> tuple[float, float]:

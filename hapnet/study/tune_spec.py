@@ -60,9 +60,7 @@ class TuneSpec:
     def read(cls, file: Path, assignments: Mapping[str, object] | None = None) -> TuneSpec:
         """The spec in `file`; `assignments` override what it fixes.
 
-        Raises
-        ------
-        InvalidParameter : it cannot be read, or an entry is not allowed, or a case would be tuned and scored on.
+        Raises InvalidParameter: it cannot be read, or an entry is not allowed, or a case would be tuned and scored on.
         """
         return cls.of_tables(file.stem, table_of(file), assignments)
 

@@ -53,9 +53,7 @@ def z_width(
     an ideal link (`ideal_stiffness`). The hand is that of `params` and presses to `operator_hand.goal_m`; its
     schedule and the duration are set here.
 
-    Raises
-    ------
-    HapnetError, netem.NetemError : the parameters do not make a run.
+    Raises HapnetError, netem.NetemError: the parameters do not make a run.
     """
     timing = {"operator_hand.hold_s": _HELD_S, "duration_s": 0.8 + _HELD_S, "record_hz": params.device.servo_hz}
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}

@@ -115,9 +115,7 @@ def _nanojoules(energy_J: float) -> int | None:
 def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Summary:
     """The summary of a run from its one or two recordings: what the processes reported at their end, or the samples.
 
-    Raises
-    ------
-    RecordingError : the summary in a file is not one.
+    Raises RecordingError: the summary in a file is not one.
     """
     for file, recording in zip(files, recordings, strict=True):
         if not isinstance(recording.summary, dict | None):

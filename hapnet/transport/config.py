@@ -78,11 +78,9 @@ class ZenohSettings:
 def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file, then the flags, then `cfg`; hapnet's defaults for the rest.
 
-    Raises
-    ------
-    InvalidParameter : Zenoh would not take a mode, endpoint or override; there is nowhere to dial, listen or scout; or
-        the security that is asked for is not possible.
-    TransportError : the file cannot be read, or is not a Zenoh configuration.
+    Raises InvalidParameter: Zenoh would not take a mode, endpoint or override; there is nowhere to dial, listen or
+    scout; or the security that is asked for is not possible. TransportError: the file cannot be read, or is not a Zenoh
+    configuration.
     """
     if settings.mode is not None and settings.mode not in _MODES:
         raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES), _MODES)
@@ -144,9 +142,7 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
 def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     """Risks of these settings that their user should know, one line each.
 
-    Raises
-    ------
-    InvalidParameter, TransportError : as `zenoh_config`.
+    Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
     config = zenoh_config(settings)
     warnings = settings.security.warnings()

@@ -72,9 +72,7 @@ def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
 
     Blocks for about `timeout_s` at most, so it needs a thread of its own.
 
-    Raises
-    ------
-    InvalidParameter, TransportError : as `zenoh_config`.
+    Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
     config = zenoh_config(settings)
     endpoints = [endpoint for endpoint in endpoints_of(config, "connect") if endpoint.startswith(("tcp/", "tls/"))]

@@ -107,9 +107,7 @@ class Answers:
 def ask(config: zenoh.Config, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
     """Open Zenoh, and send probes until `seconds` after the first answer; None if none comes in `patience_s`. Blocks.
 
-    Raises
-    ------
-    TransportError : Zenoh cannot be opened, or fails.
+    Raises TransportError: Zenoh cannot be opened, or fails.
     """
     try:
         with zenoh.open(config) as session:

@@ -65,9 +65,7 @@ class Security:
     def secret_word(self) -> str:
         """The first line of `secret_file`; empty if there is none.
 
-        Raises
-        ------
-        InvalidParameter : the file cannot be read, or its first line is shorter than `MIN_SECRET` characters.
+        Raises InvalidParameter: the file cannot be read, or its first line is shorter than `MIN_SECRET` characters.
         """
         if self.secret_file is None:
             return ""
@@ -91,9 +89,8 @@ class Security:
     def check(self) -> None:
         """Read every file and check that it is what its flag says.
 
-        Raises
-        ------
-        InvalidParameter : a file is missing, is not what its flag asks for or has expired, or flags do not go together.
+        Raises InvalidParameter: a file is missing, is not what its flag asks for or has expired, or flags do not go
+        together.
         """
         _check_certificates(self)
         _check_users(self)

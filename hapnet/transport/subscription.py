@@ -22,17 +22,13 @@ class Subscription:
 
     It dials as a Zenoh client: the process that it dials then forwards what others publish.
 
-    Parameters
-    ----------
     settings : whom it dials. on_message : called with a message's key and its bytes.
 
     Attributes
     ----------
     problem : why Zenoh is not open, if it is not.
 
-    Raises
-    ------
-    InvalidParameter, TransportError : as `zenoh_config`.
+    Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
 
     def __init__(self, settings: ZenohSettings, keys: Sequence[str], on_message: Callable[[str, bytes], None]) -> None:

@@ -67,8 +67,6 @@ class ZenohTransport:
     More than twenty attributes: one thread opens, watches and reopens the session while others use it, so that what
     belongs to a session is replaced in one place, under one lock.
 
-    Parameters
-    ----------
     settings : how to reach the other side.
     on_message : called as ``on_message(kind, data, now_ns)`` on one of Zenoh's threads, with when the message came on
         the clock `time.monotonic_ns`; must not block.
@@ -89,9 +87,7 @@ class ZenohTransport:
     declared_again : how many times a subscription was declared again because a key was silent.
     doubled : another process plays this same side, and none plays the other.
 
-    Raises
-    ------
-    InvalidParameter, TransportError : as `zenoh_config`, and for names that no key can contain.
+    Raises InvalidParameter, TransportError: as `zenoh_config`, and for names that no key can contain.
     """
 
     def __init__(
@@ -142,9 +138,7 @@ class ZenohTransport:
     async def open(self) -> None:
         """Open, once. A peer returns within a second, connected or not; a client returns when its router answers.
 
-        Raises
-        ------
-        TransportError : Zenoh cannot be opened: an address is in use, a certificate is missing, and so on.
+        Raises TransportError: Zenoh cannot be opened: an address is in use, a certificate is missing, and so on.
         """
         loop = self._loop = asyncio.get_running_loop()
         opened: asyncio.Future[None] = loop.create_future()

@@ -14,9 +14,7 @@ Direction = Literal["up", "down"]
 def require_no_file(text: str) -> None:
     """Refuse a link that is read from a file: others may see the page, and its errors would show the file's content.
 
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : the text names a file, or does not describe a link.
+    Raises InvalidParameter, netem.NetemError: the text names a file, or does not describe a link.
     """
     if {"trace", "csv"} & set(split_words(text)):
         raise InvalidParameter("link", text, "a link without files: only the command line reads files")

@@ -23,8 +23,6 @@ _LARGEST = 3.0
 class Grab:
     """A ball around the node `parent`, which calls `move` with where the mouse leads its middle [scene units].
 
-    Parameters
-    ----------
     radius : of what is seen [scene units]; the ball is never smaller. place : gives the middle now. Made last of all in
         a scene: then it hides nothing that can be seen through.
     """

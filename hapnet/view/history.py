@@ -95,8 +95,6 @@ class History:
     A `Status` with a new incarnation means that its side has restarted: that side's past is forgotten, and so is the
     minimum margin. A sample is dropped if it is older than the newest of its side, or has another number of axes.
 
-    Parameters
-    ----------
     seconds : how much of the past a snapshot shows. keeps_past : keep the pairs that have ended (`Snapshot.past`)?
     """
 

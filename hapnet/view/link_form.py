@@ -26,8 +26,6 @@ SETTLED_S = 1.5
 class LinkForm:
     """Preset, sliders and text of one link, or of both together, in the container that is open when this is made.
 
-    Parameters
-    ----------
     ways : gives the directions that this form changes; called for each change.
     """
 

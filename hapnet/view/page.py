@@ -32,8 +32,6 @@ _NARROW_BELOW = 1100  # in windows of a smaller width the panels are narrow, or 
 class Page:
     """The page's content. Times `now_s` are from one monotonic clock.
 
-    Parameters
-    ----------
     controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
     player : what plays a recording; None: what is shown happens now.
     """

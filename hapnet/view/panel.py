@@ -49,8 +49,6 @@ FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at its origin"
 class ControlPanel:
     """Coupling, scene and link; then buttons. In the container that is open when this is made.
 
-    Parameters
-    ----------
     lead : leads the hand, as a drag does.
     starting : called with True when a new episode is about to start, and with False if it does not start.
     """

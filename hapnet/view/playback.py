@@ -21,8 +21,6 @@ _ROLES: tuple[Role, Role] = ("device", "world")
 class Playback:
     """Gives what a recording holds to `take` when it is due: samples, events, and statuses made from its metadata.
 
-    Parameters
-    ----------
     take : `History.take`. recording : of a run, or of one side of it. name : what the page calls it.
     now_ns : when it begins, on the clock of `advance`.
 

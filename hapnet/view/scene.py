@@ -56,8 +56,6 @@ class Scene:
     One and two axes are seen from the front, three from slightly above, with z upwards.
     More than twenty attributes: each thing that is drawn is one.
 
-    Parameters
-    ----------
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
     wall_name : what a single wall is called. parts : what the world looks like beside its walls.
     """
@@ -87,14 +85,11 @@ class Scene:
         self._model_name = scene.add_label(
             "/model_name", "the device's model", anchor="top-left", font_screen_scale=0.75, visible=False
         )
-        self._target = scene.add_icosphere(
-            "/target", _HANDLE_RADIUS, SLATE, opacity=0.25, cast_shadow=False, receive_shadow=False, visible=False
-        )
-        self._handle = scene.add_icosphere(
-            "/handle", _HANDLE_RADIUS, BLUE, opacity=0.5 if parts else None, cast_shadow=False, receive_shadow=False
-        )  # it may stand before the contacts
-        self._proxy = scene.add_icosphere("/proxy", _PROXY_RADIUS, ORANGE, cast_shadow=False, receive_shadow=False)
-        self._mark = scene.add_icosphere("/set_position", _MARK_RADIUS, SLATE, cast_shadow=False, receive_shadow=False)
+        ball = partial(scene.add_icosphere, cast_shadow=False, receive_shadow=False)
+        self._target = ball("/target", _HANDLE_RADIUS, SLATE, opacity=0.25, visible=False)
+        self._handle = ball("/handle", _HANDLE_RADIUS, BLUE, opacity=0.5 if parts else None)  # before the contacts
+        self._proxy = ball("/proxy", _PROXY_RADIUS, ORANGE)
+        self._mark = ball("/set_position", _MARK_RADIUS, SLATE)
         self._touch = scene.add_icosphere("/touch", _MARK_RADIUS, RED, cast_shadow=False, visible=False)
         self._spring = scene.add_line_segments(
             "/spring", _coil(), SLATE, thickness=2.5, thickness_units="screen", visible=False

@@ -44,13 +44,7 @@ class PageServer:
     """The page at `url`, until `close`. See `serve`."""
 
     def __init__(
-        self,
-        history: History,
-        controls: Controls | None,
-        player: Player | None,
-        host: str,
-        port: int,
-        frame_s: float,
+        self, history: History, controls: Controls | None, player: Player | None, host: str, port: int, frame_s: float
     ) -> None:
         self._frame_s = frame_s
         # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
@@ -131,18 +125,13 @@ def serve(
 ) -> PageServer:
     """Serve the page that shows `history`, from threads of its own, until the server is closed.
 
-    Parameters
-    ----------
     controls : what the page may change; None: it only watches. player : plays a recording, if it shows one.
     host : the address to listen on; by default only this machine reaches it. Anybody who reaches it may press every
         button.
     port : if it is taken, the next free one is used; 0: any.
     frame_s : time between two pictures of the scene [s].
 
-    Raises
-    ------
-    MissingLibrary : viser is not installed.
-    InvalidParameter : there is no such address here, or no port is free.
+    Raises MissingLibrary: viser is not installed. InvalidParameter: there is no such address here, or no port is free.
     """
     return PageServer(history, controls, player, host, port, frame_s)
 

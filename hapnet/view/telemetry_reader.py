@@ -16,8 +16,6 @@ _MOST_SIDES = 64
 class TelemetryReader:
     """Hands what it can read to `take`.
 
-    Parameters
-    ----------
     word : the word of the pair's `--secret-file`; empty: none. take : called with each message.
 
     Attributes

@@ -20,8 +20,6 @@ class Watcher:
 
     Of several pairs it watches the first that is heard.
 
-    Parameters
-    ----------
     settings : how to reach the pair. take : called with each message.
     session, name : of the pair; None: of any.
 
@@ -29,9 +27,7 @@ class Watcher:
     ----------
     others : other pairs that were heard. telemetry : reads their messages, and counts those that it cannot read.
 
-    Raises
-    ------
-    InvalidParameter, TransportError : as `zenoh_config`.
+    Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
 
     def __init__(

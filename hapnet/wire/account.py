@@ -88,9 +88,7 @@ class AccountExchange:
     def receive(self, message: Account, now_ns: int) -> None:
         """Take an account of the peer's.
 
-        Raises
-        ------
-        BadMessage : it is older than one before, or answers one that was never sent.
+        Raises BadMessage: it is older than one before, or answers one that was never sent.
         """
         if message.heard > self._number:
             raise BadMessage("range", f"an account that answers {message.heard}; allowed: up to {self._number}")

@@ -66,12 +66,7 @@ class Cipher:
         return head + _BIN.pack(_BIN32, len(content)) + content
 
     def decrypt(self, message: Encrypted) -> bytes:
-        """The frame in `message`.
-
-        Raises
-        ------
-        BadMessage : somebody else made it, or changed it.
-        """
+        """The frame in `message`. Raises BadMessage: somebody else made it, or changed it."""
         from cryptography.exceptions import InvalidTag
 
         head = _head(message.incarnation, message.number)

@@ -39,8 +39,6 @@ MAX_TIMED = 256  # messages whose round trip is being measured: 2.5 s of them, a
 class EnergyChannel(Record):
     """One side of the stream, for one pair. Nothing is ever reset: a new pair gets a new channel.
 
-    Parameters
-    ----------
     admission : the token bucket that credits pass.
     spacing_ns, ack_delay_ns : see the rules above.
     residue_J : the fraction of a nanojoule that the channel before could not send [J].
@@ -104,9 +102,7 @@ class EnergyChannel(Record):
     def send(self, energy_J: float) -> None:
         """Send `energy_J` [J] to the peer. `residue_J`, in [0, 1e-9], keeps the fraction of a nanojoule.
 
-        Raises
-        ------
-        InvalidParameter : negative, not finite, or the total would reach 2^63 nJ.
+        Raises InvalidParameter: negative, not finite, or the total would reach 2^63 nJ.
         """
         if not 0.0 <= energy_J < MAX_TOTAL_NJ / 1e9:
             raise InvalidParameter("energy", energy_J, "a finite energy >= 0 J")
@@ -119,9 +115,7 @@ class EnergyChannel(Record):
     def receive(self, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
         """Process a message from the peer; returns the energy credited now [nJ].
 
-        Raises
-        ------
-        BadMessage : it acknowledges energy that was never announced. Nothing changes then.
+        Raises BadMessage: it acknowledges energy that was never announced. Nothing changes then.
         """
         if acked_nJ > self.announced_nJ:
             raise self._never_announced(acked_nJ)

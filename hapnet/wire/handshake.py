@@ -94,10 +94,8 @@ class Handshake:
     def receive(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Event, ...]:
         """Process a control message, whose frame is `data`; returns the events that it causes.
 
-        Raises
-        ------
-        BadMessage : the message does not count, through a fault of the network or of its sender.
-        LocalProtocolError : this side has said bye.
+        Raises BadMessage: the message does not count, through a fault of the network or of its sender.
+        LocalProtocolError: this side has said bye.
         """
         self._observe(now_ns)
         return self._act(*self._classify(message, now_ns, data), now_ns)
@@ -107,9 +105,8 @@ class Handshake:
 
         addressee : of energy. A stream's message has none.
 
-        Raises
-        ------
-        BadMessage : `sender` is a stranger, retired, or this side itself; or the energy is for another incarnation.
+        Raises BadMessage: `sender` is a stranger, retired, or this side itself; or the energy is for another
+        incarnation.
         """
         if not self._is_peer(sender):
             self._observe(now_ns)
@@ -129,9 +126,7 @@ class Handshake:
     def close(self, now_ns: int, acked_nJ: int, reason: str) -> None:
         """Say bye a few times, and nothing else from now on.
 
-        Raises
-        ------
-        LocalProtocolError : this side has said bye already.
+        Raises LocalProtocolError: this side has said bye already.
         """
         self.state = transition(self.state, Input.CLOSE).state
         addressee = self.peer.incarnation if self.peer is not None else self.keys.met
@@ -333,9 +328,7 @@ def _identity(message: Hello | Welcome) -> Identity:
 def check_identity(identity: Identity) -> None:
     """Check that a side can read its own hello and welcome, whatever their numbers: the largest are tried.
 
-    Raises
-    ------
-    InvalidParameter : it could not.
+    Raises InvalidParameter: it could not.
     """
     try:
         me = identity

@@ -330,10 +330,8 @@ def field_names(message: type[Message]) -> tuple[str, ...]:
 def decode(data: bytes) -> Message:
     """The message in `data`.
 
-    Raises
-    ------
-    BadMessage : `data` is not a valid message. Its `kind` is one of size, malformed, version, kind, length, type,
-        range, dimension.
+    Raises BadMessage: `data` is not a valid message. Its `kind` is one of size, malformed, version, kind, length, type,
+    range, dimension.
     """
     if len(data) > MAX_FRAME_BYTES:
         raise BadMessage("size", f"a frame of {len(data)} bytes; allowed: up to {MAX_FRAME_BYTES}")

@@ -154,9 +154,7 @@ TRANSITIONS: dict[State, dict[Input, Transition]] = {
 def transition(state: State, happened: Input) -> Transition:
     """The row of `happened` in `state`.
 
-    Raises
-    ------
-    LocalProtocolError : there is none: this side's own program asks for what cannot be.
+    Raises LocalProtocolError: there is none: this side's own program asks for what cannot be.
     """
     row = TRANSITIONS[state].get(happened)
     if row is None:

@@ -37,8 +37,6 @@ LIVING_NS = 500_000_000
 class PeerMonitor(Record):
     """Watches when the peer is heard, and the numbers of its messages.
 
-    Parameters
-    ----------
     silence_ns : after this time without a new position the peer is silent.
     living_ns : after this time without a new position another may take its place.
 

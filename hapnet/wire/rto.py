@@ -28,9 +28,7 @@ class RtoEstimator(Record):
     base_ns : the timeout without back-off. backed_off : how often it was doubled.
     smoothed_ns, rttvar_ns : SRTT, below 0 before the first sample, and RTTVAR.
 
-    Raises
-    ------
-    InvalidParameter : unless 0 < floor_ns <= initial_ns <= ceiling_ns.
+    Raises InvalidParameter: unless 0 < floor_ns <= initial_ns <= ceiling_ns.
     """
 
     floor_ns: int

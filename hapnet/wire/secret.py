@@ -53,9 +53,7 @@ class Secret:
     def key(self, mine: int, theirs: int, public: bytes) -> bytes:
         """The key of a pair. mine, theirs : the incarnations. public : the peer's public key.
 
-        Raises
-        ------
-        BadMessage : `public` is no key of a side that keeps to the protocol.
+        Raises BadMessage: `public` is no key of a side that keeps to the protocol.
         """
         from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PublicKey
 
@@ -98,9 +96,7 @@ def is_sealed(key: bytes, more: Mapping[str, Any] | None, data: bytes) -> bool:
 def decrypted(message: Encrypted, cipher: Cipher | None) -> Message:
     """What the peer has encrypted. cipher : of the pair; None: it does not encrypt.
 
-    Raises
-    ------
-    BadMessage : somebody else has encrypted it, or it is no message of a pair, or of another sender.
+    Raises BadMessage: somebody else has encrypted it, or it is no message of a pair, or of another sender.
     """
     if cipher is None:
         raise BadMessage("forged", "an encrypted message; this pair does not encrypt")
@@ -159,9 +155,7 @@ class Keys:
         Streams are not sealed: a set-position costs what it costs, whoever sends it. Nor are hellos, which are to
         nobody; and welcomes are judged by `prove`. Of a pair that encrypts only byes and refusals come so.
 
-        Raises
-        ------
-        BadMessage : it is not.
+        Raises BadMessage: it is not.
         """
         if not isinstance(message, OfPeer | Stream) or message.incarnation not in self._kept:
             return
@@ -185,9 +179,7 @@ class Keys:
     def meet(self, other: int, more: Mapping[str, Any] | None) -> bytes | None:
         """The key shared with `other`, who said hello or welcome; None: one of the two has no secret.
 
-        Raises
-        ------
-        BadMessage : what `other` offers is no key, or it offered one before and does not now.
+        Raises BadMessage: what `other` offers is no key, or it offered one before and does not now.
         """
         public, met = _offered(more), self._met if self._met is not None and self._met[0] == other else None
         if self._secret is None:
@@ -203,10 +195,8 @@ class Keys:
     def prove(self, name: str, other: int, more: Mapping[str, Any] | None, data: bytes) -> str:
         """Why the welcome `data` of `other` does not count; empty if it does.
 
-        Raises
-        ------
-        BadMessage : it is not sealed with the key that it offers. With a word on this side that is no fault of the
-            network, but another word.
+        Raises BadMessage: it is not sealed with the key that it offers. With a word on this side that is no fault of
+        the network, but another word.
         """
         key = self.meet(other, more)
         if self._secret is None or key is None:

@@ -75,16 +75,12 @@ class Outgoing(NamedTuple):
 class Session:
     """One side, from the start of its process to its end.
 
-    Parameters
-    ----------
     role, dof, name, about : this side's identity, sent to the peer. `about` is small: what this side runs.
     incarnation : 64 random bits, not 0, drawn when the process starts.
     settings : see `SessionSettings`.
     secret : what this side's keys are made of. None: it offers no key, so that nothing is sealed.
 
-    Raises
-    ------
-    InvalidParameter : an identity that no peer would accept; a setting out of range.
+    Raises InvalidParameter: an identity that no peer would accept; a setting out of range.
     """
 
     def __init__(
@@ -155,9 +151,7 @@ class Session:
     def shuffle(self, energy_J: float) -> None:
         """Send `energy_J` [J] to the peer. While there is none it is abandoned, which is safe, and counted.
 
-        Raises
-        ------
-        InvalidParameter : negative or not finite.
+        Raises InvalidParameter: negative or not finite.
         """
         self._channel.send(energy_J)
         if self.peer is None or self.closed:

@@ -41,9 +41,7 @@ class SignalExchange:
     def report(self, name: str, value: Signal) -> None:
         """Tell the peer this value from now on.
 
-        Raises
-        ------
-        InvalidParameter : it is no signal, or there would be too many.
+        Raises InvalidParameter: it is no signal, or there would be too many.
         """
         if self.reported.get(name, self) == value and type(self.reported[name]) is type(value):
             return

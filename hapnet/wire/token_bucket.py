@@ -21,8 +21,6 @@ _AJ_PER_NJ = 1_000_000_000
 class TokenBucket(Record):
     """A token bucket that starts full. The level is kept in whole attojoules: 1 nW for 1 ns.
 
-    Parameters
-    ----------
     power_W : the power that is credited in the long run [W], 1e-9 to 1e9.
     burst_J : the energy that is credited at once [J], 1e-9 to 1e9.
 
@@ -31,9 +29,7 @@ class TokenBucket(Record):
     level_aJ, filled_ns : the tokens, and when they were last counted.
     most_waiting_nJ : how much may wait for tokens: what the tokens can pay before the sender repeats its total.
 
-    Raises
-    ------
-    InvalidParameter : one of them is out of its range.
+    Raises InvalidParameter: one of them is out of its range.
     """
 
     rate_nW: int

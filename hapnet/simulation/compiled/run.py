@@ -103,9 +103,7 @@ class CompiledRun:
     def run_until(self, end_ns: int) -> None:
         """Run every event until then; `Simulation._until`.
 
-        Raises
-        ------
-        NotCompiledError : only the reference can run it on.
+        Raises NotCompiledError: only the reference can run it on.
         """
         if self._later_ns <= end_ns:
             self._run_to(self._later_ns)
