@@ -49,8 +49,6 @@ MIN_N, SWING_N = 0.03, 0.1
 class AddedDamping(Record):
     """Computes what is added to y.
 
-    Parameters
-    ----------
     stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. least : b_0 [Ns/m]. most : the maximum of b [Ns/m].
     """
 
@@ -72,8 +70,6 @@ class AddedDamping(Record):
     def step(self, dt: float, x: Vector, y: Vector, age: float, freedom: float, *, swings: bool) -> Vector:
         """y' [m].
 
-        Parameters
-        ----------
         age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
         swings : does b_swing act, as there is no contact model?
         """

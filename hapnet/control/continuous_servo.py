@@ -30,8 +30,6 @@ dissipated since then [J] if the actuators' limit kept it from acting in full; N
 class ContinuousServo(Record):
     """PSPM for a device whose coupling acts continuously between ticks.
 
-    Parameters
-    ----------
     coupling : this side's set-position coupling.
     damping : B's diagonal [Ns/m].
     period : maximum time between two runs of PSPM [s]; it also runs on the first tick after a sample.
@@ -112,8 +110,6 @@ def parts_of(
 class Sender(Record):
     """Decides which runs of PSPM send a sample, if not every one does; all of them send their energy.
 
-    Parameters
-    ----------
     period : time between two samples [s]; 0: each run sends one.
 
     Attributes

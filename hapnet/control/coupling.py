@@ -92,8 +92,6 @@ class CouplingState(Protocol):
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """A sample arrived. No sample arrives twice, and none comes from an earlier peer.
 
-        Parameters
-        ----------
         sent_s : when it was sent, on the other side's clock [s].
         age_s : how old it is now [s]. Of a `Proxy` that has aimed: the time since the device's own time for which it
             stands, exactly. Of another sample: since it was sent, estimated from the minimum round trip.
@@ -218,8 +216,6 @@ class DeviceLaw(Law, Protocol):
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
         """The force on the device [N] to hold from now on.
 
-        Parameters
-        ----------
         dt : time since the last tick [s]. x, v : measured position [m] and velocity [m/s].
         held : the force really held since the last tick [N].
         """
@@ -254,8 +250,6 @@ Stamped = Callable[[CouplingSample, float, float], None]
 class LawState(LawAccount, Generic[L]):
     """The `CouplingState` of a law.
 
-    Parameters
-    ----------
     law : this end of the law. initial_energy : this side's share of d^2 [J].
     stamped : takes each sample with its stamp and its age, as `CouplingState.receive`, before the law does.
     """
@@ -298,8 +292,6 @@ class LawState(LawAccount, Generic[L]):
 class LawSteps:
     """A `WorldCoupling` made of the world's end of a law.
 
-    Parameters
-    ----------
     law, initial_energy, stamped : as those of `LawState`.
     """
 
@@ -322,8 +314,6 @@ class LawSteps:
 class LawServo(HeldForce):
     """A `DeviceCoupling` made of the device's end of a law.
 
-    Parameters
-    ----------
     law : the device's end.
     period : time between the samples sent [s].
     position : the first measured position [m].

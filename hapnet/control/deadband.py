@@ -52,15 +52,11 @@ MIN_WAVE = 2e-3
 class Deadband:
     """Decides which of one side's samples are sent and which are held back.
 
-    Parameters
-    ----------
     fraction : k, Weber's fraction; above 0, at most 1.
     longest_s : maximum time between two samples sent [s].
     port : what the value of this side's `Port` samples is.
 
-    Raises
-    ------
-    InvalidParameter : the fraction or the time is not allowed.
+    Raises InvalidParameter: the fraction or the time is not allowed.
     """
 
     def __init__(

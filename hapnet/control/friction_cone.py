@@ -88,8 +88,6 @@ class RubbingProxy:
     ) -> tuple[Vector, bool]:
         """s [m] for the device at x [m], and whether it touches anything there.
 
-        Parameters
-        ----------
         shift : of all planes [m]. age : of the planes [s]. rounds : how often surfaces that bend are seen anew, first
             from where the proxy was.
         """

@@ -21,8 +21,6 @@ from hapnet.records.record import Record
 class Ledger(Record):
     """Account of one side; all in joules.
 
-    Parameters
-    ----------
     stored : V(0): kinetic and potential energy at the start.
     reservoir : E(0).
 

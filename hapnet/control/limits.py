@@ -41,8 +41,6 @@ def limit_step(n: int, start: Reals, goal: Floats, maximum: float) -> None:
 class Silence(Record):
     """Chooses y when nothing has arrived for a while: ``hold`` keeps it, ``release`` lets it follow the device.
 
-    Parameters
-    ----------
     policy : "hold" or "release".
     after : the peer is silent after this time without a sample [s].
     """

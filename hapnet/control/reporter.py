@@ -15,8 +15,6 @@ MOST_REACH_M = 1.0
 class Teller:
     """Computes what the world sends the device of its proxy: where it will be, and what is around it.
 
-    Parameters
-    ----------
     position : of the virtual mass at the start [m]. predicted : aims the proxy.
     reach : planes within this distance are sent [m]. reach_speed : and those that a device so fast [m/s] could reach
         before it receives them.

@@ -19,8 +19,6 @@ from hapnet.control.smoothing import low_passed
 class SelfMotion:
     """Computes y from the world's positions and the own ones.
 
-    Parameters
-    ----------
     distance : where sigma is 0 [m]. smoothing : time constant [s]. history : maximum of R [s].
     """
 

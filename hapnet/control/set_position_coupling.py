@@ -89,8 +89,6 @@ class SetPositionCoupling(Record):
 
     More than twenty attributes: y passes source, stages, silence, step limit and modulator, and each step is counted.
 
-    Parameters
-    ----------
     modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
     stages : filters and predictors before the modulator.
     source : computes y, before the stages, from all that has arrived; None: y is the newest set-position.
@@ -368,8 +366,6 @@ def _modulate(
 class SetPositionSteps:
     """The world's end: a `WorldCoupling` whose mass has its own spring, tied to ybar.
 
-    Parameters
-    ----------
     coupling : this side's set-position coupling.
     teller : makes the sample of the proxy and of what is around it; None: only its position is sent.
     """

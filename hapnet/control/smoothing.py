@@ -51,8 +51,6 @@ def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Reals) -
 class FilteredVelocity(Record):
     """The velocity of a position, low-passed: ``(x - x_f) / tau``, with x_f the low-passed position.
 
-    Parameters
-    ----------
     time_constant : tau [s], above 0. n : number of axes.
 
     Attributes
@@ -101,8 +99,6 @@ class SmoothingFilter(Record):
 
     The paper gives its period (5 ms), not its equation.
 
-    Parameters
-    ----------
     time_constant : tau [s], above 0.
 
     Attributes
@@ -145,8 +141,6 @@ class VelocityPredictor(Record):
 
     The velocity is computed from the sender's time stamps, so jitter does not disturb it and no common clock is needed.
 
-    Parameters
-    ----------
     horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
     longest : maximum extrapolation [s], however long the silence.
 

@@ -23,8 +23,6 @@ Takes = Callable[[Vector], CouplingSample]
 class StagedDevice:
     """The device's end of a law, with the local contact model before it.
 
-    Parameters
-    ----------
     law : the law's end. model : chooses the set-position. takes : makes the law's kind of sample of it.
     """
 

@@ -39,8 +39,6 @@ NEVER = Reset()
 class VirtualCoupling(DeviceEnd):
     """A spring, which may saturate, tied to the newest position, and a damper.
 
-    Parameters
-    ----------
     spring : K. damping : B's diagonal [Ns/m]. position : x(0) [m], where it starts at rest. reset : of the account.
 
     Attributes

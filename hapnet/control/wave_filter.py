@@ -22,8 +22,6 @@ from hapnet.records.record import Floats, OfAxes, Record
 class WaveFilter(Record):
     """A line whose output waves are smoothed.
 
-    Parameters
-    ----------
     line : the line to smooth. dof : components of a wave. time : tau [s].
 
     Attributes

@@ -56,8 +56,6 @@ def take_from(line: Record, dt: float, out: Floats) -> None:
 class IntegralLine(Record):
     """A line that makes up for lost waves, if their sender sends integrals; otherwise just that line.
 
-    Parameters
-    ----------
     line : takes the waves, each over the time since the last. believes : are integrals believed?
 
     Attributes
@@ -116,8 +114,6 @@ class Recovery(Record):
     would use up both at the same time (Niemeyer, Slotine 1998). Here c is added to the queue's own output z. That costs
     z + c/2 for each unit of displacement, so no more than E/U if c <= 2 (E/U - z).
 
-    Parameters
-    ----------
     dof : components of a wave. time : time constant of the recovery, if there is energy enough [s]; 0: none.
 
     Attributes

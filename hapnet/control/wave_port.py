@@ -64,8 +64,6 @@ class WaveDevice(_Port, DeviceEnd):
     held. The rest of the displacement is sent when there is energy for it. Its set-position is the device's own
     position: a wave carries none.
 
-    Parameters
-    ----------
     impedance : b [Ns/m]. position : of the device [m]. line : waves from the world.
 
     Attributes
@@ -157,8 +155,6 @@ class WaveWorld(_Port, WorldEnd):
     ``p = (a sqrt(2b) u + b K (y - x))/(a + b)``. It holds exactly that (u^2 - w^2)/2 T = f_c vy T, which is the change
     of the coupling's potential plus B (vy - vhat)^2 T plus f_c vhat T.
 
-    Parameters
-    ----------
     impedance : b [Ns/m]. stiffness, damping : K [N/m], B [Ns/m] of the virtual coupling. position : of the mass [m].
     line : waves from the device.
 

@@ -17,8 +17,6 @@ from hapnet.records.vectors import copy
 class ZeroOrderHold(Record):
     """Replaces `SetPositionModulator` and accepts every set-position unchanged.
 
-    Parameters
-    ----------
     spring : the coupling spring.
     position : x(0) [m].
     energy : E(0) [J], counted in the bound as with PSPM.

@@ -35,8 +35,6 @@ COUNT_N = 0.1
 def colgate_bound(own_damping: float, damping: float, servo_hz: float) -> float:
     """The stiffness below which a held spring is passive by itself [N/m]; 0 or less: there is none.
 
-    Parameters
-    ----------
     own_damping, damping : b of the device, B of the coupling [Ns/m]. servo_hz : 1/T [Hz].
     """
     return 2.0 * (own_damping - damping) * servo_hz
@@ -53,8 +51,6 @@ def default_stiffness(
 ) -> float:
     """K [N/m].
 
-    Parameters
-    ----------
     own_damping : the device's own damping [Ns/m]; 0: unknown. damping, servo_hz : as `colgate_bound`.
     declared : the smallest and the largest stiffness that the device renders, as it says [N/m]; None: it does not say.
     resolution_m : of its encoders [m]; 0: unknown, or none. exact : is `own_damping` the damping, not a lower bound?

@@ -70,9 +70,8 @@ def ceiling_for(device: DeviceParams) -> float:
 def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
     """Warnings about forces that will not be rendered as asked, or that may output more than the account holds.
 
-    Raises
-    ------
-    InvalidParameter : the range harvest is asked for, and the device has less own damping than a held spring needs.
+    Raises InvalidParameter: the range harvest is asked for, and the device has less own damping than a held spring
+    needs.
     """
     if harvest == "range":
         return _range(device, dof)

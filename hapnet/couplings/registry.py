@@ -37,10 +37,8 @@ COUPLINGS: Mapping[str, CouplingSpec[Any]] = _BuiltIn()
 def coupling(name: str) -> CouplingSpec[Any]:
     """The coupling of that name: hapnet's own, one that a package publishes, or a user's own, given as ``module:NAME``.
 
-    Raises
-    ------
-    InvalidParameter : there is no coupling of that name, or the object is not a `CouplingSpec`, or its parameters have
-        the name of another section.
+    Raises InvalidParameter: there is no coupling of that name, or the object is not a `CouplingSpec`, or its parameters
+    have the name of another section.
     """
     if name in COUPLINGS:
         return COUPLINGS[name]

@@ -172,9 +172,7 @@ class CouplingSpec(Generic[T]):
 def scalar_stiffness(params: Params) -> float:
     """K [N/m] of the device's side, for laws whose stiffness is one number.
 
-    Raises
-    ------
-    InvalidParameter : K has one number per axis, or is a matrix.
+    Raises InvalidParameter: K has one number per axis, or is a matrix.
     """
     K = params.device.stiffness
     if not isinstance(K, float):

@@ -111,8 +111,6 @@ class TdpaWorld(WorldEnd):
     More than twenty attributes: six parameters, and two positions with their rates, ages and forces, of this end and of
     the device's newest message.
 
-    Parameters
-    ----------
     position : (n,) the mass's position [m]; a device's first position counts as the same place.
     predictor : of the device's motion, from stamped positions; None: its velocity is taken from what comes here.
 

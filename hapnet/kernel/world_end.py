@@ -115,8 +115,6 @@ class CompiledMass(PassiveIntegrator):
 class CompiledSteps(SetPositionSteps):
     """`SetPositionSteps` whose steps are compiled; those of `mass` too, as long as it is among `contacts`.
 
-    Parameters
-    ----------
     coupling, reporter : as those of `SetPositionSteps`. array, end : the end's memory. run : the compiled function.
     """
 

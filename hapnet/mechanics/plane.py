@@ -87,9 +87,7 @@ class Plane(NamedTuple):
 def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
     """The first four of a user's planes, with plain floats.
 
-    Raises
-    ------
-    InvalidParameter : a normal is not a unit vector of `dof` components, or a number is out of its range.
+    Raises InvalidParameter: a normal is not a unit vector of `dof` components, or a number is out of its range.
     """
     few = tuple(islice(planes, MOST_PLANES))
     try:

@@ -69,8 +69,6 @@ class Device(Protocol):
 class SimulatedDevice(Record):
     """An n-axis device with constant mass, in a simulated hand.
 
-    Parameters
-    ----------
     operator : the hand; the device starts at rest at the hand's reference at t = 0.
     mass : apparent mass on each axis [kg]. damping : own damping b on each axis [Ns/m], 0 or above.
     period : length of a tick [s]. substeps : integration substeps in a tick.
@@ -82,9 +80,7 @@ class SimulatedDevice(Record):
     limit : the force limit, infinite if there is none. time : at the end of the last tick [s]; ticks : their number.
     read_position, read_velocity, read_time : of the last `read`.
 
-    Raises
-    ------
-    InvalidParameter : a value is not allowed.
+    Raises InvalidParameter: a value is not allowed.
     """
 
     dof: int
@@ -182,14 +178,10 @@ class SimulatedDevice(Record):
 
         Spring and damper together stay within the device's force limit; the damper is reduced.
 
-        Parameters
-        ----------
         stiffness : K [N/m]. damping : B [Ns/m], diagonal. set_position : ybar [m].
         spring_limit : force at which the spring saturates, through its potential [N]; None: never.
 
-        Raises
-        ------
-        InvalidParameter : a value is not allowed, for example a spring that alone exceeds the device's limit.
+        Raises InvalidParameter: a value is not allowed, for example a spring that alone exceeds the device's limit.
         """
         if self.force_limit is not None and not 0.0 < (spring_limit or 0.0) <= self.force_limit:
             raise InvalidParameter("spring_limit", spring_limit, f"at most the device's own, {self.force_limit:g} N")

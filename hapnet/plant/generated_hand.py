@@ -40,8 +40,6 @@ class _Reach(NamedTuple):
 class GeneratedHand:
     """An operator whose motion and impedance are drawn.
 
-    Parameters
-    ----------
     rng : draws everything. normal : (n,) of the wall. relaxed, firm : the impedance is drawn between these.
     """
 

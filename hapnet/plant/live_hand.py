@@ -15,8 +15,6 @@ class LiveHand:
     A critically damped filter of second order, ``tau^2 x_d'' + 2 tau x_d' + x_d = goal``, smooths them. It is solved
     exactly for a goal that is constant within each tick. Steps at 20 Hz become a motion without steps, 2 `tau` later.
 
-    Parameters
-    ----------
     start : where the hand begins [m], shape (n,). tau : the filter's time constant [s].
     """
 

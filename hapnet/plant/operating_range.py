@@ -81,9 +81,7 @@ NamedValue = tuple[str, object]
 def operating_range(dof: int, workspace: NamedValue, speed: NamedValue, stiffness: NamedValue) -> OperatingRange:
     """The declared range of a device with `dof` axes, checked.
 
-    Raises
-    ------
-    InvalidParameter : a value is not a number, or so large or small that its unit must be wrong.
+    Raises InvalidParameter: a value is not a number, or so large or small that its unit must be wrong.
     """
     return OperatingRange(_workspace(*workspace, dof), _speed(*speed), _stiffness(*stiffness))
 

@@ -67,8 +67,6 @@ class Sine:
     Hogan's minimum-jerk share (J. Neuroscience, 1985), so that speed and acceleration start at zero. With 0 it is full
     from the start, at full speed.
 
-    Parameters
-    ----------
     amplitude : [m]; frequency : [Hz]; centre : [m], shape (n,); start_s : [s].
     """
 
@@ -106,8 +104,6 @@ class Sine:
 class Press:
     """Minimum-jerk press and hold, then withdraw, repeated.
 
-    Parameters
-    ----------
     start, goal : where the hand waits and where it presses to [m], shape (n,).
     reach : duration of the motion in, and of that out [s]. hold : time at the goal [s]. wait : time at the start [s].
     """
@@ -155,8 +151,6 @@ class Press:
 class HeldAtEnd:
     """A hand that ends its motion: it goes to rest in a minimum-jerk blend, and holds still from then on.
 
-    Parameters
-    ----------
     hand : whose motion it is. from_s : when the blend begins [s]. over_s : how long it takes [s].
     at : where the hand then rests [m], shape (n,); None: where it was when the blend began.
     """
@@ -180,8 +174,6 @@ class HeldAtEnd:
 class Recorded:
     """A recorded motion, replayed in a loop: at its end the hand returns to the start in a minimum-jerk move.
 
-    Parameters
-    ----------
     path : (N, n) positions [m] on an even grid of `step` seconds.
     """
 
@@ -214,8 +206,6 @@ class Followed:
     The slope at a point is that of the parabola through it and its neighbours. So on an even grid of step h the error
     for a smooth motion is at most ``h^3/24 max|d^3x/dt^3|`` plus the fourth-order term of Hermite's formula.
 
-    Parameters
-    ----------
     times : (N,) seconds since the start, increasing. path : (N, n) positions at these times [m].
     """
 

@@ -60,8 +60,6 @@ class DeviceState(Record):
 class TickModel(Record):
     """What a tick depends on besides the state: device, hand and coupling.
 
-    Parameters
-    ----------
     dof : n. mass [kg], own_damping [Ns/m] : of the device, on each axis. hand : the hand that holds it.
     period : length of a tick [s]. substeps : their number in a tick.
     stiffness : K [N/m] (n, n), damping : B's diagonal [Ns/m], of the coupling.

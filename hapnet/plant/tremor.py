@@ -15,8 +15,6 @@ HERTZ = (8.3, 9.4, 10.7, 11.9)
 class Tremor:
     """An operator whose reference trembles along every axis.
 
-    Parameters
-    ----------
     hand : the operator. amplitude : maximum distance from its reference, on each axis [m].
     """
 

@@ -2,6 +2,9 @@
 
 All that is known is in the journal, and what is tried next depends on nothing else but the spec. So a search that was
 stopped is repeated from its beginning; it finds every result there, until it is where it stopped.
+
+Optuna's own storage cannot do this: it fixes a trial's value when the trial ends, but a later trial may change what
+earlier ones are worth (`judge`). It knows no cases either, so there would be two files that a crash can set apart.
 """
 
 from __future__ import annotations

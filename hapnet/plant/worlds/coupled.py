@@ -112,8 +112,6 @@ def force(stiffness: float, damping: float, depth: float, u: float, dt: float) -
 def solve(planes: Coupled, w: Reals, C: FloatRows, dt: float) -> None:
     """The forces of all planes, into `pushes`.
 
-    Parameters
-    ----------
     w : (n,) velocity without contact [m/s]. C : (n, n) A^-1 [m/s per N]. dt : the step's length [s].
     """
     n, f, trial = planes.n, planes.f, planes.trial

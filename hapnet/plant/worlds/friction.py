@@ -66,8 +66,6 @@ textured = FrictionTexture.__call__
 def coefficient(grip_N: float, speed: float, resistance: float, start: Vector) -> float:
     """c [Ns/m] for one contact.
 
-    Parameters
-    ----------
     grip_N : mu |F|. speed : of the step without friction, across the normal [m/s]. resistance : a [Ns/m] along it.
     start : (3,) the velocity across the normal at the step's start [m/s].
     """

@@ -24,8 +24,6 @@ def solved(law: Callable[[Array], Array], free: Array, compliance: Array, axes: 
     It is the force of the last linearisation, so that w and f fit each other exactly even where the law has a jump and
     the method does not settle.
 
-    Parameters
-    ----------
     law : F, gives (m,) for w of shape (m,). It consists of blocks of `axes` components, each a function of its own
         components of w. free : w_0 (m,). compliance : G (m, m), positive definite.
     """

@@ -37,13 +37,9 @@ _NOWHERE_M = 1e-12
 class Mesh:
     """A solid that a closed mesh bounds.
 
-    Parameters
-    ----------
     vertices : (V, 3) [m]. triangles : (F, 3) indices of vertices, anticlockwise as seen from outside.
 
-    Raises
-    ------
-    InvalidParameter : the mesh is empty or not closed. MissingLibrary : the extra `mesh` is not installed.
+    Raises InvalidParameter: the mesh is empty or not closed. MissingLibrary: the extra `mesh` is not installed.
     """
 
     slope: float = 1.0

@@ -32,10 +32,8 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
     Vertices at the same place are joined, triangles with a corner twice are dropped, and a mesh that is inside out is
     turned.
 
-    Raises
-    ------
-    InvalidParameter : the file cannot be read, has no triangles or too many, or is absurdly large or small.
-    MissingLibrary : the extra `mesh` is not installed.
+    Raises InvalidParameter: the file cannot be read, has no triangles or too many, or is absurdly large or small.
+    MissingLibrary: the extra `mesh` is not installed.
     """
     kind = Path(file).suffix.lower()
     if kind not in FORMATS:

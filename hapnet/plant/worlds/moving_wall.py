@@ -72,15 +72,11 @@ class Change(NamedTuple):
 class Schedule:
     """A wall as a function of time.
 
-    Parameters
-    ----------
     wall : at the start. timeline : its changes, as in the module's description; "": none. A `shift` is along the normal
         of that moment, so a positive one is away from a hand in front of the wall; a `turn` is about the point of the
         first surface that is nearest to the origin, from the first axis towards the second. Both add to those before.
 
-    Raises
-    ------
-    InvalidParameter : an entry of the timeline is malformed; it names the entry.
+    Raises InvalidParameter: an entry of the timeline is malformed; it names the entry.
     """
 
     def __init__(self, wall: Wall, timeline: str = "") -> None:
@@ -123,8 +119,6 @@ class Schedule:
 class MovingWall(WorldDefaults, Surroundings):
     """A world with one wall that changes with time, and its own surroundings. It is used for one run.
 
-    Parameters
-    ----------
     schedule : the wall. min_s, max_s : range of the step time T_k [s], which is drawn uniformly.
 
     Raises InvalidParameter.

@@ -42,8 +42,6 @@ class Engine:
 
     More than twenty attributes: the account, and what each substep would else ask of the model anew.
 
-    Parameters
-    ----------
     found : the model. dof : how many axes the hand has: the first ones.
     """
 

@@ -62,8 +62,6 @@ class _Touch(NamedTuple):
 class SpherePlanes:
     """The planes around the sphere that was added to a model.
 
-    Parameters
-    ----------
     found : the model. dof : axes of the hand. everything : also those of what rubs or yields?
     """
 

@@ -55,8 +55,6 @@ _PAID = 1.0 - 1e-12
 class MujocoProxy(Mass):
     """The proxy on its virtual coupling, moved by the engine: the `hapnet.mechanics.contacts.Mass`.
 
-    Parameters
-    ----------
     engine : the running model. damping, stiffness : B' [Ns/m], K' [N/m].
     """
 
@@ -148,8 +146,6 @@ class MujocoProxy(Mass):
 class MujocoWorld(WorldDefaults, Surroundings):
     """A MuJoCo model as a world, and its own surroundings. It is used for one run.
 
-    Parameters
-    ----------
     scene : its name, see `hapnet.plant.worlds.mujoco_model`. dof : axes of the hand, the model's first ones.
     min_s, max_s : range of the step time T_k [s].
 

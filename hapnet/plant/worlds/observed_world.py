@@ -21,8 +21,6 @@ from hapnet.plant.worlds.walls import check_number
 class ObservedWorld(WorldDefaults, Surroundings):
     """A world whose forces are those of its subclass (`solve`). It is used for one run.
 
-    Parameters
-    ----------
     dof : n. name : in summaries and figures.
     energy_J : what the forces may give out from the start, as a field does whose potential falls [J]. Without it they
         can give back only what was put in.

@@ -35,8 +35,6 @@ _ROUNDING = 1e-13
 class Observer:
     """The account of forces with no promise.
 
-    Parameters
-    ----------
     energy_J : what they may give out from the start [J].
     """
 
@@ -63,8 +61,6 @@ class Observer:
     def passive(self, dt: float, force: Array, free: Array, compliance: Array) -> tuple[Array, Array]:
         """What is applied of `force`, with its damper, and the relative velocity w. Both go into the account.
 
-        Parameters
-        ----------
         dt : T [s]. force : (m,) [N]. free : (m,) w_0 [m/s]. compliance : (m, m) G [m/s per N].
         """
         w = free + compliance @ force

@@ -37,8 +37,6 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)", re.IGN
 class RigidScene(WorldDefaults):
     """A world of rigid solids that rest. It is used for one run.
 
-    Parameters
-    ----------
     name : in summaries and figures. dof : the number of axes. solids : one or more. min_s, max_s : range of the step
         time T_k [s], which is drawn uniformly. start : (n,) where the proxy starts [m], outside every solid; the origin
         by default.

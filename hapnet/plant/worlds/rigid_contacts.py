@@ -46,8 +46,6 @@ from hapnet.records.vectors import added, inner
 class Solid:
     """A shape and its material.
 
-    Parameters
-    ----------
     shape : see `hapnet.plant.worlds.shapes`. stiffness : K_w [N/m]. damping : B_w [Ns/m]. friction : Coulomb's mu, or
         a function that gives it for a place (3,) [m].
 

@@ -49,8 +49,6 @@ class Known(Record):
 class Secant(Record):
     """A solid near the proxy. In a step a plane stands for it, ``p = depth + normal . Delta``, with spring and damper.
 
-    Parameters
-    ----------
     shape : of the solid. stiffness, damping, friction : K_w [N/m], B_w [Ns/m] and Coulomb's mu; if that is a function
         of the place (`varies`), the attribute is what it gave for this step.
 
