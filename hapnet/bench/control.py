@@ -18,7 +18,7 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.kernel import real_time
-from hapnet.kernel.sources import no_compiler
+from hapnet.records.machine_code import no_compiler
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.wire.session import Session
 

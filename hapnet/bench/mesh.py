@@ -40,7 +40,7 @@ def world_step_mesh(options: Options) -> Row:
     for name, path in others.items():
         other, beside = _beside(LedMass(mesh, path), mesh, options)
         more[name] = Figures.of(other).median / Figures.of(beside).median
-    limits = tuple([Limit(name, 3.0) for name in ("ratio", "mean_ratio", "free_ratio")])
+    limits = tuple([Limit(name, 4.0) for name in ("ratio", "mean_ratio", "fast_ratio", "free_ratio")])
     return row("world_step_mesh", "us", what, subject, against, bare, more=more, limits=limits)
 
 

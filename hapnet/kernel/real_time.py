@@ -24,6 +24,7 @@ from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
 from hapnet.plant.worlds.walls import MOST, Contacts
+from hapnet.records import machine_code
 from hapnet.records.record import AXES
 
 SERVO, WORLD = "servo", "world"
@@ -38,7 +39,7 @@ def make_ready(name: str) -> Any:
     module, kind = (servo_end, ServoEnd) if name == SERVO else (world_end, WorldEnd)
     from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
 
-    run: Any = entry(module.entry_of(f"{sources.digest()} {name}"), str(sources.directory()), OF_SET_POSITIONS)
+    run: Any = entry(module.entry_of(f"{sources.digest()} {name}"), str(machine_code.directory()), OF_SET_POSITIONS)
     array, _ = bound.memory(kind)
     with as_one_unit(), reporting(progress.reported.get()):
         run(array)  # of no axes
@@ -49,7 +50,7 @@ def make_ready(name: str) -> Any:
 
 def missing(spec: CouplingSpec[Any], wanted: Iterable[str]) -> list[str]:
     """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet."""
-    if spec.compiled is None or sources.no_compiler() is not None:
+    if spec.compiled is None or machine_code.no_compiler() is not None:
         return []
     laws = dict(zip((SERVO, WORLD), spec.compiled, strict=True))
     return [end for end in wanted if laws[end] is None and not sources.are_compiled(end)]
@@ -57,7 +58,7 @@ def missing(spec: CouplingSpec[Any], wanted: Iterable[str]) -> list[str]:
 
 def ends() -> Ends:
     """What makes compiled ends; where nothing can be compiled, it leaves them as they are."""
-    return CompiledEnds() if sources.no_compiler() is None else Ends()
+    return CompiledEnds() if machine_code.no_compiler() is None else Ends()
 
 
 class CompiledEnds(Ends):

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 
+from hapnet.records.machine_code import directory
+
 _HERE = Path(__file__).parent
-
-
-def directory() -> Path:
-    """Where the machine code is kept: with the user's other caches, never beside the package. Made if it can be."""
-    found = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapnet"
-    with suppress(OSError):
-        found.mkdir(parents=True, exist_ok=True)
-    return found
 
 
 def _mark(kind: str) -> Path:
@@ -36,13 +28,6 @@ def digest() -> str:
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         found.update(path.read_bytes())
     return found.hexdigest()
-
-
-def no_compiler() -> str | None:
-    """Why nothing can be compiled here; None: it can."""
-    if find_spec("numba") is None:
-        return "numba is not installed (extra fast)"
-    return "NUMBA_DISABLE_JIT is set" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else None
 
 
 def are_compiled(kind: str) -> bool:

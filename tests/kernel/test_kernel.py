@@ -17,6 +17,7 @@ from hapnet import cli, simulate_batch
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.kernel import sources, twins
 from hapnet.params import Params
+from hapnet.records import machine_code
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.support.kernel_cases import LOSSY, differences, kernel_case
@@ -225,7 +226,7 @@ def test_the_compiler_tells_how_far_it_is() -> None:
 
 
 def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "find_spec", lambda name: None)
+    monkeypatch.setattr(machine_code, "find_spec", lambda name: None)
     simulation = Simulation(SAMPLED.set({"duration_s": 0.2}), 1)
     assert simulation.not_compiled == "numba is not installed (extra fast)"
     assert simulation.run().summary["theorem"]["margin_J"] > 0.0

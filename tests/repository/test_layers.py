@@ -69,6 +69,7 @@ READS_FILES = {
     "netem/units.py": "opens the files that a profile names",
     "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",
     "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
+    "hapnet/records/machine_code.py": "compiled code is kept in a directory",
     "hapnet/kernel/sources.py": "compiled code is cached as long as its sources stay the same",
 }
 """What may reach files, of all that lies below `assembly`, and why. Clocks and generators are arguments there too."""
@@ -76,7 +77,7 @@ READS_FILES = {
 ADDS_UP = {"records", "mechanics", "control", "plant", "couplings", "side"}
 """Whose recordings' bits depend on how a sum is rounded: they add up with `inner` and `added`."""
 
-COUNTS = {f"hapnet/{name}.py" for name in ("plant/integrator", "plant/worlds/mesh", "records/histogram")}
+COUNTS = {f"hapnet/{name}.py" for name in ("plant/integrator", "records/histogram")}
 """Modules of those that count with `sum`, or ask whether any of several numbers is none."""
 
 OPENS_ZENOH = {

@@ -15,7 +15,7 @@ import viser.transforms
 
 from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.mesh import volume
+from hapnet.plant.worlds.mesh_surface import volume
 from hapnet.plant.worlds.outlines import cylinder
 from hapnet.plant.worlds.picture import part
 from hapnet.plant.worlds.rigid import parts_of_words

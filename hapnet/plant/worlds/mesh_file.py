@@ -11,7 +11,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.loading import cause
-from hapnet.plant.worlds.mesh import Triangles, volume
+from hapnet.plant.worlds.mesh_surface import Triangles, volume
 
 FORMATS = (".stl", ".obj", ".ply")
 LARGEST_BYTES = 200_000_000
@@ -29,8 +29,7 @@ _BACK_M = 0.01
 def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
     """Vertices (V, 3) [m] and triangles (F, 3) of a mesh whose file has the unit `unit_m` [m].
 
-    Vertices at the same place are joined, triangles with a corner twice are dropped, and a mesh that is inside out is
-    turned.
+    Vertices at the same place are joined, and triangles with a corner twice are dropped.
 
     Raises InvalidParameter: the file cannot be read, has no triangles or too many, or is absurdly large or small.
     MissingLibrary: the extra `mesh` is not installed.
@@ -61,8 +60,6 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
     vertices, triangles = vertices[first], numbers.reshape(-1)[triangles]
     one, two, three = triangles.T
     triangles = triangles[(one != two) & (two != three) & (three != one)]
-    if volume(vertices, triangles) < 0.0:
-        triangles = triangles[:, ::-1]
     return vertices, triangles
 
 

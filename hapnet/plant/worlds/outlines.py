@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.mesh import Mesh, Triangles
+from hapnet.plant.worlds.mesh import Mesh
+from hapnet.plant.worlds.mesh_surface import Triangles
 from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, part
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 

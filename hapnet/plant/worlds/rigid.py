@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from math import hypot
 
 import numpy as np
@@ -17,8 +18,10 @@ import numpy as np
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.plant.worlds.friction import Friction, FrictionTexture
-from hapnet.plant.worlds.mesh import Mesh, Triangles
+from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_file import read_heights, read_mesh, require_file
+from hapnet.plant.worlds.mesh_parts import joined
+from hapnet.plant.worlds.mesh_surface import SHARP_DEG, Triangles
 from hapnet.plant.worlds.picture import Part
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
@@ -43,6 +46,8 @@ class RigidScene(WorldDefaults):
 
     Raises InvalidParameter.
     """
+
+    warnings: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -103,13 +108,15 @@ def rigid(
 ) -> RigidScene:
     """The scene that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
     given = {"stiffness": stiffness, "damping": damping}
-    solids = [_solid(part, given) for part in _parts(text)]
+    solids, notes = zip(*[_solid(part, given) for part in _parts(text)], strict=True)
     try:
-        return RigidScene(text, dof, solids, step_min_s, step_max_s)
+        scene = RigidScene(text, dof, solids, step_min_s, step_max_s)
     except InvalidParameter as error:
         if error.name != "start":
             raise
         raise InvalidParameter(f"scene {text}: start", error.value, error.allowed) from error
+    scene.warnings = tuple(chain.from_iterable(notes))
+    return scene
 
 
 def builder(text: str) -> Callable[..., RigidScene] | None:
@@ -136,6 +143,8 @@ class Properties:
 
     def __init__(self, spec: str, text: str) -> None:
         self.words = spec
+        self.notes: list[str] = []
+        """What is to be said of it."""
         self._left: dict[str, str] = {}
         for entry in filter(None, text.split("&")):
             key, equals, value = entry.partition("=")
@@ -191,7 +200,8 @@ class Kind:
 _MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH, relief=HEIGHT,WAVELENGTH"
 
 
-def _solid(spec: str, given: Mapping[str, float]) -> Solid:
+def _solid(spec: str, given: Mapping[str, float]) -> tuple[Solid, list[str]]:
+    """A solid, and what is to be said of it."""
     name, file, text = _kind(spec)
     if name not in KINDS:
         raise InvalidParameter(f"scene {spec}", name, f"one of {', '.join(KINDS)}", KINDS)
@@ -206,7 +216,7 @@ def _solid(spec: str, given: Mapping[str, float]) -> Solid:
         material = {key: properties.number(key, value) for key, value in given.items()}
         friction = _friction(properties)
         properties.finish()
-        return Solid(shape, friction=friction, **material)
+        return Solid(shape, friction=friction, **material), properties.notes
     except InvalidParameter as error:
         if error.name.startswith("scene "):
             raise
@@ -278,11 +288,15 @@ def _plane(properties: Properties, file: str) -> HalfSpace:
     return HalfSpace(normal, added([n * x for n, x in zip(normal, at, strict=True)]) / size)
 
 
+_SHARP = f"sharp={SHARP_DEG:g} (degrees between triangles that meet at an edge; 0: all do)"
 _PLACE = "X,Y,Z (centre of its extent) or file (as in the file)"
 
 
 def _mesh(properties: Properties, file: str) -> Mesh:
-    return _placed(properties, *read_mesh(file, _unit(properties, file)))
+    vertices, triangles, done = joined(*read_mesh(file, _unit(properties, file)))
+    if done:
+        properties.notes.append(f"mesh {file}: {done}")
+    return _placed(properties, vertices, triangles)
 
 
 def _heights(properties: Properties, file: str) -> Mesh:
@@ -318,15 +332,18 @@ def _placed(properties: Properties, vertices: Array, triangles: Triangles) -> Me
             properties.give_back("at", at)
         middle = 0.5 * (low + high)
         vertices = vertices + (np.array(_middle(properties, float(high[0] - middle[0]))) - middle)
-    return Mesh(vertices, triangles)
+    sharp_deg = properties.number("sharp", SHARP_DEG)
+    if not 0.0 <= sharp_deg <= 180.0:
+        raise properties.error(f"sharp={sharp_deg:g}", "sharp: 0 to 180 degrees")
+    return Mesh(vertices, triangles, sharp_deg)
 
 
 KINDS: dict[str, Kind] = {
     "sphere": Kind(_sphere, "radius=30mm, at=X,Y,Z (centre)"),
     "cuboid": Kind(_cuboid, "size=X,Y,Z, at=X,Y,Z (centre)"),
     "cylinder": Kind(_cylinder, "radius=30mm, length=60mm, axis=z, at=X,Y,Z (centre)"),
-    "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(_UNITS)}), at={_PLACE}"),
-    "heights": Kind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}"),
+    "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(_UNITS)}), at={_PLACE}, {_SHARP}"),
+    "heights": Kind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}, {_SHARP}"),
     "plane": Kind(_plane, "normal=X,Y,Z (into the solid), at=X,Y,Z (a point of it)"),
 }
 """The kinds of solids by name."""

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import hypot
 
 from hapnet import checks
@@ -35,9 +36,9 @@ from hapnet.mechanics.curvature import Curvature, Curvatures, across
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.coupled import Coupled
 from hapnet.plant.worlds.friction import Friction
+from hapnet.plant.worlds.mesh_contact import secants_of
 from hapnet.plant.worlds.rigid_step import SolidContact, deepest, react
-from hapnet.plant.worlds.secant import Secant, farther_than, near
-from hapnet.plant.worlds.shapes import Bent, Shape
+from hapnet.plant.worlds.shapes import Shape
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 from hapnet.records.vectors import added, inner
 
@@ -73,9 +74,11 @@ class RigidContacts(SolidContact, Surroundings):
     def __init__(self, solids: Sequence[Solid], dof: int) -> None:
         super().__init__()
         self.solids: tuple[Solid, ...] = tuple(solids)
-        self.dof, self.count = dof, len(self.solids)
         self.scale, self.is_scalar = 1.0, -1
-        self.secants = [Secant(one.shape, one.stiffness, one.damping, one.friction) for one in self.solids]
+        self.secants = list(
+            chain.from_iterable(secants_of(one.shape, one.stiffness, one.damping, one.friction) for one in self.solids)
+        )
+        self.dof, self.count = dof, len(self.secants)
         self.met = [0] * self.count
         self.together = Coupled(3, self.count)
         self.rubs = int(any(solid.friction for solid in self.solids))
@@ -137,33 +140,23 @@ class RigidContacts(SolidContact, Surroundings):
         """Depth and plane of the solids within `reach` [m] of `x`, the deepest first."""
         found = []
         for secant in self.secants:
-            if farther_than(secant, reach, x):
-                continue
-            distance, gradient = near(secant, x)
-            out = gradient[: self.dof]
-            length = hypot(*out)
-            if distance > reach or not length:
-                continue
-            normal = tuple([-part / length for part in out])
-            offset = inner(normal, x) + distance / length
-            bends = self._bends(secant.shape, x, gradient, length)
             mu = min(secant.friction_at(x), MOST_FRICTION)
-            found.append((-distance, Plane(normal, offset, secant.stiffness, secant.damping, 0.0, bends, mu)))
+            for distance, gradient, bends in secant.tangents(x, reach, self.dof):
+                out = gradient[: self.dof]
+                if not (length := hypot(*out)):
+                    continue
+                normal = tuple([-part / length for part in out])
+                offset = inner(normal, x) + distance / length
+                cut = self._cut(bends, out) if abs(length - 1.0) <= _OBLIQUE else ()
+                found.append((-distance, Plane(normal, offset, secant.stiffness, secant.damping, 0.0, cut, mu)))
         return sorted(found, reverse=True)
 
-    def _bends(self, shape: Shape, x: Vector, gradient: Vector, length: float) -> Curvatures:
-        """How the solid's surface bends, as it is cut by the axes: with two, along the one direction across the normal.
-
-        Empty: it does not say so; or the front is what counts, and the back is nearer; or the cut is oblique.
-        """
-        if not isinstance(shape, Bent) or abs(length - 1.0) > _OBLIQUE or shape.near(x).gradient != gradient:
-            return ()
-        bends = shape.curvatures(x)
-        if self.dof == 3:
+    def _cut(self, bends: Curvatures, out: Vector) -> Curvatures:
+        """How a surface bends as it is cut by the axes: with two, along the one direction across its gradient `out`."""
+        if self.dof == 3 or not bends:
             return bends
-        tangents = across(gradient[: self.dof])
         return tuple(
-            [Curvature(tangent, added([k * inner(e, padded(tangent)) ** 2 for e, k in bends])) for tangent in tangents]
+            [Curvature(along, added([k * inner(e, padded(along)) ** 2 for e, k in bends])) for along in across(out)]
         )
 
 

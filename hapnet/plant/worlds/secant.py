@@ -6,8 +6,9 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.mechanics.curvature import Curvatures
 from hapnet.plant.worlds.friction import Friction, FrictionTexture, textured
-from hapnet.plant.worlds.shapes import UNKNOWN, Form, Near, Shape, Triple, form_of, near_form, triple
+from hapnet.plant.worlds.shapes import UNKNOWN, Bent, Form, Near, Shape, Triple, form_of, near_form, triple
 from hapnet.plant.worlds.walls import Axis, Face
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import Floats, OfAxes, Record, zero
@@ -37,6 +38,14 @@ class Hit(NamedTuple):
     near: Near
 
 
+class Tangent(NamedTuple):
+    """A tangent plane as seen from a place: how far that is in front of it, and how the surface bends."""
+
+    distance_m: float
+    gradient: Vector
+    curvatures: Curvatures
+
+
 class Known(Record):
     """A solid's distance and gradient, in front of it or behind, at a place [m]; `here`: is there one?"""
 
@@ -57,7 +66,7 @@ class Secant(Record):
     normal : into the solid; of about unit length. plane : what pushes along it, from depth, velocity without contact,
         A along it, and the step's length. met : does this step meet it?
     form, texture : of shape and friction, if equations know them.
-    known : what is known of the surface; asked : where the shape itself was asked last, as far as `flat` is above 0.
+    known : what is known of the surface.
     start : distance [m] and gradient where the step begins. front : the gradient at the last onset if that was inside,
         or where a step enters. entering : does the step enter? rounds : the corrections in this step.
     """
@@ -66,7 +75,6 @@ class Secant(Record):
     texture: FrictionTexture
     plane: Axis
     slope: float
-    flat: float
     stiffness: float
     damping: float
     friction: float
@@ -74,7 +82,6 @@ class Secant(Record):
     depth: float
     normal: OfAxes
     known: Known
-    asked: Known
     start_m: float
     start: OfAxes
     has_front: int
@@ -87,7 +94,7 @@ class Secant(Record):
         super().__init__()
         self.shape: Shape = shape
         self.form = form_of(shape) or zero(Form)
-        self.slope, self.flat = shape.slope, shape.flat_m
+        self.slope = shape.slope
         self.stiffness, self.damping = stiffness, damping
         self.plane = Axis((), Face(0.0, stiffness, damping), Face(-inf, 0.0, 0.0))
         self.mu: float | Friction = friction
@@ -115,20 +122,25 @@ class Secant(Record):
             at = known.at
             if at[0] == x[0] and at[1] == x[1] and at[2] == x[2]:
                 return Near(known.distance, triple(known.gradient))
-        if self.flat > 0.0 and self.asked.here:
-            asked = self.asked
-            off = apart(3, asked.at, x)
-            if off <= self.flat and off < abs(asked.distance):
-                gradient = triple(asked.gradient)
-                _note(known, x, Near(asked.distance + _dot(gradient, x) - _dot(gradient, triple(asked.at)), gradient))
-                return Near(known.distance, gradient)
         found = ask(self, x)
-        if self.has_front and _dot(found.gradient, triple(self.front)) < _AGAINST:
+        if self.has_front and dot(found.gradient, triple(self.front)) < _AGAINST:
             found = _from_the_front(self, x, found, triple(self.front))
-        _note(known, x, found)
-        if self.flat > 0.0:
-            _note(self.asked, x, found)
+        note(known, x, found)
         return found
+
+    def tangents(self, x: Vector, reach: float, dof: int) -> list[Tangent]:
+        """The tangent planes of the surface within `reach` [m] of `x`, those at the nearest place first.
+
+        dof : the number of axes along which the device moves.
+        """
+        if farther_than(self, reach, x):
+            return []
+        found = near(self, x)
+        if found.distance_m > reach:
+            return []
+        # If the front is what counts, and the back is nearer, the shape tells how the back bends.
+        told = isinstance(self.shape, Bent) and self.shape.near(x).gradient == found.gradient
+        return [Tangent(*found, self.shape.curvatures(x) if told and isinstance(self.shape, Bent) else ())]
 
     def farther_than(self, reach: float, x: Vector) -> bool:
         """Is the surface surely farther than `reach` [m] from `x`, as what is known nearby says at no cost?"""
@@ -147,13 +159,13 @@ class Secant(Record):
             return False
         distance, gradient = near(self, x)
         self.start_m, self.rounds = distance, 0
-        _put(self.start, gradient)
+        put(self.start, gradient)
         if self.varies:
             self.friction = friction_now(self, x)
         if distance <= 0.0:
             self.has_front, self.entering, self.depth = 1, 0, -distance
-            _put(self.front, gradient)
-            _put_opposite(self.normal, gradient)
+            put(self.front, gradient)
+            put_opposite(self.normal, gradient)
             return True
         self.has_front = 0
         if distance > self.slope * length:
@@ -162,20 +174,20 @@ class Secant(Record):
         if not entry.found:
             return False
         self.entering = 1
-        _enter(self, x, entry.at, entry.near)
+        enter(self, x, entry.at, entry.near)
         return True
 
     def hit(self, x: Vector, direction: Vector, length: float) -> Hit:
         """Where the straight path from `x`, which is outside, in `direction` enters, roughly."""
         before = Near(self.start_m, triple(self.start))
-        end = _along(x, direction, 1.0)
+        end = along(x, direction, 1.0)
         after = near(self, end)
-        recedes = _dot(after.gradient, direction) >= 0.0
+        recedes = dot(after.gradient, direction) >= 0.0
         if after.distance_m < 0.0 and not recedes:
             return Hit(True, end, after)
         if after.distance_m >= 0.0 and not (
             recedes
-            and _dot(before.gradient, direction) < 0.0
+            and dot(before.gradient, direction) < 0.0
             and before.distance_m + after.distance_m <= self.slope * length
         ):
             return Hit(False, end, after)
@@ -183,13 +195,13 @@ class Secant(Record):
         share, at, found = 0.0, x, before
         for _ in range(_CAST_STEPS):
             close = found.distance_m <= 0.01 * length
-            if close and _dot(found.gradient, direction) < 0.0:
-                self.known.here = self.asked.here = 0  # what is known of the end is the back's
+            if close and dot(found.gradient, direction) < 0.0:
+                self.known.here = 0  # what is known of the end is the back's
                 return Hit(True, at, found)
             share += (1.0 / _CAST_STEPS) if close else found.distance_m / (self.slope * length)
             if share >= 1.0:
                 break
-            at = _along(x, direction, share)
+            at = along(x, direction, share)
             found = ask(self, at)
         return Hit(after.distance_m < 0.0, end, after)
 
@@ -255,20 +267,20 @@ def ask(secant: Secant, x: Vector) -> Near:
 
 
 @equation
-def _note(known: Known, x: Vector, found: Near) -> None:
+def note(known: Known, x: Vector, found: Near) -> None:
     known.here, known.distance = 1, found.distance_m
-    _put(known.at, x)
-    _put(known.gradient, found.gradient)
+    put(known.at, x)
+    put(known.gradient, found.gradient)
 
 
 @equation
 def _from_the_front(secant: Secant, x: Vector, found: Near, front: Vector) -> Near:
     lift = _LIFT_M + 2.0 * abs(found.distance_m)
     for _ in range(_LIFTS):
-        out = _along(x, front, lift)
+        out = along(x, front, lift)
         distance, gradient = ask(secant, out)
-        if _dot(gradient, front) > -_AGAINST:
-            return Near(distance + _dot(gradient, x) - _dot(gradient, out), gradient)
+        if dot(gradient, front) > -_AGAINST:
+            return Near(distance + dot(gradient, x) - dot(gradient, out), gradient)
         lift *= 2.0
     return found
 
@@ -302,24 +314,24 @@ def turned(secant: Secant, x: Vector, delta: Vector, end: Vector, found: Near, g
     secant.rounds += 1
     before = triple(secant.normal)
     if secant.entering:
-        _enter(secant, x, end, found)
+        enter(secant, x, end, found)
     else:
         out = triple(secant.start)
         if distance < 0.0:
             a, b, c = out
             d, e, f = found.gradient
             out = (0.5 * (a + d), 0.5 * (b + e), 0.5 * (c + f))
-        _put_opposite(secant.normal, out)
+        put_opposite(secant.normal, out)
     normal = triple(secant.normal)
-    square = _dot(delta, delta)
-    turn = (wanted - secant.depth - _dot(normal, delta)) / square if square > 0.0 else 0.0
+    square = dot(delta, delta)
+    turn = (wanted - secant.depth - dot(normal, delta)) / square if square > 0.0 else 0.0
     if turn != 0.0:
         turn *= min(1.0, _MOST_TURN / (abs(turn) * sqrt(square)))
-        normal = _along(normal, delta, turn)
+        normal = along(normal, delta, turn)
     if not secant.entering and secant.rounds > 1:
         a, b, c = normal
-        normal = _along(before, (a - before[0], b - before[1], c - before[2]), 1.0 / secant.rounds)
-    _put(secant.normal, normal)
+        normal = along(before, (a - before[0], b - before[1], c - before[2]), 1.0 / secant.rounds)
+    put(secant.normal, normal)
     return True
 
 
@@ -331,30 +343,30 @@ def _after(secant: Secant, delta: Vector) -> float:
 
 
 @equation
-def _enter(secant: Secant, x: Vector, at: Vector, found: Near) -> None:
+def enter(secant: Secant, x: Vector, at: Vector, found: Near) -> None:
     """The tangent plane where it goes in. `x` stays in front of it, so no energy is there at the onset."""
     distance, (a, b, c) = found
     secant.has_front = 1
-    _put(secant.front, (a, b, c))
-    _put_opposite(secant.normal, (a, b, c))
+    put(secant.front, (a, b, c))
+    put_opposite(secant.normal, (a, b, c))
     secant.depth = min(0.0, a * (at[0] - x[0]) + b * (at[1] - x[1]) + c * (at[2] - x[2]) - distance)
 
 
 @equation
-def _along(x: Vector, direction: Vector, share: float) -> Triple:
+def along(x: Vector, direction: Vector, share: float) -> Triple:
     return (x[0] + share * direction[0], x[1] + share * direction[1], x[2] + share * direction[2])
 
 
 @equation
-def _dot(one: Vector, other: Vector) -> float:
+def dot(one: Vector, other: Vector) -> float:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 @equation
-def _put(target: Floats, vector: Vector) -> None:
+def put(target: Floats, vector: Vector) -> None:
     target[0], target[1], target[2] = vector[0], vector[1], vector[2]
 
 
 @equation
-def _put_opposite(target: Floats, vector: Vector) -> None:
+def put_opposite(target: Floats, vector: Vector) -> None:
     target[0], target[1], target[2] = -vector[0], -vector[1], -vector[2]

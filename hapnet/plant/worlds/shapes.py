@@ -31,10 +31,6 @@ class Shape(Protocol):
     def slope(self) -> float:
         """The most that the distance changes per metre of path; 1, except for a textured shape."""
 
-    @property
-    def flat_m(self) -> float:
-        """Within this distance of a place its tangent plane may stand for the solid [m]; 0: ask again."""
-
     def near(self, position: Vector) -> Near:
         """The distance and its gradient at `position` (3,) [m]."""
 
@@ -70,7 +66,6 @@ class Form(Record):
     wave: float
 
     slope: ClassVar[float] = 1.0
-    flat_m: ClassVar[float] = 0.0
 
 
 class HalfSpace(Form):

@@ -9,12 +9,12 @@ from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
-from hapnet.kernel.sources import no_compiler
 from hapnet.params import Params
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.rigid import RigidScene, describes
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
+from hapnet.records.machine_code import no_compiler
 from hapnet.records.record import AXES
 from netem import LinkProfile
 
