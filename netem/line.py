@@ -12,18 +12,24 @@ class RateLine:
     profile : has a rate. free_ns : when the line is free; until then it carries earlier messages.
     """
 
-    __slots__ = ("_profile", "_size", "_takes_ns", "free_ns")
+    __slots__ = ("cell_overhead", "cell_size", "free_ns", "overhead", "rate_bit_s", "size", "takes_ns")
 
     def __init__(self, profile: LinkProfile, free_ns: int) -> None:
+        self.rate_bit_s, self.overhead = profile.rate_bit_s, profile.overhead
+        self.cell_size, self.cell_overhead = profile.cell_size, profile.cell_overhead
         self.free_ns = free_ns
-        self._profile = profile
-        self._size = -1  # size of the last message: many have the same, so its time is kept
-        self._takes_ns = 0
+        self.size = -1  # of the last message: many have the same, so its time is kept
+        self.takes_ns = 0
 
     def release_ns(self, ready_ns: int, size: int) -> int:
         """When a message of `size` bytes has crossed the line, if it is ready at `ready_ns`, behind all others."""
-        if size != self._size:
-            self._size, self._takes_ns = size, models.transmission_ns(size, self._profile)
-        free_ns = self.free_ns
-        self.free_ns = released_ns = (ready_ns if ready_ns > free_ns else free_ns) + self._takes_ns
-        return released_ns
+        return release_ns(self, ready_ns, size)
+
+
+def release_ns(line: RateLine, ready_ns: int, size: int) -> int:
+    """`RateLine.release_ns`."""
+    if size != line.size:
+        line.size, line.takes_ns = size, models.transmission_ns(size, line)
+    free_ns = line.free_ns
+    line.free_ns = released_ns = (ready_ns if ready_ns > free_ns else free_ns) + line.takes_ns
+    return released_ns

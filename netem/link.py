@@ -30,8 +30,9 @@ from netem import models
 from netem.draws import Streams
 from netem.errors import NetemError
 from netem.line import RateLine
+from netem.offering import arrive, offer
 from netem.profile import LinkProfile
-from netem.resend import Resends
+from netem.resend import Resends, taken
 from netem.slots import Entry, SlotGate
 from netem.stats import Counters, DelayHistogram, LinkStats
 from netem.trace import ConditionTrace, TraceLine
@@ -59,10 +60,13 @@ class Link(Generic[T]):
     Only a caller that simulates many links at once uses these: it takes a link's state and writes it back.
 
     counters : the counts so far. streams : the draws. queue : messages in flight, a heap. line : with a rate or a
-    trace.
+    trace (`lined`). is_up : else it loses all messages offered to it.
     resends : see `netem.resend`. in_order_ns : with ordered resends, nothing comes through before this time, and
     last_due_ns : nothing arrives before this one.
     since_reorder : number of messages offered since the last one that was sent ahead.
+    gate : with slots; ready : due messages. later : messages that reach the line later than they were offered, if
+    there may be any (`beside`): (when, number, item, sent, size, delay). acts : are there further impairments?
+    has_traces : are the draws' results changed by traces? limit, gap : of the profile.
     """
 
     def __init__(
@@ -78,15 +82,13 @@ class Link(Generic[T]):
         self.since_reorder = 0
         self.in_order_ns = self.last_due_ns = _LONG_AGO
         self.line: RateLine | TraceLine | None = None
-        self.resends: Resends | None = None
+        self.ready: list[Entry[T]] = []
+        self.later: list[tuple[int, int, T, int, int, int]] = []
+        self.gate: SlotGate[T] | None = None
+        self.is_up = True
         self._flip = flip
-        self._ready: list[Entry[T]] = []
-        # messages that reach the line later than they were offered: (when, number, item, sent, size, delay)
-        self._again: list[tuple[int, int, T, int, int, int]] = []
-        self._gate: SlotGate[T] | None = None
         self._conditions: tuple[ConditionTrace, int] | None = None  # and when it started
         self._pending_delays = self.counters.delays.pending
-        self._up = True
         self._awaits_start = False
         self._configure(profile, _LONG_AGO, _LONG_AGO)
         self._start_traces(None, start_ns, _LONG_AGO)
@@ -97,36 +99,31 @@ class Link(Generic[T]):
         return self._profile
 
     @property
-    def is_up(self) -> bool:
-        """Whether the link is up; a link that is down loses all messages offered to it."""
-        return self._up
-
-    @property
     def next_due_ns(self) -> int | None:
         """When to poll next [ns]; None if nothing is in flight.
 
         With slots, or with unordered resends on a line, a poll at that time may release nothing yet.
         """
-        if self._ready:
-            return self._ready[0][0]
+        if self.ready:
+            return self.ready[0][0]
         due = self.queue[0][0] if self.queue else None
-        if due is not None and self._gate is not None:
-            due = max(due, self._gate.opens_ns)
-        if self._again and (due is None or self._again[0][0] < due):
-            return self._again[0][0]
+        if due is not None and self.gate is not None:
+            due = max(due, self.gate.opens_ns)
+        if self.later and (due is None or self.later[0][0] < due):
+            return self.later[0][0]
         return due
 
     @property
     def stats(self) -> LinkStats:
         """A snapshot of the link's statistics."""
-        return self.counters.snapshot(str(self._profile), len(self.queue) + len(self._ready) + len(self._again))
+        return self.counters.snapshot(str(self._profile), len(self.queue) + len(self.ready) + len(self.later))
 
     def passes(self) -> bool:
         """`send` and `poll` in one call, for a link without any effect and with nothing in flight.
 
         True: a message counts as offered and delivered; deliver it. False: nothing has happened; use `send`.
         """
-        if not self.transparent or self.queue or self._ready or self._again or not self._up:
+        if not self.transparent or self.queue or self.ready or self.later or not self.is_up:
             return False
         counters = self.counters
         counters.offered = counters.newest = counters.offered + 1
@@ -146,60 +143,9 @@ class Link(Generic[T]):
             size = _size_of(item, size)
         if self.streams.twice:
             self._copy(now_ns, item, size)
-        counters = self.counters
-        counters.offered = order = counters.offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`, where due messages would wait
-            counters.delays.fold()
-        lost, corrupt, ahead, delay, luck = self.streams.next()
-        if self._awaits_start:
-            self._start_traces(None, now_ns, _LONG_AGO)
-        if self._conditions is not None:
-            conditions, start_ns = self._conditions
-            more_delay, chance = conditions.at(now_ns - start_ns)
-            delay += more_delay
-            lost = self.streams.next_chance() < chance or lost
-        if not self._up:
-            counters.lost_down += 1
-            return
-        offered_ns = now_ns
-        if self.resends is not None:
-            lost, offered_ns = self._resend(self.resends, now_ns, lost, luck)
-        for acting in self.streams.others:
-            more = None if lost else acting(now_ns, size or 0)
-            lost, delay = more is None, delay + (more or 0)
-        if lost:
-            counters.lose(order)
-            return
-        if corrupt and (self._flip is not None or isinstance(item, bytes)):
-            counters.corrupted += 1
-            item = self._corrupt(item, self.streams.next_bit())
-        profile, queue = self._profile, self.queue
-        if self._gate is not None or self._again or len(queue) >= profile.limit:
-            self._settle(now_ns)
-            if len(queue) + len(self._again) >= profile.limit:
-                counters.dropped_limit += 1
-                return
-        self.since_reorder += 1
-        if ahead and self.since_reorder >= profile.gap and offered_ns == now_ns:
-            self.since_reorder = 0
-            counters.sent_ahead += 1
-            entry = (now_ns, order, item, now_ns, 0)
-            if self._gate is not None:
-                self._ready.append(entry)
-            else:
-                heappush(queue, entry)
-            return
-        if self._beside and offered_ns > now_ns:
-            heappush(self._again, (offered_ns, order, item, now_ns, cast(int, size), delay))
-            return
-        due = offered_ns + delay
-        if self.resends is not None and self.resends.ordered:
-            self.last_due_ns = due = max(due, self.last_due_ns)
-        if (line := self.line) is not None:
-            due = line.release_ns(due, size or 0)
-        heappush(queue, (due, order, item, now_ns, size or 0))
-        if self._gate is not None:
-            self._gate.look(queue, now_ns)
+            self.counters.delays.fold()
+        offer(self, now_ns, item, size or 0)
 
     def _copy(self, now_ns: int, item: T, size: int | None) -> None:
         """Offer the item once more if an impairment says so; it is itself offered next."""
@@ -210,44 +156,55 @@ class Link(Generic[T]):
                 self.send(now_ns, item, size)
         self.streams.twice = twice
 
-    def _resend(self, resends: Resends, now_ns: int, lost: bool, luck: float) -> tuple[bool, int]:
-        """(is the message lost for good; when is it offered for the last time, waiting for others included [ns])."""
-        offered_ns = now_ns
-        if lost:
-            if self._conditions is None:
-                taken, lost = resends.taken(luck)
-            else:
-                conditions, start_ns = self._conditions
-                taken, lost = resends.taken_under(luck, conditions, now_ns - start_ns)
-            self.counters.resent += taken
-            self.counters.recovered += not lost
-            offered_ns += taken * resends.after_ns
-        if resends.ordered:
-            self.in_order_ns = offered_ns = max(offered_ns, self.in_order_ns)
-        return lost, offered_ns
+    def under_conditions(
+        self, now_ns: int, lost: bool, corrupt: bool, ahead: bool, delay_ns: int, luck: float
+    ) -> tuple[bool, bool, bool, int, float]:
+        """A message's draws, with what a trace of conditions adds."""
+        if self._awaits_start:
+            self._start_traces(None, now_ns, _LONG_AGO)
+        if self._conditions is not None:
+            conditions, start_ns = self._conditions
+            more_ns, chance = conditions.at(now_ns - start_ns)
+            delay_ns += more_ns
+            lost = self.streams.next_chance() < chance or lost
+        return lost, corrupt, ahead, delay_ns, luck
 
-    def _corrupt(self, item: T, draw: float) -> T:
+    def taken_under_conditions(self, now_ns: int, luck: float) -> tuple[int, bool]:
+        """As `netem.resend.taken`, with a trace of conditions if there is one."""
+        if self._conditions is None:
+            return taken(self.resends, luck)
+        conditions, start_ns = self._conditions
+        return self.resends.taken_under(luck, conditions, now_ns - start_ns)
+
+    def corrupted(self, item: T) -> T:
+        """The item with a bit flipped, if its bytes are known."""
+        if self._flip is None and not isinstance(item, bytes):
+            return item
+        self.counters.corrupted += 1
+        bit = self.streams.next_bit()
         if self._flip is None:
-            return cast(T, models.flip_bit(cast(bytes, item), draw))
-        return self._flip(item, lambda data: models.flip_bit(data, draw))
+            return cast(T, models.flip_bit(cast(bytes, item), bit))
+        return self._flip(item, lambda data: models.flip_bit(data, bit))
+
+    def is_full(self, now_ns: int) -> bool:
+        """Are as many messages in flight as may be, when all that are due have left?"""
+        self._settle(now_ns)
+        return len(self.queue) + len(self.later) >= self.limit
 
     def poll(self, now_ns: int) -> list[tuple[int, T]]:
         """Remove the items due by `now_ns`. Returns (release time, item) in the order of release."""
         out: list[tuple[int, T]] = []
         self._settle(now_ns)
-        if not self._ready:
+        if not self.ready:
             return out
         pending, counters = self._pending_delays, self.counters
-        for due, order, item, sent, _ in self._ready:
-            if order > counters.newest:
-                counters.newest = order
-            else:
-                counters.reordered += 1
+        for due, order, item, sent, _ in self.ready:
+            arrive(counters, order)
             pending.append(due - sent)
             out.append((due, item))
         if now_ns - out[0][0] > counters.late_max_ns:
             counters.late_max_ns = now_ns - out[0][0]
-        self._ready.clear()
+        self.ready.clear()
         if len(pending) >= 16 * DelayHistogram.PENDING:  # a link that is only polled, while nobody sends
             counters.delays.fold()
         return out
@@ -269,27 +226,29 @@ class Link(Generic[T]):
 
     def down(self) -> None:
         """From now on lose every item offered; items in flight still arrive."""
-        self._up = False
+        self.is_up = False
 
     def up(self) -> None:
         """Carry items again."""
-        self._up = True
+        self.is_up = True
 
     def _configure(self, profile: LinkProfile, now_ns: int, free_ns: int) -> None:
         """Build the effects of `profile`. `free_ns`: when the line is free."""
         new = self.streams.configure(profile, self.counters.offered)
         if profile.slot is None:
-            self._gate = None
+            self.gate = None
         elif "slot" in new:
-            self._gate = SlotGate(profile.slot, self.streams.next_slot, now_ns)
+            self.gate = SlotGate(profile.slot, self.streams.next_slot, now_ns)
         if profile.rate_bit_s:
             self.line = RateLine(profile, free_ns)
         elif profile.trace is None or not isinstance(self.line, TraceLine):
             self.line = None
         self._profile = profile
-        self.resends = None if profile.resend is None else Resends(profile.resend, profile.loss)
-        lined = bool(profile.rate_bit_s or profile.trace)
-        self._beside = lined and profile.resend is not None and not profile.resend.ordered
+        self.limit, self.gap, self.acts = profile.limit, profile.gap, bool(self.streams.others)
+        self.resends = Resends(profile.resend, profile.loss)
+        self.lined = lined = bool(profile.rate_bit_s or profile.trace)
+        self.has_traces = profile.trace is not None or profile.csv is not None
+        self.beside = lined and profile.resend is not None and not profile.resend.ordered
         self.transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
         self._needs_size = bool(lined or (profile.slot and profile.slot.bytes))
 
@@ -308,9 +267,9 @@ class Link(Generic[T]):
 
     def _settle(self, now_ns: int) -> None:
         """Move the messages due by now from the queue to `_ready`."""
-        gate, queue, ready = self._gate, self.queue, self._ready
-        while self._again and self._again[0][0] <= now_ns:
-            offered_ns, order, item, sent_ns, size, delay = heappop(self._again)
+        gate, queue, ready = self.gate, self.queue, self.ready
+        while self.later and self.later[0][0] <= now_ns:
+            offered_ns, order, item, sent_ns, size, delay = heappop(self.later)
             if gate is not None:
                 gate.run(queue, ready, offered_ns)
             due = offered_ns + delay

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from itertools import repeat
 from statistics import NormalDist
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
@@ -24,6 +25,9 @@ from numpy.typing import NDArray
 
 from netem.effects import FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Slot
 from netem.profile import LinkProfile
+
+if TYPE_CHECKING:
+    from netem.line import RateLine
 
 BLOCK = 256  # a refill takes tens of microseconds, much less than a servo's period
 _TABLE_SIZE = 4096
@@ -233,7 +237,7 @@ def slot_intervals(rng: Generator, slot: Slot) -> Iterator[NDArray[np.int64]]:
     return (slot.min_ns + (rng.random(BLOCK) * span).astype(np.int64) for _ in repeat(None))
 
 
-def transmission_ns(size: int, profile: LinkProfile) -> int:
+def transmission_ns(size: int, profile: LinkProfile | RateLine) -> int:
     """Time in ns to send `size` bytes plus overhead over the line, in whole cells if the profile has cells."""
     length = max(0, size + profile.overhead)
     if profile.cell_size:

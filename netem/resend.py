@@ -8,8 +8,6 @@ states, so the same messages are lost at their first offer with and without rese
 
 from __future__ import annotations
 
-from bisect import bisect_right
-
 from netem.effects import Loss, Resend
 from netem.loss_chain import lost_again
 from netem.trace import ConditionTrace
@@ -22,16 +20,12 @@ class Resends:
     the fate of a resend does not depend on how many more are allowed.
     """
 
-    def __init__(self, resend: Resend, loss: Loss | None) -> None:
-        self.after_ns, self.ordered = resend.after_ns, resend.ordered
-        self._times = resend.times
-        self._lost_again = lost_again(loss, resend.times)
+    def __init__(self, resend: Resend | None, loss: Loss | None) -> None:
+        self.times, self.after_ns, self.ordered = 0, 0, False
+        if resend is not None:
+            self.times, self.after_ns, self.ordered = resend.times, resend.after_ns, resend.ordered
+        self._lost_again = () if resend is None else lost_again(loss, resend.times)
         self.ascending = self._lost_again[::-1]
-
-    def taken(self, luck: float) -> tuple[int, bool]:
-        """(number of resends of a lost message, whether it is lost for good)."""
-        lost = self._times - bisect_right(self.ascending, luck)
-        return min(lost + 1, self._times), lost == self._times
 
     def taken_under(self, luck: float, conditions: ConditionTrace, elapsed_ns: int) -> tuple[int, bool]:
         """As `taken`, with a trace that adds its loss at each resend's time; `elapsed_ns` is the message's time."""
@@ -42,4 +36,12 @@ class Resends:
             chance, before = chance * (1.0 - (1.0 - model) * (1.0 - trace)), again
             if luck >= chance:
                 return k, False
-        return self._times, True
+        return self.times, True
+
+
+def taken(resends: Resends, luck: float) -> tuple[int, bool]:
+    """(number of resends of a lost message, whether it is lost for good)."""
+    lost = resends.times
+    while lost and resends.ascending[resends.times - lost] <= luck:
+        lost -= 1
+    return min(lost + 1, resends.times), lost == resends.times

@@ -183,13 +183,6 @@ class Counters:
         self.newest = self.late_max_ns = 0
         self.delays = DelayHistogram()
 
-    def lose(self, order: int) -> None:
-        """Count the message with this number as lost by the loss model or a trace."""
-        self.lost += 1
-        if self.last_lost != order - 1:
-            self.loss_bursts += 1
-        self.last_lost = order
-
     def snapshot(self, profile: str, in_flight: int) -> LinkStats:
         """The link's statistics so far."""
         gone = self.lost + self.lost_down + self.dropped_limit

@@ -214,4 +214,4 @@ def _width(value: int) -> int:
 @equation
 def has_room(link: Link) -> bool:
     """Are there draws for what one event may send?"""
-    return link.drawn - (link.offered - link.begun) >= 2
+    return link.drawn - (link.counters.offered - link.begun) >= 2

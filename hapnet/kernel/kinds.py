@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from hapnet.control import coupling, law, set_position_coupling
 from hapnet.control.law import DeviceEnd, WorldEnd
-from hapnet.kernel import law_sides, samples, sides, solids
+from hapnet.kernel import law_sides, link, samples, sides, solids
 from hapnet.kernel.simulation import Scenario
 from hapnet.plant.tick import held_tick
 from hapnet.plant.tick import tick as make_tick
@@ -43,7 +43,7 @@ class Kind(NamedTuple):
 
     def choices(self) -> Choices:
         """What is compiled in place of other functions."""
-        chosen: Choices = dict(OF_SET_POSITIONS)
+        chosen: Choices = OF_SET_POSITIONS | link.CHOICES
         if (device := self.device) is not None:
             chosen |= device.lines() | {
                 make_tick: held_tick, sides.tick: law_sides.tick, samples.of_device: law_sides.of_device,

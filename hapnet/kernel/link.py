@@ -1,12 +1,13 @@
-"""One direction of the link: `netem.link`, with its `line` and its `resend`, and the messages that it carries."""
+"""One direction of the link, whose effects are those of `netem.offering`: its queue, and the messages in it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
 
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes
+from netem import line, models, offering, resend
 from netem.effects import MOST_RESENDS
 
 STREAM, ENERGY = 0, 1
@@ -58,8 +59,46 @@ class Message(Record):
     reach_m: float
 
 
+class Counters(Record):
+    """`netem.stats.Counters`."""
+
+    offered: int
+    lost: int
+    lost_down: int
+    dropped_limit: int
+    loss_bursts: int
+    last_lost: int
+    reordered: int
+    sent_ahead: int
+    resent: int
+    recovered: int
+    newest: int
+    late_max_ns: int
+
+
+class Resends(Record):
+    """`netem.resend.Resends`."""
+
+    times: int
+    after_ns: int
+    ordered: int
+    ascending: Annotated[Floats, (MOST_RESENDS,)]
+
+
+class RateLine(Record):
+    """`netem.line.RateLine`."""
+
+    rate_bit_s: int
+    overhead: int
+    cell_size: int
+    cell_overhead: int
+    free_ns: int
+    size: int
+    takes_ns: int
+
+
 class Link(Record):
-    """`Link` with the counts of its `Counters`, its messages in slots, its queue, and the draws of each message.
+    """`netem.Link`, its messages in slots, its queue, and the draws of each message.
 
     queued : number of messages in the queue. capacity : of the queue, at most `limit`. due_ns, slots : the queue,
     latest first. unused, free_slots : the slots without a message.
@@ -67,23 +106,19 @@ class Link(Record):
     delivered, delivered_ns : the delays of the delivered messages. overflow : the queue is too small.
     """
 
+    counters: Counters
+    resends: Resends
+    line: RateLine
     limit: int
     gap: int
     transparent: int
-    rate_bit_s: int
-    overhead: int
-    cell_size: int
-    cell_bytes: int
-    free_ns: int
-    resends: int
-    resend_times: int
-    resend_after_ns: int
-    resend_ordered: int
-    resend_chances: Annotated[Floats, (MOST_RESENDS,)]
+    is_up: int
+    lined: int
+    acts: int
+    beside: int
     in_order_ns: int
     last_due_ns: int
     since_reorder: int
-    offered: int
     begun: int
     drawn: int
     queued: int
@@ -91,16 +126,6 @@ class Link(Record):
     unused: int
     overflow: int
     delivered: int
-    newest: int
-    lost: int
-    loss_bursts: int
-    last_lost: int
-    reordered: int
-    sent_ahead: int
-    resent: int
-    recovered: int
-    dropped_limit: int
-    late_max_ns: int
     due_ns: Annotated[Wholes, (MOST_IN_FLIGHT,)]
     slots: Annotated[Wholes, (MOST_IN_FLIGHT,)]
     free_slots: Annotated[Wholes, (MOST_IN_FLIGHT,)]
@@ -131,76 +156,71 @@ def passes(link: Link) -> bool:
     """`Link.passes`."""
     if not link.transparent or link.queued:
         return False
-    link.offered = link.newest = link.offered + 1
+    link.counters.offered = link.counters.newest = link.counters.offered + 1
     link.delivered_ns[link.delivered] = 0
     link.delivered += 1
     return True
 
 
+for function in (offering.offer, offering.lose, offering.arrive, resend.taken, line.release_ns, models.transmission_ns):
+    equation(function)
+
+
 @equation
 def send(link: Link, now_ns: int, message: Message) -> None:
     """`Link.send`: offer a message."""
-    at = link.offered - link.begun
-    link.offered = order = link.offered + 1
-    fate, delay_ns = link.fates[at], link.delays_ns[at]
-    lost, offered_ns = fate & LOST != 0, now_ns
-    if link.resends:
-        if lost:
-            lost, offered_ns = _resend(link, now_ns, link.luck[at])
-        if link.resend_ordered:
-            link.in_order_ns = offered_ns = max(offered_ns, link.in_order_ns)
-    if lost:
-        link.lost += 1
-        if link.last_lost != order - 1:
-            link.loss_bursts += 1
-        link.last_lost = order
-        return
-    if link.queued >= link.limit:
-        link.dropped_limit += 1
-        return
-    link.since_reorder += 1
-    message.order, message.offered_ns = order, now_ns
-    if fate & AHEAD and link.since_reorder >= link.gap and offered_ns == now_ns:
-        link.since_reorder = 0
-        link.sent_ahead += 1
-        message.offered_ns = now_ns
-        _queue(link, now_ns, message)
-        return
-    due_ns = offered_ns + delay_ns
-    if link.resends and link.resend_ordered:
-        link.last_due_ns = due_ns = max(due_ns, link.last_due_ns)
-    if link.rate_bit_s:
-        due_ns = link.free_ns = max(due_ns, link.free_ns) + _takes_ns(link, message.octets)
-    _queue(link, due_ns, message)
+    of_records: Any = link
+    offering.offer(of_records, now_ns, message, message.octets)
 
 
 @equation
-def _resend(link: Link, now_ns: int, luck: float) -> tuple[bool, int]:
-    """`Link._resend` of a lost message, with `Resends.taken`."""
-    below = 0
-    while below < link.resend_times and link.resend_chances[below] <= luck:
-        below += 1
-    failed = link.resend_times - below
-    taken = min(failed + 1, link.resend_times)
-    lost = failed == link.resend_times
-    link.resent += taken
-    if not lost:
-        link.recovered += 1
-    return lost, now_ns + taken * link.resend_after_ns
+def _draw(link: Link, now_ns: int) -> tuple[bool, bool, bool, int, float]:
+    """Nothing is corrupted, and there are no traces."""
+    at = link.counters.offered - 1 - link.begun
+    return link.fates[at] & LOST != 0, False, link.fates[at] & AHEAD != 0, link.delays_ns[at], link.luck[at]
 
 
 @equation
-def _takes_ns(link: Link, size: int) -> int:
-    """`netem.models.transmission_ns`."""
-    length = max(0, size + link.overhead)
-    if link.cell_size:
-        length = -(-length // link.cell_size) * link.cell_bytes
-    return length * 8_000_000_000 // link.rate_bit_s
+def _again(link: Link, resends: Resends, now_ns: int, luck: float) -> tuple[int, bool]:
+    return resend.taken(resends, luck)  # type: ignore[arg-type]
 
 
 @equation
-def _queue(link: Link, due_ns: int, message: Message) -> None:
+def _act(link: Link, now_ns: int, size: int, lost: bool, delay_ns: int) -> tuple[bool, int]:
+    return lost, delay_ns
+
+
+@equation
+def _corrupted(link: Link, message: Message) -> Message:
+    return message
+
+
+@equation
+def _is_full(link: Link, now_ns: int) -> bool:
+    return link.queued >= link.limit
+
+
+@equation
+def _cross(link: Link, ready_ns: int, size: int) -> int:
+    return line.release_ns(link.line, ready_ns, size)  # type: ignore[arg-type]
+
+
+@equation
+def _put_ahead(link: Link, now_ns: int, order: int, message: Message) -> None:
+    _put(link, now_ns, order, message, now_ns, 0)
+
+
+@equation
+def _put_beside(
+    link: Link, offered_ns: int, order: int, message: Message, now_ns: int, size: int, delay_ns: int
+) -> None:
+    """No link that is compiled has this."""
+
+
+@equation
+def _put(link: Link, due_ns: int, order: int, message: Message, now_ns: int, size: int) -> None:
     """Put a copy of the message into the queue, by its due time and its number."""
+    message.order, message.offered_ns = order, now_ns
     if link.queued == link.capacity:
         link.overflow = 1
         return
@@ -225,13 +245,11 @@ def take(link: Link, now_ns: int) -> int:
     link.free_slots[link.unused] = slot
     link.unused += 1
     message = link.messages[slot]
-    if message.order > link.newest:
-        link.newest = message.order
-    else:
-        link.reordered += 1
+    counters: Any = link.counters
+    offering.arrive(counters, message.order)
     link.delivered_ns[link.delivered] = due_ns - message.offered_ns
     link.delivered += 1
-    link.late_max_ns = max(link.late_max_ns, now_ns - due_ns)
+    counters.late_max_ns = max(counters.late_max_ns, now_ns - due_ns)
     return int(slot)
 
 
@@ -254,3 +272,11 @@ def copy_message(source: Message, target: Message) -> None:
         target.velocity[k] = source.velocity[k]
         for i in range(AXES):
             target.normal[k][i] = source.normal[k][i]
+
+
+CHOICES: dict[Callable[..., Any], Callable[..., Any]] = {
+    offering.draw: _draw, offering.again: _again, offering.act: _act, offering.corrupted: _corrupted,
+    offering.is_full: _is_full, offering.cross: _cross, offering.put: _put, offering.put_ahead: _put_ahead,
+    offering.put_beside: _put_beside,
+}  # fmt: skip
+"""What is compiled in place of functions of `netem.offering`."""

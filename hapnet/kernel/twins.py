@@ -6,6 +6,7 @@ name its twin. So one source serves both, and importing it costs nothing of numb
 
 from __future__ import annotations
 
+import gc
 import importlib
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -140,6 +141,8 @@ def as_one_unit() -> Iterator[None]:
 
     changed: list[Any] = [prepare_entry, optimize_entry, emit_entry, set_env_of_emitted, 1, 0, 0]
     with importlib.import_module("numba.core.compiler_lock").global_compiler_lock:
+        collects = gc.isenabled()
+        gc.disable()  # all that a compiler makes is in use until the end
         try:
             for (name, which), one in zip(names, changed, strict=True):
                 setattr(owners[which], name, one)
@@ -147,3 +150,5 @@ def as_one_unit() -> Iterator[None]:
         finally:
             for (name, which), one in zip(names, own, strict=True):
                 setattr(owners[which], name, one)
+            if collects:
+                gc.enable()

@@ -23,8 +23,8 @@ CLOCKS_AND_OTHERS = {
 
 PURE_NETEM = {  # all that a link in virtual time consists of
     f"netem/{name}.py"
-    for name in ("draws", "effects", "expectation", "line", "link", "loss_chain", "models", "presets", "profile",
-                 "resend", "slots", "stats", "timeline", "trace", "units")
+    for name in ("draws", "effects", "expectation", "line", "link", "loss_chain", "models", "offering", "presets",
+                 "profile", "resend", "slots", "stats", "timeline", "trace", "units")
 }  # fmt: skip
 MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20

@@ -12,6 +12,7 @@ from hapnet.kernel import link as links
 from hapnet.kernel.endpoint import MOTION, PORT, POSITION, WAVE
 from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
 from hapnet.kernel.memory import fill, plain
+from hapnet.records.record import fields
 from hapnet.side.packet import Packet
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.wire import put_proxy
@@ -23,11 +24,8 @@ from netem.draws import Fates
 from netem.line import RateLine
 
 LONG_AGO = -(2**62)
-COUNTERS = (
-    "newest", "lost", "loss_bursts", "last_lost", "reordered", "sent_ahead", "resent", "recovered", "dropped_limit",
-    "late_max_ns", "offered",
-)  # fmt: skip
-"""Of `netem.link.Counters`, which are the record's too."""
+COUNTERS = tuple(fields(links.Counters))
+STATE = ("limit", "gap", "transparent", "is_up", "lined", "acts", "beside", "since_reorder")
 
 
 class CompiledLink:
@@ -38,29 +36,28 @@ class CompiledLink:
         nothing = np.zeros(0)
         self._unused = Fates(nothing.astype(np.bool_), nothing.astype(np.bool_), nothing.astype(np.int64), nothing)
         profile = link.profile
-        record.limit, record.gap, record.rate_bit_s = profile.limit, profile.gap, profile.rate_bit_s
-        record.overhead, record.cell_size = profile.overhead, profile.cell_size
-        record.cell_bytes = profile.cell_size + profile.cell_overhead
-        record.transparent = int(link.transparent)
+        for name in STATE:
+            setattr(record, name, getattr(link, name))
         if isinstance(link.line, RateLine):
-            record.free_ns = max(link.line.free_ns, LONG_AGO)
-        if (resends := link.resends) is not None and profile.resend is not None:
-            record.resends, record.resend_times = 1, profile.resend.times
-            record.resend_after_ns, record.resend_ordered = resends.after_ns, int(resends.ordered)
-            fill(record.resend_chances, list(resends.ascending))
+            for name in RateLine.__slots__:
+                setattr(record.line, name, getattr(link.line, name))
+            record.line.free_ns = max(link.line.free_ns, LONG_AGO)
+        resends = link.resends
+        record.resends.times, record.resends.after_ns = resends.times, resends.after_ns
+        record.resends.ordered = resends.ordered
+        fill(record.resends.ascending, list(resends.ascending))
         record.in_order_ns = max(link.in_order_ns, LONG_AGO)
         record.last_due_ns = max(link.last_due_ns, LONG_AGO)
-        record.since_reorder = link.since_reorder
         for name in COUNTERS:
-            setattr(record, name, getattr(link.counters, name))
-        record.begun = record.offered
+            setattr(record.counters, name, getattr(link.counters, name))
+        record.begun = record.counters.offered
         record.capacity = min(profile.limit, links.MOST_IN_FLIGHT)
         self._load()
 
     def refill(self) -> None:
         """Draw for further messages, if there are few draws left, and count the delays so far."""
         record = self._record
-        used = int(record.offered - record.begun)
+        used = int(record.counters.offered - record.begun)
         if record.drawn - used >= 2:
             return
         self._count()
@@ -69,7 +66,7 @@ class CompiledLink:
         parts: Any = zip(left, fresh, strict=True)
         self._unused = Fates._make(map(np.concatenate, parts))
         lost, ahead, delay_ns, luck = self._unused
-        record.begun, record.drawn = record.offered, len(lost)
+        record.begun, record.drawn = record.counters.offered, len(lost)
         record.fates[: len(lost)] = LOST * lost.astype(np.int64) + AHEAD * ahead.astype(np.int64)
         record.delays_ns[: len(lost)], record.luck[: len(lost)] = delay_ns, luck
 
@@ -77,12 +74,12 @@ class CompiledLink:
         """Give the state back to the reference's link; `sender` has sent what is on it, messages of this kind."""
         self._count()
         link, record = self._link, self._record
-        used = int(record.offered - record.begun)
+        used = int(record.counters.offered - record.begun)
         link.streams.put_back(_from(self._unused, used))
         for name in COUNTERS:
-            setattr(link.counters, name, getattr(record, name))
-        if isinstance(link.line, RateLine) and record.free_ns > LONG_AGO:
-            link.line.free_ns = int(record.free_ns)
+            setattr(link.counters, name, getattr(record.counters, name))
+        if isinstance(link.line, RateLine) and record.line.free_ns > LONG_AGO:
+            link.line.free_ns = int(record.line.free_ns)
         if record.in_order_ns > LONG_AGO:
             link.in_order_ns, link.last_due_ns = int(record.in_order_ns), int(record.last_due_ns)
         link.since_reorder = int(record.since_reorder)
