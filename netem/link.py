@@ -55,9 +55,12 @@ class Link(Generic[T]):
 
     Not thread-safe: two threads need a lock.
 
+    More than twenty attributes: each effect keeps its own state, and `netem.offering` needs all of them.
+
     Attributes
     ----------
-    Only a caller that simulates many links at once uses these: it takes a link's state and writes it back.
+    Only `netem.offering` uses these, and a caller that simulates many links at once: it takes a link's state and writes
+    it back.
 
     counters : the counts so far. streams : the draws. queue : messages in flight, a heap. line : with a rate or a
     trace (`lined`). is_up : else it loses all messages offered to it.
