@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapnet.bench.mesh import torus
-from hapnet.bench.row import Limit, Options, Row, row
-from hapnet.bench.servo import Lateness, late_share
+from hapnet.bench.row import Limit, Options, Row
+from hapnet.bench.servo import Lateness, late_row
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
 from hapnet.processes.child import Child, WaitForStart
@@ -77,18 +77,15 @@ def page_mesh(options: Options) -> Row:
                         received.append(page.client.result(30.0))
                         busy.append(page.server.result(30.0))
     gaps_ms = 1e3 * np.concatenate([np.diff(one.times_s) for one in received])
-    more = late_share(watched, alone) | {
+    more = {
         "updates_hz": min(one.updates_hz for one in received),
         "update_gap_p99_ms": float(np.quantile(gaps_ms, 0.99)) if len(gaps_ms) else float("inf"),
         "surfaces_sent": float(max(one.surfaces for one in received)),
         "kB_a_second": max(one.bytes_hz for one in received) / 1e3,
         "page_cpu": max(busy),
     }
-    return row(
-        "page_mesh", "us", _WHAT, [part.distribution for part in watched], _AGAINST,
-        [part.distribution for part in alone], more=more, note=watched[0].refusal or "",
-        limits=(Limit("updates_hz", 57.0, at_least=True), Limit("surfaces_sent", 1.0), Limit("ratio_p99", 1.2)),
-    )  # fmt: skip
+    limits = Limit("updates_hz", 57.0, at_least=True), Limit("surfaces_sent", 1.0), Limit("ratio_p99", 1.2)
+    return late_row("page_mesh", _WHAT, watched, _AGAINST, alone, more, limits)
 
 
 def _written(directory: Path) -> Path:
@@ -134,9 +131,9 @@ def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int
         wait_for_start()
         _wait(lambda: history.snapshot().taken > 0)
         time.sleep(_SETTLED_S)
-        began, used = time.monotonic(), _cpu_s()
+        began, used = time.monotonic(), time.process_time()
         time.sleep(0.8 * seconds)
-        share = (_cpu_s() - used) / (time.monotonic() - began)
+        share = (time.process_time() - used) / (time.monotonic() - began)
         _wait(lambda: not page.watched)  # the client has all
     watcher.close()
     return share
@@ -145,10 +142,6 @@ def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int
 def _wait(until: Callable[[], bool]) -> None:
     while not until():
         time.sleep(0.05)
-
-
-def _cpu_s() -> float:
-    return time.process_time()
 
 
 def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Received:

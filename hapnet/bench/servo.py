@@ -5,9 +5,10 @@ from __future__ import annotations
 import gc
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hapnet.bench.row import Distribution, Options, Row, row
+from hapnet.bench.row import Distribution, Limit, Options, Row, row
 from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
@@ -108,6 +109,22 @@ def late_share(subject: list[Lateness], bare: list[Lateness]) -> dict[str, float
     }  # fmt: skip
 
 
+def late_row(
+    name: str,
+    what: str,
+    subject: list[Lateness],
+    against: str,
+    bare: list[Lateness],
+    more: Mapping[str, float] | None = None,
+    limits: tuple[Limit, ...] = (),
+    note: str = "",
+) -> Row:
+    """A row of lateness, a part for each round; its further figures begin with `late_share`."""
+    ours, theirs = ([part.distribution for part in parts] for parts in (subject, bare))
+    said, figures = "; ".join(filter(None, (note, subject[0].refusal))), late_share(subject, bare) | dict(more or {})
+    return row(name, "us", what, ours, against, theirs, more=figures, limits=limits, note=said)
+
+
 def _beside_bare(name: str, what: str, options: Options, *, busy_thread: bool) -> Row:
     subject: list[Lateness] = []
     bare: list[Lateness] = []
@@ -117,7 +134,4 @@ def _beside_bare(name: str, what: str, options: Options, *, busy_thread: bool) -
             ours, theirs = together([one, other], seconds + 30.0)
         subject.append(ours)
         bare.append(theirs)
-    return row(
-        name, "us", what, [part.distribution for part in subject], BARE, [part.distribution for part in bare],
-        more=late_share(subject, bare), note=subject[0].refusal or "",
-    )  # fmt: skip
+    return late_row(name, what, subject, BARE, bare)

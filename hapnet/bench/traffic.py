@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import contextlib
 
-from hapnet.bench.row import Limit, Options, Row, row
-from hapnet.bench.servo import BARE, PERIOD_NS, Lateness, bare_loop, late_share
+from hapnet.bench.row import Limit, Options, Row
+from hapnet.bench.servo import BARE, PERIOD_NS, Lateness, bare_loop, late_row
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
 from hapnet.processes.child import Child, busy
@@ -37,17 +37,11 @@ def servo_traffic(options: Options, khz: int = 1) -> Row:
     beside = f", beside {options.beside} busy processes" if options.beside else ""
     usual = Limit("ratio", 1.3), Limit("ratio_p99", 1.5 if options.realtime else 2.0)
     limits = {1: (*usual, Limit("late_period_excess", LATE_EXCESS)), 5: (Limit("ratio_p99", 2.0),)}
-    return row(
-        "servo_traffic" if khz == 1 else f"servo_traffic_{khz}khz",
-        "us",
-        what + at + beside,
-        [part.distribution for part in subject],
-        BARE + ", same time, from pairing" + (", same rate" if at else ""),
-        [part.distribution for part in bare],
-        more={**late_share(subject, bare), "messages_per_s": min(rates)},
-        limits=limits.get(khz, ()),
-        note="; ".join([f"{min(rates):.0f} messages/s in the slower direction", *filter(None, [subject[0].refusal])]),
-    )
+    name = "servo_traffic" if khz == 1 else f"servo_traffic_{khz}khz"
+    against = BARE + ", same time, from pairing" + (", same rate" if at else "")
+    note = f"{min(rates):.0f} messages/s in the slower direction"
+    more = {"messages_per_s": min(rates)}
+    return late_row(name, what + at + beside, subject, against, bare, more, limits.get(khz, ()), note)
 
 
 def _round(options: Options, khz: int) -> tuple[Lateness, Lateness, float]:

@@ -10,8 +10,8 @@ from functools import partial
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
 
-from hapnet.bench.row import Limit, Options, Row, row
-from hapnet.bench.servo import Lateness, late_share
+from hapnet.bench.row import Limit, Options, Row
+from hapnet.bench.servo import Lateness, late_row
 from hapnet.bench.sides import lateness, start_pair
 from hapnet.params import Params
 from hapnet.processes.child import Child, WaitForStart
@@ -41,17 +41,9 @@ def servo_watched(options: Options) -> Row:
                 summary = device.summary(options.seconds + 30.0)
                 world.summary(30.0)
             parts.append(lateness(summary, device))
-    return row(
-        "servo_watched",
-        "us",
-        f"lateness while {who}",
-        [part.distribution for part in watched],
-        "the same pair with nobody watching, in turns",
-        [part.distribution for part in alone],
-        more=late_share(watched, alone),
-        limits=(Limit("ratio_p99", 1.2),),
-        note="; ".join(filter(None, ["" if browser or not options.realtime else "no browser", watched[0].refusal])),
-    )
+    note = "" if browser or not options.realtime else "no browser"
+    against, limits = "the same pair with nobody watching, in turns", (Limit("ratio_p99", 1.2),)
+    return late_row("servo_watched", f"lateness while {who}", watched, against, alone, limits=limits, note=note)
 
 
 @contextlib.contextmanager

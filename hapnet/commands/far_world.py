@@ -176,20 +176,10 @@ class Hand:
     def pause(self, on: bool) -> None:
         self._send(do="pause", on=on)
 
-    def coupling(self, name: str, rendering: str) -> None:
+    def _refuse(self, *given: object) -> None:
         raise HapnetError(FIXED)
 
-    def scene(self, label: str) -> None:
-        raise HapnetError(FIXED)
-
-    def mesh(self, name: str, content: bytes) -> None:
-        raise HapnetError(FIXED)
-
-    def smoothing(self, seconds: float) -> None:
-        raise HapnetError(FIXED)
-
-    def reset(self) -> None:
-        raise HapnetError(FIXED)
+    coupling = scene = mesh = smoothing = reset = _refuse
 
     def record(self, on: bool) -> None:
         raise HapnetError("this side is recorded from its start; hapnet play --no-files records nothing")

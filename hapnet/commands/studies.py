@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hapnet.commands import output
 from hapnet.commands.progress import Progress, duration
@@ -18,7 +20,7 @@ from hapnet.study import run as running
 from hapnet.study.backend import Backend
 from hapnet.study.case import check
 from hapnet.study.estimate import mean_seconds, spread
-from hapnet.study.journal import Journal
+from hapnet.study.journal import NAME, Journal
 from hapnet.study.run import Ran
 from hapnet.study.spec import Case, Spec, Values, params_of
 from hapnet.study.task import reason, run_case
@@ -32,6 +34,28 @@ INTERRUPTED = 130
 
 REASONS = 3
 """Of many reasons or warnings the most frequent ones are shown."""
+
+
+@contextmanager
+def journal_of(
+    console: Console, spec: Spec, cases: Sequence[Case], directory: Path, *, fresh: bool, retry_failed: bool
+) -> Iterator[Journal]:
+    """The journal of these cases in `directory`; those of a new one are checked first. Says how many are done."""
+    if fresh or not (directory / NAME).exists():
+        check_cases(console, spec, cases)
+    with closing(Journal.create_or_resume(output.run_directory(directory, None), spec, cases, fresh=fresh)) as journal:
+        again = journal.forget_failed() if retry_failed else 0
+        if (before := journal.count()[1]) or again:
+            console.print(f"{before} cases are done{f'; {again} failed and are run again' * bool(again)}")
+        yield journal
+
+
+def about(console: Console, ran: Ran) -> dict[str, Any]:
+    """What a study's JSON says of how it ran; prints how fast it was."""
+    new = ran.done - ran.before
+    if new:
+        console.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
+    return {"cases": ran.total, "done": ran.done, "failed": ran.failed, "run": new, "wall_s": ran.lasted_s}
 
 
 def run_missing(

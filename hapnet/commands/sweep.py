@@ -81,7 +81,6 @@ def run(
     """
     from hapnet.commands import studies
     from hapnet.study.export import formats
-    from hapnet.study.journal import NAME, Journal
     from hapnet.study.sweep import SweepResult
 
     endings = formats(table)
@@ -98,37 +97,27 @@ def run(
         _show(words, cases, directory)
         studies.estimate_cases(words, wanted.fixed, can_run, len(can_run), workers, dask)
         return 0
-    if fresh or not (directory / NAME).exists():
-        studies.check_cases(words, wanted, cases)
-    into = output.run_directory(directory, None)
-    with closing(Journal.create_or_resume(into, wanted, cases, fresh=fresh)) as journal:
-        again = journal.forget_failed() if retry_failed else 0
-        total, before, _ = journal.count()
-        if before or again:
-            words.print(f"{before} of {total} cases are done{f'; {again} failed and are run again' * bool(again)}")
+    with studies.journal_of(words, wanted, cases, directory, fresh=fresh, retry_failed=retry_failed) as journal:
         ran = studies.run_missing(words, journal, "sweeping", backend)
         written = output.Written()
         found = SweepResult.of(journal)
         files: list[Path] = []
         with written.part():
             files = found.write(directory, endings)
-        done, failed, new = ran.done, ran.failed, ran.done - before
-        if new:
-            words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
+        done, failed, about = ran.done, ran.failed, studies.about(words, ran)
         if found.broken:
             written.broken.append(
                 f"in {found.broken} of {done} cases (claim_kept) the coupling claims to be passive, and was not"
             )
         reasons = found.errors
         if failed:
-            words.print(f"{failed} of {total} cases failed:", style="yellow")
+            words.print(f"{failed} of {ran.total} cases failed:", style="yellow")
             for why, times in reasons.most_common(studies.REASONS):
                 words.print(f"  {times} x {why}", markup=False)
         if files:
             figure = f"; a figure: hapnet sweep plot {directory}" * (done > failed)
             words.print(f"results: {', '.join(map(str, files))}{figure}", markup=False)
         with written.part():
-            about = {"cases": total, "done": done, "failed": failed, "run": new, "wall_s": ran.lasted_s}
             output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
         if ran.stopped is not None:
             return studies.stop(ran, "the same command goes on")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,7 +50,6 @@ def tune(
     """
     from hapnet.commands import studies
     from hapnet.study import tune_results
-    from hapnet.study.journal import NAME, Journal
     from hapnet.study.search import Search, base, most_cases
     from hapnet.study.search_space import need_library
     from hapnet.study.tune_spec import TuneSpec
@@ -69,19 +67,11 @@ def tune(
         _show(words, wanted, directory)
         studies.estimate_cases(words, whole.fixed, can_run, most_cases(wanted), workers, dask)
         return 0
-    if fresh or not (directory / NAME).exists():
-        studies.check_cases(words, whole, [*tuned, *scored])
-    into = output.run_directory(directory, None)
-    with closing(Journal.create_or_resume(into, whole, [*tuned, *scored], fresh=fresh)) as journal:
-        again = journal.forget_failed() if retry_failed else 0
-        _, before, _ = journal.count()
-        if before or again:
-            words.print(f"{before} cases are done{f'; {again} failed and are run again' * bool(again)}")
+    cases = [*tuned, *scored]
+    with studies.journal_of(words, whole, cases, directory, fresh=fresh, retry_failed=retry_failed) as journal:
         search = Search(wanted, journal)
         ran = studies.run_missing(words, journal, "tuning", backend, search.rounds(), most_cases(wanted))
-        new = ran.done - before
-        if new:
-            words.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
+        about = studies.about(words, ran)
         written = output.Written()
         files = _write(search, journal, directory, written, ended=ran.stopped is None)
         if ran.stopped is None:
@@ -89,7 +79,6 @@ def tune(
         if files:
             words.print(f"files: {', '.join(files)} in {directory}", markup=False)
         with written.part():
-            about = {"cases": ran.total, "done": ran.done, "failed": ran.failed, "run": new, "wall_s": ran.lasted_s}
             reported = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
             output.write_json(reported, json_to)
         if ran.stopped is not None:

@@ -13,7 +13,6 @@ from hapnet.records.record import Floats, Reals, Record
 from hapnet.records.vectors import distance
 
 OnSilence = Literal["hold", "release"]
-ON_SILENCE: tuple[OnSilence, ...] = ("hold", "release")
 
 
 def step_towards(start: Vector, goal: Vector, maximum: float) -> Vector:

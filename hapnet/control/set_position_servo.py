@@ -26,7 +26,6 @@ from hapnet.records.record import OfAxes, Reals, Record
 from hapnet.records.vectors import added, copy, distance, length
 
 Harvest = Literal["range", "measured"]
-HARVESTS: tuple[Harvest, ...] = ("range", "measured")
 
 RESTS, RUNS, SENDS, ASKS = range(4)
 """What came of a tick: PSPM did not run; it ran; there is something to send besides; y is to be chosen first."""

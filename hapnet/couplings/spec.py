@@ -25,11 +25,6 @@ RENDERED_DAMPING = 5.0
 """The largest damping that a desktop device renders stably [Ns/m]: the Phantom Omni's in CHAI3D's device table."""
 
 
-@dataclass(frozen=True)
-class NoTuning:
-    """The tuning of a coupling that has no tuning rule."""
-
-
 class Between(NamedTuple):
     """A range of a parameter, for a search."""
 

@@ -15,8 +15,8 @@ from matplotlib.image import imread
 from hapnet import cli
 from hapnet.recording.mcap import RecordingWriter
 from hapnet.recording.samples import DeviceSample, Recording, Sample, WorldSample
+from tests.plots.test_run import run
 from tests.reports.conftest import plain as plain
-from tests.reports.test_report import run
 from tests.reports.test_report_page import stands_alone
 
 SUMMARY = {

@@ -23,7 +23,7 @@ from hapnet.reports.tables import links, motion, sides
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import read
 from hapnet.summary.words import known
-from tests.reports.test_report import run
+from tests.plots.test_run import run
 
 VOID = {"meta", "img"}
 
