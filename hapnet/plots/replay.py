@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapnet.plots.style import DEVICE_COLOR, legend_above, sheet
+from hapnet.plots.style import COLOURS, legend_above, sheet
 from hapnet.recording.hand import hand_times
 from hapnet.recording.samples import Recording
 
@@ -25,7 +25,7 @@ def figure(original: Recording, again: Recording) -> Figure:
             (panels[1], "force_N", 1.0, "force on the device [N]"),
         ):
             for run, said, style in (
-                (again, "replay", {"color": DEVICE_COLOR}),
+                (again, "replay", {"color": COLOURS[5], "linewidth": 2.2}),
                 (original, "original", {"color": "black", "linestyle": "--", "linewidth": 0.9}),
             ):
                 assert run.device is not None
