@@ -43,6 +43,11 @@ class Part(NamedTuple):
         six = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
         return cls(own, numbers.reshape(-1, 3), float(six) / 6.0, low, high)
 
+    @property
+    def pieces(self) -> int:
+        """Of its surface: more than one with cavities."""
+        return int(import_module("igl").facet_components(self.triangles)[0])
+
     def turned(self) -> Part:
         return self._replace(triangles=self.triangles[:, ::-1], volume=-self.volume)
 
@@ -78,15 +83,15 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     if not parts:
         raise InvalidParameter("mesh", f"{count} parts without volume", "a solid")
     solids, turned, cavities = _oriented(parts)
-    made, united = _united(solids)
+    made, before, after = _united(solids)
     said = [
         f"{len(every) - len(parts)} without volume left out" * (len(parts) < len(every)),
         f"{turned} turned, inside out in the file" * (turned > 0),
-        f"{united} that overlap joined" * (united > 0),
+        f"{before} that overlap or touch joined into {after}" * (before > 0),
         f"{cavities} kept as a cavity" * (cavities > 0),
     ]
     done = "; ".join(filter(None, said))
-    if not (turned or united or len(parts) < len(every)):
+    if not (turned or before or len(parts) < len(every)):
         return vertices, triangles, ""
     start = np.cumsum([0, *[len(part.vertices) for part in made]])
     return (
@@ -118,10 +123,10 @@ def _oriented(parts: Sequence[Part]) -> tuple[list[Part], int, int]:
     return solids, turned, hollow.count(True)
 
 
-def _united(solids: Sequence[Part]) -> tuple[list[Part], int]:
-    """Those whose extents overlap as one; and how many did overlap themselves."""
+def _united(solids: Sequence[Part]) -> tuple[list[Part], int, int]:
+    """Those that overlap, or have a piece of face in common, as one; how many these were, and how many they are now."""
     made: list[Part] = []
-    united = 0
+    before = after = 0
     left = list(solids)
     while left:
         cluster = [left.pop()]
@@ -131,12 +136,14 @@ def _united(solids: Sequence[Part]) -> tuple[list[Part], int]:
             cluster += near
         if len(cluster) > 1:
             union = _union(cluster)
-            total = added([part.volume for part in cluster])
-            if union.volume < total * (1.0 - _ROUNDING):
-                united += len(cluster)
+            cavities = added([part.pieces - 1 for part in cluster])
+            if union.pieces < len(cluster) + cavities or union.volume < (1.0 - _ROUNDING) * added(
+                [part.volume for part in cluster]
+            ):
+                before, after = before + len(cluster), after + max(1, union.pieces - int(cavities))
                 cluster = [union]
         made += cluster
-    return made, united
+    return made, before, after
 
 
 def _union(parts: Sequence[Part]) -> Part:

@@ -52,14 +52,15 @@ def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
 
 @pytest.mark.parametrize(("parts", "inverted", "cm3", "said"), [
     ([BLOCK], [], 8.0, []), ([BLOCK], [0], 8.0, ["1 turned"]),
-    ([BLOCK, ASIDE], [], 13.0, ["2 that overlap joined"]),
-    ([BLOCK, ASIDE], [1], 13.0, ["1 turned", "2 that overlap joined"]),
+    ([BLOCK, ASIDE], [], 13.0, ["2 that overlap or touch joined into 1"]),
+    ([BLOCK, ASIDE], [1], 13.0, ["1 turned", "2 that overlap or touch joined into 1"]),
     ([BLOCK, FAR], [1], 16.0, ["1 turned"]), ([BLOCK, FAR], [], 16.0, []),
-    ([BLOCK, INSIDE], [], 8.0, ["2 that overlap joined"]),
+    ([BLOCK, INSIDE], [], 8.0, ["2 that overlap or touch joined into 1"]),
     ([BLOCK, INSIDE], [1], 7.0, []), ([BLOCK, INSIDE], [0], 7.0, ["2 turned", "1 kept as a cavity"]),
     ([BLOCK, INSIDE, WITHIN], [1], 7.064, []),
-    ([BLOCK, INSIDE, ACROSS], [1], 7.32, ["2 that overlap joined", "1 kept as a cavity"]),
-    ([BLOCK, BESIDE], [], 16.0, []), ([BLOCK, AT_AN_EDGE], [], 16.0, []), ([BLOCK, AT_A_CORNER], [], 16.0, []),
+    ([BLOCK, INSIDE, ACROSS], [1], 7.32, ["2 that overlap or touch joined into 1", "1 kept as a cavity"]),
+    ([BLOCK, BESIDE], [], 16.0, ["2 that overlap or touch joined into 1"]),
+    ([BLOCK, AT_AN_EDGE], [], 16.0, []), ([BLOCK, AT_A_CORNER], [], 16.0, []),
 ])  # fmt: skip
 def test_parts_are_one_solid(parts: Sequence[Box], inverted: Sequence[int], cm3: float, said: list[str]) -> None:
     vertices, triangles, words = joined(*welded(*assembly(parts, inverted)))
@@ -91,7 +92,9 @@ def test_an_open_mesh_is_refused() -> None:
 def test_it_is_said_in_one_line(tmp_path: Path) -> None:
     scene = make_scene(words(tmp_path, assembly([BLOCK, ASIDE], [1])))
     (line,) = scene.warnings
-    assert line.endswith("mesh.stl: of 2 parts: 1 turned, inside out in the file; 2 that overlap joined")
+    assert line.endswith(
+        "mesh.stl: of 2 parts: 1 turned, inside out in the file; 2 that overlap or touch joined into 1"
+    )
     assert not make_scene(words(tmp_path, boxes(BLOCK))).warnings
 
 
@@ -153,5 +156,5 @@ def test_large_meshes_are_joined_soon() -> None:
     began = time.process_time()
     found, corners, said = joined(vertices, triangles)
     Mesh(found, corners)
-    assert "2 that overlap joined" in said
+    assert "2 that overlap or touch joined into 1" in said
     assert time.process_time() - began < 10.0  # a second or two; CPU time of all threads
