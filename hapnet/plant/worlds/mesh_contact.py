@@ -41,6 +41,10 @@ _OTHERS = 2
 _SAME_SIDE = 0.64
 """Normals with a greater cosine (50 degrees) are those of one surface that turns."""
 
+_LITTLE = 0.05
+"""If the last step's plane turned by less, that of the next one is taken to turn as much: mostly it need not be
+corrected then."""
+
 _TOUCHES_M = 1e-9
 
 _CLEAR_M = 1e-4
@@ -67,6 +71,7 @@ class FootSecant(Secant):
         self._at: Vector | None = None  # the place of which the foot is known
         self._foot: Foot | None = None
         self._walked = False  # did a walk find it?
+        self._slides = False  # was it on a smooth patch at the last onset?
         self._from: Vector = (0.0, 0.0, 0.0)  # a point of the plane
         self.more: list[tuple[Vector, Vector]] = []
         """Faces that the proxy is, or would be, behind at once: the normal out of the solid, and a point."""
@@ -122,8 +127,9 @@ class FootSecant(Secant):
         if foot.near.distance_m <= 0.0:
             self._face, self.entering = foot.face, 0
             self._begin(x, foot)
+            self._slides = foot.kind == SMOOTH
             return True
-        self._face = None
+        self._face, self._slides = None, False
         self._starts(foot.near)
         if foot.near.distance_m > length or not (entry := self.hit(x, delta, length)).found:
             return False
@@ -138,16 +144,23 @@ class FootSecant(Secant):
 
     def _begin(self, x: Vector, foot: Foot) -> None:
         """The planes at an onset inside."""
-        away = _less(foot.at, x)
-        faces = sorted([(dot(normal, away), normal) for normal in self._mesh.faces(foot)], reverse=True)
         start = foot.near
-        if faces and faces[0][0] > 0.0:
-            start = Near(-faces[0][0], faces[0][1])
-            self.more = [(normal, foot.at) for deep, normal in faces[1:] if deep > 0.0]
+        if foot.kind != SMOOTH:
+            away = _less(foot.at, x)
+            faces = sorted([(dot(normal, away), normal) for normal in self._mesh.faces(foot)], reverse=True)
+            if faces and faces[0][0] > 0.0:
+                start = Near(-faces[0][0], faces[0][1])
+                self.more = [(normal, foot.at) for deep, normal in faces[1:] if deep > 0.0]
         self._from = foot.at
-        self._starts(start)
         self.depth = -start.distance_m
-        put_opposite(self.normal, start.gradient)
+        a, b, c = start.gradient
+        if self._slides and foot.kind == SMOOTH:
+            (d, e, f), (p, q, r) = self.start, self.normal
+            d, e, f = d + p, e + q, f + r
+            if d * d + e * e + f * f < _LITTLE * _LITTLE:
+                a, b, c = a - d, b - e, c - f
+        self._starts(start)
+        put_opposite(self.normal, (a, b, c))
 
     def hit(self, x: Vector, direction: Vector, length: float) -> Hit:
         struck = self._mesh.struck(x, direction)
@@ -167,19 +180,21 @@ class FootSecant(Secant):
         return found is not None and turned(self, x, delta, end, found, good)
 
     def _ahead(self, end: Vector) -> Near | None:
+        """Distance and gradient at the step's end of the face to which the plane belongs; None: it has left that."""
         foot = self.foot(end)
-        distance, gradient = near = foot.near
-        self.more = []
-        if distance < 0.0:
-            if faces := self._mesh.faces(foot):
-                self.more = [(face, foot.at) for face in faces]
-                return self.facing(end, triple(self.normal))
-            if dot(gradient, triple(self.normal)) > -_SAME_SIDE and self._is_hollow(gradient, foot.at):
-                self.more = [(gradient, foot.at)]
-                return None
-        else:
+        distance, (a, b, c) = foot.near
+        self.more, self._next = [], None
+        if distance >= 0.0:
             self._look_out(end)
-        return near
+        elif foot.kind != SMOOTH and (faces := self._mesh.faces(foot)):
+            self.more = [(face, foot.at) for face in faces]
+            return self.facing(end, triple(self.normal))
+        else:
+            p, q, r = self.normal
+            if a * p + b * q + c * r > -_SAME_SIDE and self._is_hollow((a, b, c), foot.at):
+                self.more = [((a, b, c), foot.at)]
+                return None
+        return foot.near
 
     def _look_out(self, end: Vector) -> None:
         """A step that leaves the surface may end behind another one, which its path meets in front of this one."""
