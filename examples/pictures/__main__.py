@@ -52,6 +52,15 @@ RECIPES = (
         "mesh.png",
         "--scene 'mesh:examples/ring.obj?unit=mm&friction=0.3' --operator hand-6 --link 4g --duration 20 --seed 3",
     ),
+    scene(
+        "gyroid.png",
+        "--scene 'sdf:examples.fields:gyroid?friction=0.2' --operator hand-6 --link 4g --duration 20 --seed 3",
+    ),
+    scene(
+        "head.png",
+        "--scene 'sdf:examples.fields:head?stiffness=600&layers=6mm,3000' --operator hand-6 --link 4g "
+        "--duration 20 --seed 3",
+    ),
     scene("dominoes.png", "--scene mujoco:examples/dominoes.xml --operator press --duration 6 --seed 1"),
     scene("planet.png", "--scene examples.planet:planet --operator hand-6 --duration 12 --seed 1"),
     Recipe(("hapnet transparency --link 4g --out DIR",), {"transparency.png": "transparency.png"}),

@@ -22,7 +22,7 @@ from hapnet.summary.words import get
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST_TRIANGLES = 20_000
+_MOST_TRIANGLES = 40_000
 """Of a larger mesh only the corners are drawn."""
 
 _MOST_POINTS = 4000

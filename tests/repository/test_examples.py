@@ -49,9 +49,9 @@ def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_there_are_eleven() -> None:
+def test_there_are_twelve() -> None:
     programs = {"own_device", "own_world", "own_moving_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
-    assert set(EXAMPLES) == {*programs, "planet", "keyboard_knob", "pantograph", "verdict_of_recordings"}
+    assert set(EXAMPLES) == {*programs, "planet", "fields", "keyboard_knob", "pantograph", "verdict_of_recordings"}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -72,6 +72,13 @@ def test_public_names_are_loaded_on_first_use() -> None:
         _ = hapnet.Simulate
     code = "import sys, hapnet; print({'numpy', 'zenoh'} & set(sys.modules))"
     assert subprocess.check_output([sys.executable, "-c", code], env=ENVIRONMENT, text=True) == "set()\n"
+
+
+@pytest.mark.slow
+def test_fields() -> None:
+    said = run("fields", cwd=ROOT)
+    assert said.count(": at most ") == 2  # passive
+    assert [float(slack) >= -1e-15 for slack in re.findall(r"never below (\S+) J", said)] == [True, True]
 
 
 @pytest.mark.slow

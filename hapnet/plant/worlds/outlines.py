@@ -7,22 +7,26 @@ from collections.abc import Sequence
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.plant.worlds.field import DistanceFunction, FieldShape, VoxelGrid
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_surface import Triangles
 from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, part
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
+from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Offset, Shape, Sphere, Textured
 
 Outline = tuple[Array, Triangles]
 """Vertices (N, 3) [m], and triangles (M, 3) as indices of them."""
 
 _SIDES = 48
+_CUBES = 41
+"""Places along each side where a function is asked for its picture."""
+
 _FINE = 1000
 """Meshes of so many triangles stand for something curved."""
 
 
 def smooth(shape: Shape) -> Shape:
-    """The shape without its relief, which is too fine to be seen."""
-    while isinstance(shape, Textured):
+    """The shape without its relief, which is too fine to be seen; of a layer the shape that it is in."""
+    while isinstance(shape, Textured | Offset):
         shape = shape.shape
     return shape
 
@@ -34,6 +38,8 @@ def outline(shape: Shape, around: Array, reach_m: float) -> Outline | None:
         return shape.vertices, shape.triangles
     if isinstance(shape, Cylinder):
         return cylinder(shape)
+    if isinstance(shape, FieldShape):
+        return _field(shape)
     if isinstance(shape, Sphere):
         return _sphere(shape)
     if isinstance(shape, Cuboid):
@@ -76,6 +82,28 @@ def ball(sides: int = _SIDES, straight: float = 0.0) -> Outline:
     return vertices, triangles.reshape(-1, 3)[has_area]
 
 
+def _field(shape: FieldShape) -> Outline | None:
+    """By marching cubes; None without libigl."""
+    try:
+        import igl
+    except ImportError:
+        return None
+    if isinstance(shape, VoxelGrid):
+        axes = [
+            low + step * np.arange(n)
+            for low, step, n in zip(shape.low, shape.spacing, shape.distances.shape, strict=True)
+        ]
+        values = shape.distances
+    elif isinstance(shape, DistanceFunction):
+        axes = [np.linspace(low, high, _CUBES) for low, high in zip(*shape.extent, strict=True)]
+        values = np.array([[[shape.value((x, y, z)) for z in axes[2]] for y in axes[1]] for x in axes[0]])
+    else:
+        return None
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
+    found = igl.marching_cubes(values.T.reshape(-1), np.ascontiguousarray(places), *values.shape, 0.0)
+    return np.asarray(found[0]), np.asarray(found[1])
+
+
 def _sphere(shape: Sphere) -> Outline:
     vertices, triangles = ball()
     return vertices * shape.radius + shape.centre, triangles
@@ -109,5 +137,5 @@ def part_of(shape: Shape, color: Color = GREY, body: int = RESTS, reach_m: float
     found = outline(shape, np.zeros(3), reach_m)
     if found is None:
         return None
-    fine = isinstance(smooth(shape), Sphere | Mesh) and len(found[1]) >= _FINE
+    fine = isinstance(smooth(shape), Sphere | Mesh | FieldShape) and len(found[1]) >= _FINE
     return part(*found, color, body, smooth=fine)

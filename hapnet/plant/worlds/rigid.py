@@ -17,6 +17,8 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.loading import load
+from hapnet.plant.worlds.field import DistanceFunction, VoxelGrid
 from hapnet.plant.worlds.friction import Friction, FrictionTexture
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_file import read_heights, read_mesh, require_file
@@ -26,8 +28,9 @@ from hapnet.plant.worlds.picture import Part
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
+from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Offset, Shape, Sphere, Textured
 from hapnet.plant.worlds.solids_picture import SolidsPicture
+from hapnet.plant.worlds.volume_file import NUMPY, is_volume, read_volume
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 from hapnet.records.vectors import added
 
@@ -108,7 +111,8 @@ def rigid(
 ) -> RigidScene:
     """The scene that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
     given = {"stiffness": stiffness, "damping": damping}
-    solids, notes = zip(*[_solid(part, given) for part in _parts(text)], strict=True)
+    made = [_solids(part, given) for part in _parts(text)]
+    solids, notes = [solid for found, _ in made for solid in found], [note for _, note in made]
     try:
         scene = RigidScene(text, dof, solids, step_min_s, step_max_s)
     except InvalidParameter as error:
@@ -197,17 +201,21 @@ class Kind:
         self.words: str = f"{text}, {_MATERIAL}"
 
 
-_MATERIAL = "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH, relief=HEIGHT,WAVELENGTH"
+_MATERIAL = (
+    "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH, relief=HEIGHT,WAVELENGTH, "
+    "layers=DEPTH,N/m (several with commas)"
+)
 
 
-def _solid(spec: str, given: Mapping[str, float]) -> tuple[Solid, list[str]]:
-    """A solid, and what is to be said of it."""
+def _solids(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[str]]:
+    """The solid and one for each layer below its surface, and what is to be said of it."""
     name, file, text = _kind(spec)
     if name not in KINDS:
         raise InvalidParameter(f"scene {spec}", name, f"one of {', '.join(KINDS)}", KINDS)
     properties = Properties(spec, text)
     if bool(file) is not (name in FROM_FILES):
-        raise properties.error(file, "a file, as in mesh:FILE?unit=mm" if name in FROM_FILES else "no file")
+        allowed = f"a file, as in {name}:FILE?unit=mm" if name in FROM_FILES else "no file"
+        raise properties.error(file, f"{allowed}, or {_FUNCTION}" if name == "sdf" else allowed)
     try:
         shape = KINDS[name].make(properties, file)
         relief = properties.lengths("relief", (0.0, 1.0))
@@ -215,12 +223,28 @@ def _solid(spec: str, given: Mapping[str, float]) -> tuple[Solid, list[str]]:
             shape = Textured(shape, *relief)
         material = {key: properties.number(key, value) for key, value in given.items()}
         friction = _friction(properties)
+        layers = _layers(properties)
         properties.finish()
-        return Solid(shape, friction=friction, **material), properties.notes
+        outer = Solid(shape, friction=friction, **material)
+        inner = [Solid(Offset(shape, depth), k, outer.damping, friction) for depth, k in layers]
+        return [outer, *inner], properties.notes
     except InvalidParameter as error:
         if error.name.startswith("scene "):
             raise
         raise InvalidParameter(f"scene {spec}: {error.name}", error.value, error.allowed) from error
+
+
+def _layers(properties: Properties) -> list[tuple[float, float]]:
+    """How deep each layer begins [m], and its stiffness [N/m]."""
+    text = properties.text("layers")
+    parts = [] if text is None else [part.strip() for part in text.split(",")]
+    found = [(_value(deep, _UNITS), _value(k, None)) for deep, k in zip(parts[::2], parts[1::2], strict=False)]
+    layers = [(deep, k) for deep, k in found if deep is not None and k is not None and deep > 0.0 < k]
+    if len(layers) != len(found) or len(parts) % 2:
+        raise properties.error(
+            f"layers={text}", "a depth with its unit and a stiffness for each, such as layers=2mm,500"
+        )
+    return layers
 
 
 def _friction(properties: Properties) -> float | Friction:
@@ -289,6 +313,7 @@ def _plane(properties: Properties, file: str) -> HalfSpace:
 
 
 _SHARP = f"sharp={SHARP_DEG:g} (degrees between triangles that meet at an edge; 0: all do)"
+_FUNCTION = "a function of the position that is below 0 inside, as module:name"
 _PLACE = "X,Y,Z (centre of its extent) or file (as in the file)"
 
 
@@ -310,6 +335,28 @@ def _heights(properties: Properties, file: str) -> Mesh:
     if facing == "z":  # a quarter turn about y
         vertices = vertices[:, [2, 1, 0]] * (1.0, 1.0, -1.0)
     return _placed(properties, vertices, triangles)
+
+
+def _sdf(properties: Properties, file: str) -> Shape:
+    if not is_volume(file):
+        function = load(f"scene {properties.words}", file, _FUNCTION)
+        if not callable(function):
+            raise properties.error(file, _FUNCTION)
+        return DistanceFunction(function, file, properties.lengths("at", (0.0, 0.0, 0.0)))
+    plain = file.lower().endswith(NUMPY)
+    unit = _unit(properties, file) if plain else _UNITS.get(properties.text("unit") or "mm", 0.0)
+    if not unit:
+        raise properties.error("unit", f"one of {', '.join(_UNITS)}")
+    spacing, iso = properties.lengths("spacing", (0.0,))[0] or None, properties.text("iso")
+    level = None if iso is None else _value(iso, None)
+    if (iso is None and not plain) or (iso is not None and level is None):
+        raise properties.error(iso or file, "iso= and a number: what is as high or higher is inside, such as iso=300")
+    distances, steps = read_volume(file, unit, spacing, level)
+    inside = np.argwhere(distances < 0.0)
+    deep = -distances[tuple(inside.T)][:, None]  # as far the solid goes at least
+    low, high = (inside * steps - deep).min(axis=0), (inside * steps + deep).max(axis=0)
+    middle = 0.5 * (low + high)
+    return VoxelGrid(distances, steps.tolist(), np.array(_middle(properties, float(high[0] - middle[0]))) - middle)
 
 
 def _unit(properties: Properties, file: str) -> float:
@@ -344,8 +391,11 @@ KINDS: dict[str, Kind] = {
     "cylinder": Kind(_cylinder, "radius=30mm, length=60mm, axis=z, at=X,Y,Z (centre)"),
     "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(_UNITS)}), at={_PLACE}, {_SHARP}"),
     "heights": Kind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}, {_SHARP}"),
+    "sdf": Kind(
+        _sdf, f"(FILE) unit=mm and spacing=1mm, or iso=LEVEL of an image; at={_PLACE}; (module:function) at=X,Y,Z"
+    ),
     "plane": Kind(_plane, "normal=X,Y,Z (into the solid), at=X,Y,Z (a point of it)"),
 }
 """The kinds of solids by name."""
 
-FROM_FILES = ("mesh", "heights")
+FROM_FILES = ("mesh", "heights", "sdf")

@@ -193,6 +193,24 @@ class Textured(Form):
         return raised(self, self.shape.near(position), position)
 
 
+class Offset:
+    """What of a shape lies `depth` [m] or more below its surface: a layer."""
+
+    def __init__(self, shape: Shape, depth: float) -> None:
+        self.shape = shape
+        self.depth: float = checks.positive("depth", depth)
+        self.slope: float = shape.slope
+
+    def near(self, position: Vector) -> Near:
+        distance, gradient = self.shape.near(position)
+        return Near(distance + self.depth, gradient)
+
+    def curvatures(self, position: Vector) -> Curvatures:
+        """A surface of curvature k has k/(1 - k depth) there; none where that is sharp."""
+        bends = self.shape.curvatures(position) if isinstance(self.shape, Bent) else ()
+        return tuple([Curvature(e, k / (1.0 - k * self.depth)) for e, k in bends if k * self.depth < 0.9])
+
+
 _FORMULAS = (HalfSpace, Sphere, Cuboid, Cylinder)
 _STEEPEST = 0.9
 

@@ -13,6 +13,7 @@ from hapnet.plant.worlds.friction import at
 from hapnet.plant.worlds.outlines import part_of
 from hapnet.plant.worlds.picture import Part, Touch, shared
 from hapnet.plant.worlds.rigid_contacts import Solid, padded
+from hapnet.plant.worlds.shapes import Offset
 
 
 class SolidsPicture:
@@ -53,4 +54,5 @@ def touched(solid: Solid, place: Vector) -> tuple[Vector, Vector, float] | None:
 
 def parts_of(solids: Sequence[Solid]) -> tuple[Part, ...]:
     """The parts of solids that rest; those of a kind that nobody knows are left out."""
-    return tuple([found for solid in solids if (found := part_of(solid.shape)) is not None])
+    outer = [solid.shape for solid in solids if not isinstance(solid.shape, Offset)]  # a layer is not seen
+    return tuple([found for shape in outer if (found := part_of(shape)) is not None])
