@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -10,19 +9,19 @@ from hapnet.kernel import link as links
 from hapnet.kernel.link import ENERGY, STREAM, Link, Message
 from hapnet.records.equation import equation
 from hapnet.records.record import Reals, Record, Wholes
+from hapnet.side.content import energy_nJ, span_ns
 from hapnet.wire import energy_channel as channels
 from hapnet.wire import replay_window
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
 from hapnet.wire.integral import Integral, integrate
-from hapnet.wire.numbering import AGAIN, DOUBTFUL, LATE
+from hapnet.wire.numbering import DOUBTFUL, LATE
 from hapnet.wire.path import InUse, Path, arrive
 from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
 from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.stream import BACKLOG
 
 _MAX_COORDINATE = MAX_COORDINATE
-_NANO = 1e-9
 
 POSITION, PROXY, MOTION, PORT, WAVE = range(5)
 """What a side sends."""
@@ -111,21 +110,11 @@ def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     place = arrive(path, wire.monitor, now_ns, sequence, message.stamp_ns, message.echo_ns, message.came_ns)
     if place == DOUBTFUL:
         endpoint.leaps += 1
-    elif _is_stale(wire, place, sequence):
+    elif replay_window.is_stale(wire.window, place, sequence, endpoint.waves != 0, endpoint.accepts_stale != 0):
         endpoint.stale += 1
         endpoint.last_stale, endpoint.came_late = sequence, int(place == LATE)
     else:
         _put(wire, message, now_ns, path.under_way_ns)
-
-
-@equation
-def _is_stale(wire: Wire, place: int, sequence: int) -> bool:
-    """Is a message in this place used no more? Every wave counts once, however late it comes."""
-    if not wire.endpoint.waves:
-        return place == LATE and not wire.endpoint.accepts_stale
-    if place == AGAIN:
-        replay_window.restart(wire.window, sequence)
-    return not replay_window.accept(wire.window, sequence)
 
 
 @equation
@@ -177,10 +166,10 @@ def finish(wire: Wire, message: Message, now_ns: int, amount: float) -> None:
         if not _within(endpoint.n, message.force):
             endpoint.impossible = 1
     elif kind == PORT:
-        message.amount = max(0, math.floor(amount / _NANO))
+        message.amount = energy_nJ(amount)
         message.octets += _width(message.amount)
     elif kind == WAVE:
-        message.amount = max(1, round(amount / _NANO))
+        message.amount = span_ns(amount)
         integrate(wire.integral, endpoint.n, message.position, message.amount)
         message.elapsed_ns = wire.integral.elapsed_ns
         for i in range(endpoint.n):

@@ -26,6 +26,7 @@ from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Reals, Record
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
+from hapnet.side.content import moment_ns
 from hapnet.side.held_device import HeldDevice
 from hapnet.wire.path import age_of_content_s, age_s
 
@@ -267,7 +268,7 @@ def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
 def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     """`SetPositionSteps.update`: what the world knows of the place."""
     around, contacts, n = side.predicted.around, side.contacts, side.mass.n
-    message.aimed_ns = max(0, round(prediction.stands_for(side.predicted, dt) / _NANO))
+    message.aimed_ns = moment_ns(prediction.stands_for(side.predicted, dt))
     copy(n, side.mass.force, message.force)
     see(contacts, side.mass.x, reach_m, around)
     message.planes = around.count

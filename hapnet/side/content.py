@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import math
+
 from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
 from hapnet.mechanics.plane import Plane
+from hapnet.records.equation import equation
 from hapnet.wire import messages
 from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 
 NANO = 1e-9
+
+
+@equation
+def energy_nJ(energy: float) -> int:
+    """A port's energy as a message has it: never too much."""
+    return max(0, math.floor(energy / NANO))
+
+
+@equation
+def span_ns(span: float) -> int:
+    """A wave's span [s] as a message has it."""
+    return max(1, round(span / NANO))
+
+
+@equation
+def moment_ns(aimed_s: float) -> int:
+    """The time for which a proxy stands [s] as a message has it."""
+    return max(0, round(aimed_s / NANO))
 
 
 def sample_of(message: messages.Motion | messages.Port | messages.Wave | messages.Proxy) -> CouplingSample:

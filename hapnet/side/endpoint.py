@@ -8,7 +8,6 @@ both halves; in real time two threads do, or two processes.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from functools import partial
 from typing import Protocol
@@ -32,7 +31,7 @@ from hapnet.control.deadband import Deadband
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.mechanics.plane import Plane
 from hapnet.side.content import NANO as NANO
-from hapnet.side.content import sample_of
+from hapnet.side.content import energy_nJ, moment_ns, sample_of, span_ns
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
@@ -227,14 +226,13 @@ class ControlHalf:
             case Motion(position, velocity):
                 return positions.motion(now_ns, position, velocity)
             case Port(value, energy):
-                return positions.port(now_ns, value, max(0, math.floor(energy / NANO)))  # never too much
+                return positions.port(now_ns, value, energy_nJ(energy))
             case Proxy(position, aimed_s, force, planes, reach_m, level):
-                aimed_ns = max(0, round(aimed_s / NANO))
-                return positions.proxy(now_ns, position, aimed_ns, force, planes, reach_m, level)
+                return positions.proxy(now_ns, position, moment_ns(aimed_s), force, planes, reach_m, level)
             case Position(position, level):
                 return positions.position(now_ns, position, level)
             case Wave(value, span, _, _):
-                return positions.wave(now_ns, value, max(1, round(span / NANO)))
+                return positions.wave(now_ns, value, span_ns(span))
             case _:
                 return positions.position(now_ns, sample)
 

@@ -52,10 +52,10 @@ from hapnet.wire.messages import (
     decode,
     encode,
 )
-from hapnet.wire.numbering import AGAIN, DOUBTFUL, LATE
+from hapnet.wire.numbering import DOUBTFUL, LATE
 from hapnet.wire.path import Path, arrive
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
-from hapnet.wire.replay_window import ReplayWindow
+from hapnet.wire.replay_window import ReplayWindow, is_stale, stale_detail
 from hapnet.wire.secret import OF_PAIR, Secret, decrypted, sealed
 from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
@@ -345,20 +345,12 @@ class Session:
             if isinstance(message, Position)
             else SampleReceived(message, path.under_way_ns)
         )
-        if place != LATE:
-            if type(message) is Wave:
-                if place == AGAIN:
-                    self.replay_window.restart(sequence)
-                if not self.replay_window.accept(sequence):
-                    raise BadMessage("stale", f"wave {sequence} came before")
-            heard = monitor.ended
-            return (received,) if heard is None else (received, heard)
-        if type(message) is Wave:
-            if not self.replay_window.accept(sequence):
-                raise BadMessage("stale", f"wave {sequence} came before, or comes long after later waves")
-        elif type(message) is not Position or not self.settings.accept_stale:
-            raise BadMessage("stale", f"{_word(message)} {sequence} comes after a later one")
-        return (received,)
+        late, once = place == LATE, type(message) is Wave
+        may_be_late = self.settings.accept_stale and type(message) is Position
+        if is_stale(self.replay_window, place, sequence, once, may_be_late):
+            raise BadMessage("stale", stale_detail(_word(message), sequence, once, late))
+        heard = None if late else monitor.ended
+        return (received,) if heard is None else (received, heard)
 
     def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
         peer = self.peer

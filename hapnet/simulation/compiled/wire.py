@@ -16,6 +16,7 @@ from hapnet.side.packet import FRAME_OVERHEAD
 from hapnet.wire import messages
 from hapnet.wire.fields import INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import encode
+from hapnet.wire.replay_window import stale_detail
 from hapnet.wire.session import Session
 
 Endpoint = DeviceEndpoint | WorldEndpoint
@@ -94,11 +95,8 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
         if count:
             session.dropped[kind] += count
     if side.stale:
-        word, after = session.settings.expects.__name__.lower(), "after a later one"
-        session.dropped_for["stale"] = f"{word} {side.last_stale} comes {after}"
-        if side.waves:
-            came = "came before, or comes long after later waves" if side.came_late else "came before"
-            session.dropped_for["stale"] = f"wave {side.last_stale} {came}"
+        name, once, late = session.settings.expects.__name__.lower(), bool(side.waves), bool(side.came_late)
+        session.dropped_for["stale"] = stale_detail(name, int(side.last_stale), once, late)
     for part, own in _parts(record, session):
         load(own, part)
 
