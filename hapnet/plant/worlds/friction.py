@@ -89,7 +89,7 @@ def resistance_along(vector: Vector, size: float, C: FloatRows) -> float:
     along += x * dot(3, C[0], (x, y, z))
     along += y * dot(3, C[1], (x, y, z))
     along += z * dot(3, C[2], (x, y, z))
-    return 1.0 / along
+    return 1.0 / along if along > 0.0 else inf  # it cannot move that way, with fewer axes
 
 
 @equation

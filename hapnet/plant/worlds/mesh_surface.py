@@ -17,6 +17,10 @@ SHARP_DEG = 40.0
 """Triangles that meet at a larger angle meet at an edge of the solid; at a smaller one they stand for a curved surface.
 The sides of an octagon meet at 45 degrees."""
 
+_SMALL = 0.3
+"""A triangle of a smaller share of the largest one around a corner does not count there: a flat face stays flat beside
+a narrow fillet or chamfer."""
+
 _KEY = 1 << 31
 _FLAT = 1e-6
 """Normals that differ by less are the same."""
@@ -52,22 +56,28 @@ class Surface:
         angles = _angles(corners)
         weighted = (angles[:, :, None] * facets[:, None]).reshape(-1, 3)
         fans, fan_of = fans_of(triangles, across, rims)
-        normals = _unit(_total(weighted, fan_of, fans))[fan_of].reshape(-1, 3, 3)
+        largest = np.zeros(fans)
+        np.maximum.at(largest, fan_of, sizes.repeat(3))
+        counts = sizes[:, None] > _SMALL * largest[fan_of].reshape(-1, 3)
+        turned = (np.where(counts, angles, 0.0)[:, :, None] * facets[:, None]).reshape(-1, 3)
+        normals = _unit(_total(turned, fan_of, fans))[fan_of].reshape(-1, 3, 3)
         pointed = np.zeros(len(vertices), dtype=np.int64)
         for k in range(3):
             at = rims[:, k] != 0
             pointed[triangles[at, k - 1]] = pointed[triangles[at, k - 2]] = 1
         around = np.argsort(triangles.reshape(-1), kind="stable")
         count = np.bincount(triangles.reshape(-1), minlength=len(vertices))
-        bends = _bends(corners, facets, normals, sizes)
-        mean = _total((sizes[:, None] * bends.reshape(-1, 9)).repeat(3, axis=0), fan_of, fans)
-        mean /= np.maximum(np.bincount(fan_of, sizes.repeat(3), fans), np.finfo(float).tiny)[:, None]
         flat = np.all(np.abs(normals - facets[:, None]) < _FLAT, axis=(1, 2))
         normals[flat] = facets[flat][:, None]
+        bends = _bends(corners, facets, normals, sizes).reshape(-1, 9)
+        shares = np.where(flat, 0.0, sizes).repeat(3)
+        mean = _total(shares[:, None] * bends.repeat(3, axis=0), fan_of, fans)
+        mean /= np.maximum(np.bincount(fan_of, shares, fans), np.finfo(float).tiny)[:, None]
+        bends = np.where(flat[:, None], 0.0, mean[fan_of].reshape(-1, 3, 9).mean(axis=1))
         return cls(
             vertices, triangles, across, facets, normals,
             _total(weighted, triangles.reshape(-1), len(vertices)), rims, pointed, flat.astype(np.int64),
-            np.concatenate([[0], np.cumsum(count)]), around // 3, mean[fan_of].reshape(-1, 3, 3, 3).mean(axis=1),
+            np.concatenate([[0], np.cumsum(count)]), around // 3, bends.reshape(-1, 3, 3),
         )  # fmt: skip
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hapnet.checks import Array
 from hapnet.plant.integrator import PassiveIntegrator
@@ -17,6 +19,7 @@ from hapnet.plant.worlds.mesh_surface import volume
 from hapnet.plant.worlds.mesh_walk import follow
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Shape
+from tests.metrics.test_contact import random_spd
 from tests.support import curved
 from tests.support.mesh_runs import ball, boxes, extruded, felt, words
 from tests.support.solids import Account, torus
@@ -164,6 +167,38 @@ def test_a_corner_and_a_slot_are_felt_as_their_walls(
     assert run.most_N <= 12.0
 
 
+@pytest.mark.parametrize("dof", [1, 2])
+def test_with_fewer_axes_a_mesh_is_cut(dof: int) -> None:
+    """A tube, cut where its middle is: pressed on its front, the springs are in series, also where it rubs."""
+    contacts = RigidContacts([Solid(Mesh(*torus()), 3000.0, 10.0, 0.3)], dof)
+    mass = PassiveIntegrator(0.02, 14.0, 500.0, (0.0,) * dof)
+    contacts.require_separate(lambda vector: tuple(0.1 * part for part in vector))
+    for _ in range(400):
+        force = mass.step(0.001, (0.025, *(0.0,) * (dof - 1)), contacts).force
+        planes = contacts.planes(mass.position, 0.05)
+    assert force[0] == pytest.approx(-0.005 / (1.0 / 500.0 + 1.0 / 3000.0), rel=1e-3)
+    assert planes[0].normal == pytest.approx((1.0, 0.0)[:dof], abs=1e-6)
+    assert len(planes[0].curvatures) == dof - 1
+    assert all(abs(bend.per_m - 1.0 / 0.042) < 1.0 for bend in planes[0].curvatures)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.sampled_from(["corner", "slot", "plates"]), st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.4, 1.5]))
+def test_whatever_the_hand_does_faces_give_no_more_than_they_have(name: str, seed: int, friction: float) -> None:
+    """Steps of 1 to 60 ms, a general A, and goals anywhere near, also behind several faces and beyond the solid."""
+    mesh = Mesh(*{"corner": CORNER, "slot": SLOT, "plates": boxes(*PLATES)}[name])
+    rng = np.random.default_rng(seed)
+    M, B, K = random_spd(rng, 3, 0.005, 0.2), random_spd(rng, 3, 3.0, 30.0), random_spd(rng, 3, 200.0, 2000.0)
+    contacts = RigidContacts([Solid(mesh, 3000.0, 10.0, friction)], 3)
+    account = Account(contacts, M, B, K)
+    mass, goal = PassiveIntegrator(M, B, K, (0.0, 0.0, 0.0)), (0.03, 0.012, 0.0)
+    for _ in range(200):
+        if rng.random() < 0.2:
+            goal = tuple(rng.uniform((-0.02, -0.03, -0.01), (0.05, 0.03, 0.01)).tolist())
+        mass.step(float(rng.choice([0.001, rng.uniform(0.005, 0.06)])), goal, contacts)
+    account.close()
+
+
 # -- curved surfaces --------------------------------------------------------------------------------------------------
 
 
@@ -228,6 +263,27 @@ def test_what_is_flat_stays_flat_beside_what_is_round() -> None:
         (bend,) = mesh.curvatures_at(foot)
         assert bend.per_m == pytest.approx(1.0 / 0.03, rel=0.02)
         assert abs(bend.direction[2]) < 1e-6
+
+
+def test_a_flat_face_stays_flat_beside_a_fillet() -> None:
+    """A bar of 60 x 40 mm whose edges are rounded to 3 mm, in six triangles' pairs each: flat faces and cylinders."""
+    outline = [
+        (x + 0.003 * math.cos(angle), y + 0.003 * math.sin(angle))
+        for x, y, first in ((0.027, 0.017, 0), (-0.027, 0.017, 6), (-0.027, -0.017, 12), (0.027, -0.017, 18))
+        for angle in np.radians(15.0 * np.arange(first, first + 7))
+    ]
+    mesh = Mesh(*extruded(outline, [(0, i, i + 1) for i in range(1, 27)], 0.05))
+    for y in np.linspace(-0.0165, 0.0165, 12):
+        foot = mesh.foot((0.031, float(y), 0.002))
+        assert foot.near.distance_m == pytest.approx(0.001, abs=1e-9)
+        assert foot.near.gradient == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
+        assert mesh.curvatures_at(foot) == ()
+    for angle in np.radians(np.linspace(2.0, 88.0, 20)):
+        out = (math.cos(angle), math.sin(angle), 0.0)
+        foot = mesh.foot((0.027 + 0.004 * out[0], 0.017 + 0.004 * out[1], 0.003))
+        assert foot.near.distance_m == pytest.approx(0.001, abs=1e-6)
+        assert foot.near.gradient == pytest.approx(out, abs=0.002)
+        assert [bend.per_m for bend in mesh.curvatures_at(foot)] == pytest.approx([1.0 / 0.003], rel=0.05)
 
 
 # -- what is told -----------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.errors import InvalidParameter
+from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_parts import joined
@@ -81,6 +82,13 @@ def test_a_part_without_volume_is_left_out() -> None:
     assert "1 without volume left out" in said
     with pytest.raises(InvalidParameter, match="without volume"):
         joined(sheet, np.array([(0, 1, 2), (0, 2, 1)]))
+
+
+def test_without_manifold3d_it_says_what_is_to_be_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "manifold3d", None)
+    joined(*boxes(BLOCK, FAR))
+    with pytest.raises(MissingLibrary, match=r"parts that overlap.* install manifold3d"):
+        joined(*boxes(BLOCK, ASIDE))
 
 
 def test_an_open_mesh_is_refused() -> None:
