@@ -70,7 +70,8 @@ def test_the_page_runs_these_scripts_and_no_others(made: Report) -> None:
     assert "True" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
 
 
-def test_without_the_extra_there_is_a_picture_and_no_script(result: Result) -> None:
+def test_without_the_extra_there_is_a_picture_and_no_script(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapnet.plots.zoomed.can_zoom", lambda: False)
     made = report(result)
     assert "<script" not in made.page
     assert made.page.count("<img") == len(made.pictures)

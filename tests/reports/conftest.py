@@ -1,4 +1,4 @@
-"""The page as it is without plotly, wherever the tests run; `test_zoomed.py` has the one with it."""
+"""The page as it is without plotly, wherever the tests run; `tests/plots/test_zoomed.py` has the one with it."""
 
 from __future__ import annotations
 
