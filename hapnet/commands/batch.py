@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from hapnet.commands import output
@@ -55,9 +55,8 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
     words.print(_table(runs, words.width))
     verdicts = Counter(run.summary["verdict"]["passive"] for run in runs)
-    words.print(
-        f"of {len(runs)} scenarios {verdicts[True]} were passive, {verdicts[False]} were not", style=_style(verdicts)
-    )
+    style = "bold red" if verdicts[False] else "bold yellow" if verdicts[None] else "bold green"
+    words.print(f"of {len(runs)} scenarios {verdicts[True]} were passive, {verdicts[False]} were not", style=style)
     if verdicts[None]:
         words.print(f"not known for {verdicts[None]}; the first: {_first(runs, None)}", style="yellow", markup=False)
     if verdicts[False]:
@@ -70,10 +69,6 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         written.judge(run.summary, run.params, virtual=True)
     del written.broken[1:]
     return written.code()
-
-
-def _style(verdicts: Mapping[bool | None, int]) -> str:
-    return "bold red" if verdicts[False] else "bold yellow" if verdicts[None] else "bold green"
 
 
 def _first(runs: list[BatchRun], passive: bool | None) -> str:

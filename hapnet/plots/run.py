@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +43,8 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
     ratios = [1.25, 1.0, 0.9, 0.9] if (full := has_reservoirs(_coupling(recording))) else [1.25, 1.0, 0.9]
     with sheet((200 if full else 160) + (0 if plane is None else 80)) as fig:
         if titled:
-            headed(fig, _settings(recording), verdict(_reported(recording)), letters=100)
+            reported = recording.summary if recording.summary is not None else from_recording(recording)  # a torn file
+            headed(fig, _settings(recording), verdict(reported), letters=100)
         rows = len(ratios)
         ratios += [] if plane is None else [1.7]
         grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)
@@ -256,11 +256,6 @@ def _settings(recording: Recording) -> str:
         value = meta.get(name) if reported is None else reported
         words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
     return ", ".join(words)
-
-
-def _reported(recording: Recording) -> Mapping[str, Any]:
-    """The summary or, if there is none (a torn file), one made from the samples."""
-    return from_recording(recording) if recording.summary is None else recording.summary
 
 
 def _minimum(values: NDArray[np.float64]) -> float:

@@ -47,7 +47,7 @@ def scene_figure(recording: Recording) -> Figure | None:
     if device["position_m"].shape[1] != 3 and not moves:
         return None
     hand, proxy, force = (
-        _padded(columns[name])
+        np.pad(columns[name], ((0, 0), (0, 3 - columns[name].shape[1])))  # three axes
         for columns, name in ((device, "position_m"), (world, "position_m"), (world, "contact_force_N"))
     )
     deep = world["penetration_m"] > 0.0
@@ -168,11 +168,6 @@ def _contacts(axes: Any, touches: Sequence[Touch]) -> None:
             cone_label = ""
             for edge in rim[:-1:6]:
                 axes.plot(*np.stack([point, edge], 1), color=_AMBER, linewidth=0.6, zorder=6)
-
-
-def _padded(vectors: Array) -> Array:
-    """Vectors (N, n) with three axes."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def _path(axes: Any, position: Array, color: str, label: str) -> None:

@@ -69,7 +69,12 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
     for (i, j), figure in figures.items():
         values[j, i] = figure
     reported = _shows_passivity(grid.metric)
-    bad = {place for place, cell in grid.cells.items() if cell.not_passive or (reported and _negative(grid, cell))}
+    signed = reported and grid.metric != USUAL  # a margin or a slack
+    bad = {
+        place
+        for place, cell in grid.cells.items()
+        if cell.not_passive or (signed and min(cell.values, default=0.0) < -ROUNDING_J)
+    }
     shown = values.copy()
     if reported:  # one bad cell would use up the range of colours, so the colours are for the others
         for i, j in bad:
@@ -115,11 +120,6 @@ def _mark_not_passive(panel: Axes, i: int, j: int, figure: float, written: bool,
 
 def _shows_passivity(metric: str) -> bool:
     return metric in (USUAL, "slack_J") or ("margin" in metric and metric.endswith("_J"))
-
-
-def _negative(grid: Grid, cell: Cell) -> bool:
-    """Is a margin or a slack below zero in one of the runs?"""
-    return grid.metric != USUAL and any(value < -ROUNDING_J for value in cell.values)
 
 
 def _mark_failed(panel: Axes, i: int, j: int, failed: int, written: bool, *, alone: bool) -> None:

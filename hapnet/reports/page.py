@@ -81,6 +81,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
     All that comes from a recording is escaped as text. Pass it through `legible` first.
     """
     summary = read(recording.summary)
+    energy = tables.energy(summary)
     hand = _of_device(recording, "operator")
     title = f"Scene {get(recording.meta, 'scene') or 'unknown'}{f', hand {hand}' if hand else ''}"
     body = element(
@@ -97,7 +98,7 @@ def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[S
         ),
         _section("Path", _table(tables.path(summary))),
         _section("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
-        _section("Energy account", _energy(tables.energy(summary))),
+        _section("Energy account", _table(energy), element("p", _ENERGY) if energy.rows else Html()),
         _section("Servo", _picture(drawn.get("servo"))),
         _section("Silences and events", _events(recording)),
         _section("How to make it again", _commands(recording, sources)),
@@ -189,10 +190,6 @@ def _link(recording: Recording, direction: Direction) -> str | None:
         asked = None if link is None else link["profile"]
     timeline = get(side, "params", "link", f"{direction}_timeline")
     return None if asked is None else f"{asked or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
-
-
-def _energy(account: tables.Table) -> Html:
-    return join(_table(account), element("p", _ENERGY)) if account.rows else Html()
 
 
 def _events(recording: Recording) -> Html:

@@ -94,10 +94,11 @@ class Page:
         if (track := snapshot.device or snapshot.world) is None:
             return
         words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
-        wanted = track.position_m.shape[1], self._surfaces(snapshot), _wall_name(snapshot), words
+        wall_name = "wall at the start" if _moves(snapshot) else "wall"  # where one that moves is drawn
+        wanted = track.position_m.shape[1], self._surfaces(snapshot), wall_name, words
         if self._scene is None or self._drawn != wanted or self._parts is not snapshot.parts:
             lead = None if self._controls is None else self._lead
-            dof, surfaces, wall_name, _ = wanted
+            dof, surfaces, _, _ = wanted
             parts = snapshot.parts or parts_of_words(words)
             self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts)
             self._drawn, self._parts = wanted, snapshot.parts
@@ -157,11 +158,6 @@ def _drawing_comes(snapshot: Snapshot) -> bool:
     """Will the world send what it looks like? Older ones do not."""
     begins = snapshot.world_status is not None and snapshot.world is None
     return snapshot.parts is None and (begins or snapshot.scene is not None)
-
-
-def _wall_name(snapshot: Snapshot) -> str:
-    """A wall that moves is drawn where it was at the start."""
-    return "wall at the start" if _moves(snapshot) else "wall"
 
 
 def _moves(snapshot: Snapshot) -> bool:

@@ -124,10 +124,7 @@ class ControlPanel:
                 self._record.label = "stop recording" if device.recording else "record"
                 self._record.icon = viser.Icon.PLAYER_STOP if device.recording else viser.Icon.PLAYER_RECORD
             label = label_of(*coupled(device))
-            if label and self._is_new("coupling", (device.incarnation, label)):
-                if label not in self._choice.options:  # a user's own
-                    self._choice.options = (*self._choice.options, label)
-                put(self._choice, label)
+            self._show_choice("coupling", self._choice, device, label)
             self._show_scene(device if world is None else world)
             smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
             if self._is_new("smoothing", (device.incarnation, smoothing)):
@@ -144,10 +141,13 @@ class ControlPanel:
         params = side.about.get("params")
         words = params.get("scene") if isinstance(params, dict) else None
         label = scene_label(str(words or side.about.get("scene") or ""))
-        if label and self._is_new("scene", (side.incarnation, label)):
-            if label not in self._scene.options:  # a user's own
-                self._scene.options = (*self._scene.options, label)
-            put(self._scene, label)
+        self._show_choice("scene", self._scene, side, label)
+
+    def _show_choice(self, name: str, offered: viser.GuiDropdownHandle[str], side: Status, label: str) -> None:
+        if label and self._is_new(name, (side.incarnation, label)):
+            if label not in offered.options:  # a user's own
+                offered.options = (*offered.options, label)
+            put(offered, label)
 
     def _take_file(self, name: str, content: bytes) -> None:
         if not name.lower().endswith(MESHES):
