@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -112,6 +112,43 @@ def felt(
 
     own : for the device's positions (N, 3) [m] how deep they are in the solid (N, 3) [m], towards the free side.
     """
+    result, account = _run(scene, path, steps_s, link, seconds, more)
+    device, world = result.recording.device, result.recording.world
+    assert device is not None
+    assert world is not None
+    x = device["position_m"]
+    force = device["force_N"] + Params().device.damping * np.gradient(x, 1e-3, axis=0)
+    sliding = slice(1000, len(x) - 50)
+    wanted = FELT * own(x)[sliding]
+    error = float(np.sqrt(np.mean((force[sliding] - wanted) ** 2) / np.mean(wanted**2)))
+    most = max(float(np.linalg.norm(f)) for f in account.forces)
+    return Felt(error, account.least_slack_J, most, x, dict(world))
+
+
+class Pressed(NamedTuple):
+    held_N: float  #: at the device
+    most_N: float  #: the largest force of the world
+    last_N: float  #: and its last one
+
+
+def pressed(scene: str, speed: float, steps_s: tuple[float, float], aside: Sequence[float], deep_m: float) -> Pressed:
+    """A simulated run over 4G: the stiff hand goes in along x at one speed, holds for 0.4 s and goes out."""
+    way = deep_m / speed
+
+    def path(t: float) -> Sequence[float]:
+        return (max(-0.01, min(speed * max(0.0, t - 0.2), deep_m, deep_m - speed * (t - 0.6 - way))), *aside)
+
+    result, account = _run(scene, path, steps_s, "4g", 1.4 + 2.0 * way, {})
+    device = result.recording.device
+    assert device is not None
+    held = np.linalg.norm(device["force_N"], axis=1)[round(1000 * (way + 0.5)) : round(1000 * (way + 0.6))]
+    sizes = np.linalg.norm(account.forces, axis=1)
+    return Pressed(float(held.mean()), float(sizes.max()), float(sizes[-1]))
+
+
+def _run(
+    scene: str, path: Reference, steps_s: tuple[float, float], link: str, seconds: float, more: Mapping[str, object]
+) -> tuple[Any, Account]:
     import_module("tests.support.mesh_runs").Follow.path = staticmethod(path)  # of the module that the run imports
     params = Params().set({
         "device.stiffness": K, "scene": scene, "dof": 3, "operator": "tests.support.mesh_runs:Follow",
@@ -123,13 +160,4 @@ def felt(
     result = run.run()
     assert result.summary["verdict"]["passive"]
     account.close()
-    device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
-    x = device["position_m"]
-    force = device["force_N"] + params.device.damping * np.gradient(x, 1e-3, axis=0)
-    sliding = slice(1000, len(x) - 50)
-    wanted = FELT * own(x)[sliding]
-    error = float(np.sqrt(np.mean((force[sliding] - wanted) ** 2) / np.mean(wanted**2)))
-    most = max(float(np.linalg.norm(f)) for f in account.forces)
-    return Felt(error, account.least_slack_J, most, x, dict(world))
+    return result, account

@@ -21,7 +21,7 @@ from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Shape
 from tests.metrics.test_contact import random_spd
 from tests.support import curved
-from tests.support.mesh_runs import ball, boxes, extruded, felt, words
+from tests.support.mesh_runs import ball, boxes, extruded, felt, pressed, words
 from tests.support.solids import Account, torus
 
 STEPS_S = {"1 ms": (0.001, 0.001), "10 to 50 ms": (0.010, 0.050), "50 ms": (0.050, 0.050)}
@@ -130,6 +130,27 @@ SLOT = extruded(
     [(0, 1, 7), (1, 6, 7), (1, 2, 6), (2, 5, 6), (2, 3, 4), (2, 4, 5)], 0.12,
 )  # fmt: skip
 """10 mm wide, with its ground at x = 30 mm."""
+
+
+OVERLAP = ((0.03, 0.0, 0.0), (0.02, 0.04, 0.04)), ((0.04, 0.01, 0.0), (0.03, 0.04, 0.04))
+INVERTED = (boxes(*OVERLAP)[0], np.concatenate([boxes(OVERLAP[0])[1], boxes(OVERLAP[0])[1][:, ::-1] + 8]))
+
+
+@pytest.mark.slow
+@steps()
+@pytest.mark.parametrize("speed", [0.05, 0.2, 0.7])
+@pytest.mark.parametrize("mesh", [boxes(*PLATES), boxes(*OVERLAP), INVERTED, torus(), CORNER],
+                         ids=["plates", "overlapping", "inverted", "tube", "corner"])  # fmt: skip
+def test_over_4g_a_solid_stops_the_hand(
+    mesh: tuple[Array, Any], speed: float, steps_s: tuple[float, float], tmp_path: Path
+) -> None:
+    """As a plane does where the solid begins: what is felt while the hand holds, the world's largest and last force."""
+    pytest.importorskip("manifold3d")
+    of, plane = (pressed(scene, speed, steps_s, (0.0, 0.0), 0.038) for scene in (words(tmp_path, mesh), "plane"))
+    assert of.held_N == pytest.approx(plane.held_N, rel=0.01)
+    assert of.most_N == pytest.approx(plane.most_N, rel=0.03)
+    assert of.most_N <= 12.0
+    assert of.last_N == 0.0
 
 
 def within(t: float) -> float:
