@@ -14,6 +14,7 @@ from hapnet.control import coupling, law, set_position_coupling
 from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.kernel import law_sides, link, samples, sides, solids
 from hapnet.kernel.simulation import Scenario
+from hapnet.plant import integrator
 from hapnet.plant.tick import held_tick
 from hapnet.plant.tick import tick as make_tick
 from hapnet.plant.worlds import walls
@@ -24,8 +25,11 @@ from hapnet.side import held_device
 Choices = dict[Callable[..., Any], Callable[..., Any]]
 
 
-OF_SET_POSITIONS: Choices = {coupling.update: sides.update, coupling.potential: set_position_coupling.potential}
-"""What is compiled where the world's end is one of set-positions."""
+OF_SET_POSITIONS: Choices = {
+    coupling.update: sides.update, coupling.potential: set_position_coupling.potential, integrator.respond: sides.meet,
+    walls.apply: integrator.solve,
+}  # fmt: skip
+"""What is compiled where the world's end is one of set-positions, and the mass is among walls."""
 
 
 class Kind(NamedTuple):
@@ -60,7 +64,7 @@ class Kind(NamedTuple):
             }  # fmt: skip
         if self.solid:
             chosen |= {
-                sides.meet: solids.meet, sides.see: solids.see, walls.penetration: solids.penetration,
+                integrator.respond: solids.meet, sides.see: solids.see, walls.penetration: solids.penetration,
                 walls.stored: solids.stored,
             }  # fmt: skip
         return chosen

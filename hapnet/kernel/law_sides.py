@@ -10,7 +10,7 @@ from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
 from hapnet.kernel.endpoint import Wire, finish
 from hapnet.kernel.link import Message
 from hapnet.kernel.samples import DeviceRow, WorldRow
-from hapnet.kernel.sides import Counts, count_step, meet, note
+from hapnet.kernel.sides import Counts, count_step, note
 from hapnet.plant import device as devices
 from hapnet.plant import integrator
 from hapnet.plant.device import Hand
@@ -82,14 +82,7 @@ def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Messa
     counts.world_last_ns = now_ns
     pull = drag(law, dt)
     integrator.factored(mass, dt, pull)
-    integrator.carry_on(mass, dt)
-    for i in range(n):
-        mass.c[i] += law.push[i]
-    meet(mass, side.contacts, dt)
-    mass.dissipated = 0.0
-    for i in range(n):
-        mass.coupling_force[i] = law.push[i] - pull * mass.vhat[i]
-    integrator.move(mass, dt)
+    integrator.push_among(mass, dt, pull, law.push, side.contacts)
     mass.penetration = contact.penetration(side.contacts, mass.x)
     moved(law, dt, mass.vhat, mass.x, mass.v)
     for k in range(wire.endpoint.waiting):

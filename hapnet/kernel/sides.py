@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from hapnet.control import continuous_servo as continuous
 from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
@@ -218,24 +220,19 @@ def count_step(counts: Counts, dt: float) -> None:
 @equation
 def move_among(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
     """`PassiveIntegrator.step`, which is `factored`."""
-    integrator.drive(mass, dt, ybar)
-    meet(mass, contacts, dt)
-    integrator.finish(mass, dt)
+    integrator.spring_among(mass, dt, ybar, contacts)
     mass.penetration = walls.penetration(contacts, mass.x)
 
 
 @equation
-def meet(mass: PassiveIntegrator, contacts: Contacts, dt: float) -> None:
-    """vhat and the force among the contacts: `Contacts.solve`."""
-    n = mass.n
+def meet(mass: PassiveIntegrator, dt: float, contacts: Contacts) -> None:
+    """`PassiveIntegrator.respond` among walls."""
     integrator.solve(mass, mass.c, mass.vhat)
-    copy(n, mass.vhat, mass.c)
-    for i in range(n):
+    copy(mass.n, mass.vhat, mass.c)
+    for i in range(mass.n):
         mass.force[i] = 0.0
-    for k in range(contacts.lines):
-        if walls.meets(contacts, k, dt, mass.x, mass.c):
-            integrator.solve(mass, contacts.axes[k].normal, contacts.response)
-            walls.push(contacts, k, dt, mass.x, mass.c, mass.force, mass.vhat)
+    inverse: Any = mass  # as compiled code has it
+    walls.push_back(contacts, inverse, dt, mass.x, mass.c, mass.force, mass.vhat)
 
 
 @equation

@@ -21,8 +21,8 @@ def _padded(n: int, vector: Reals) -> Triple:
 
 
 @equation
-def meet(mass: PassiveIntegrator, contacts: SolidContact, dt: float) -> None:
-    """vhat and the force among the solids: `RigidContacts.solve`."""
+def meet(mass: PassiveIntegrator, dt: float, contacts: SolidContact) -> None:
+    """`PassiveIntegrator.respond` among solids."""
     n = mass.n
     integrator.solve(mass, mass.c, mass.vhat)
     inverse: Any = mass  # as compiled code has it

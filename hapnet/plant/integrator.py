@@ -177,14 +177,15 @@ class PassiveIntegrator(Record, Mass):
         if self.factored_dt != dt or self.factored_drag != OWN:
             self._factor(dt)
         extra = None if force is None else self._input("force", force)
+        if extra is None:
+            spring_among(self, dt, ybar, contacts)
+            return self._step(contacts)
         drive(self, dt, ybar)
-        if extra is not None:
-            for i in range(self.n):
-                self.c[i] += extra[i]
-        self._respond(dt, contacts)
-        if extra is not None:
-            for i in range(self.n):
-                self.force[i] = extra[i] + self.force[i]
+        for i in range(self.n):
+            self.c[i] += extra[i]
+        self.respond(dt, contacts)
+        for i in range(self.n):
+            self.force[i] = extra[i] + self.force[i]
         finish(self, dt)
         return self._step(contacts)
 
@@ -211,17 +212,10 @@ class PassiveIntegrator(Record, Mass):
             self._pushed_on = contacts
         if self.factored_dt != dt or self.factored_drag != drag:
             self._factor(dt, drag)
-        carry_on(self, dt)
-        for i in range(self.n):
-            self.c[i] += p[i]
-        self._respond(dt, contacts)
-        self.dissipated = 0.0
-        for i in range(self.n):
-            self.coupling_force[i] = p[i] - drag * self.vhat[i]
-        move(self, dt)
+        push_among(self, dt, drag, p, contacts)
         return self._step(contacts)
 
-    def _respond(self, dt: float, contacts: Surroundings | None) -> None:
+    def respond(self, dt: float, contacts: Surroundings | None) -> None:
         """vhat, with the contacts' force."""
         solve(self, self.c, self.vhat)
         if contacts is None:
@@ -351,6 +345,32 @@ def finish(mass: PassiveIntegrator, dt: float) -> None:
         mass.coupling_force[i] = -damper[i] - mass.product[i]
     mass.dissipated = dt * dot(n, damper, mass.vhat)
     move(mass, dt)
+
+
+@equation
+def spring_among(mass: PassiveIntegrator, dt: float, ybar: Reals, contacts: Surroundings | None) -> None:
+    """`PassiveIntegrator.step`, once A is factored."""
+    drive(mass, dt, ybar)
+    respond(mass, dt, contacts)
+    finish(mass, dt)
+
+
+@equation
+def push_among(mass: PassiveIntegrator, dt: float, drag: float, push: Reals, contacts: Surroundings | None) -> None:
+    """`PassiveIntegrator.push`, once A is factored."""
+    carry_on(mass, dt)
+    for i in range(mass.n):
+        mass.c[i] += push[i]
+    respond(mass, dt, contacts)
+    mass.dissipated = 0.0
+    for i in range(mass.n):
+        mass.coupling_force[i] = push[i] - drag * mass.vhat[i]
+    move(mass, dt)
+
+
+def respond(mass: PassiveIntegrator, dt: float, contacts: Surroundings | None) -> None:
+    """As the method, in whose place compiled code has one among walls, or among solids (kernel/kinds.py)."""
+    mass.respond(dt, contacts)
 
 
 @equation

@@ -346,10 +346,7 @@ class Contacts(Record, Surroundings):
         if not self.separate:
             return self._solve_together(dt, position, velocity, inverse)
         force, vhat = [0.0] * self.dof, velocity.copy()
-        for k in range(self.lines):
-            if meets(self, k, dt, position, velocity):
-                self.response[:] = inverse(self.axes[k].normal)
-                push(self, k, dt, position, velocity, force, vhat)
+        push_back(self, inverse, dt, position, velocity, force, vhat)
         return force, vhat
 
     def _solve_together(
@@ -363,6 +360,22 @@ class Contacts(Record, Surroundings):
         force = [0.0] * self.dof
         coupled.total(together, force)
         return force, [v + r for v, r in zip(velocity, inverse(tuple(force)), strict=True)]
+
+
+@equation
+def push_back(
+    contacts: Contacts, inverse: Inverse, dt: float, x: Reals, free: Reals, force: Floats, vhat: Floats
+) -> None:
+    """`Contacts.solve` of separate walls, from no force, and from vhat = `free`."""
+    for k in range(contacts.lines):
+        if meets(contacts, k, dt, x, free):
+            apply(inverse, contacts.axes[k].normal, contacts.response)
+            push(contacts, k, dt, x, free, force, vhat)
+
+
+def apply(inverse: Inverse, vector: Reals, out: Floats) -> None:
+    """A^-1 times a vector; compiled code has the mass itself as `inverse`, and its `solve` here (kernel/kinds.py)."""
+    out[:] = inverse(tuple(vector))
 
 
 @equation
