@@ -34,6 +34,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
+from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
 from hapnet.recording.samples import Event, MotionSample
@@ -372,10 +373,8 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
 def _scene(params: Params) -> tuple[World, list[str]]:
     """The scene, and a warning for each parameter that was set but that the scene does not read."""
     known, named = scene_parameters(params.scene), not is_own(params.scene)
-    if params.dof and "dof" not in known:
-        raise InvalidParameter("dof", params.dof, f"0: the scene {params.scene} sets its own")
-    values: dict[str, Any] = {"dof": params.dof} if params.dof else {}
-    warnings = []
+    values: dict[str, Any] = {"dof": params.dof} if params.dof and "dof" in known else {}
+    warnings = {}
     for keyword, name in _SCENE_PARAMETERS.items():
         value = params.get(name)
         changed = value != _DEFAULTS.get(name)
@@ -384,9 +383,14 @@ def _scene(params: Params) -> tuple[World, list[str]]:
                 values[keyword] = value
         elif changed:
             shown = repr(value) if isinstance(value, str) else f"{value:g}"
-            warnings.append(f"{name} is {shown}, but the scene {params.scene} does not read it")
+            warnings[keyword] = f"{name} is {shown}, but the scene {params.scene} does not read it"
     try:
-        return make_scene(params.scene, **values), warnings
+        scene = make_scene(params.scene, **values)
+        if params.dof not in (0, scene.dof):
+            raise InvalidParameter("dof", params.dof, f"0 or {scene.dof}: the scene {params.scene} sets its own")
+        if isinstance(scene, SteppedWorld) and scene.steps_between(params.world.step_min_s, params.world.step_max_s):
+            warnings = {keyword: one for keyword, one in warnings.items() if not keyword.startswith("step_")}
+        return scene, [*warnings.values()]
     except InvalidParameter as error:
         keyword, _, entry = error.name.partition(" ")  # a timeline names its entry
         if keyword not in _SCENE_PARAMETERS:

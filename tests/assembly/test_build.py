@@ -190,6 +190,8 @@ def test_a_scene_from_outside_keeps_its_own_defaults() -> None:
         ("paper", "wall.damping", True),
         ("tests.assembly.test_build:own_scene", "wall.damping", False),
         ("tests.assembly.test_build:own_scene", "step_max_s", True),
+        ("tests.assembly.test_build:Steps", "step_max_s", True),
+        ("tests.assembly.test_build:OwnSteps", "step_max_s", False),
     ],
 )
 def test_parameters_that_the_scene_does_not_read_are_warned_of(scene: str, name: str, read: bool) -> None:
@@ -197,6 +199,34 @@ def test_parameters_that_the_scene_does_not_read_are_warned_of(scene: str, name:
     expected = () if read else (f"world.{name} is 0.06, but the scene {scene} does not read it",)
     assert setup.warnings == expected
     assert setup_of(scene=scene).warnings == ()
+
+
+class Steps:
+    """A world that steps, with three axes of its own."""
+
+    dof = 3
+
+    def step(self, dt: float, position: Vector, velocity: Vector) -> Vector:
+        return (0.0, 0.0, 0.0)
+
+
+class OwnSteps(Steps):
+    min_s, max_s = 0.01, 0.02
+
+
+@pytest.mark.parametrize(("name", "longest"), [("Steps", 0.06), ("OwnSteps", 0.02)])
+def test_steps_are_as_asked_unless_the_object_says_its_own(name: str, longest: float) -> None:
+    scene = setup_of(scene=f"tests.assembly.test_build:{name}", world__step_min_s=0.05, world__step_max_s=0.06).scene
+    rng = np.random.default_rng(1)
+    drawn = [scene.next_step_s(rng) for _ in range(200)]
+    assert longest - 0.01 <= min(drawn) <= max(drawn) <= longest
+    assert max(drawn) > longest - 0.001
+
+
+def test_axes_may_be_asked_for_that_a_scene_has_anyway() -> None:
+    assert setup_of(scene="tests.assembly.test_build:Steps", dof=3).dof == 3
+    with pytest.raises(InvalidParameter, match=r"0 or 3: the scene .* sets its own"):
+        setup_of(scene="tests.assembly.test_build:Steps", dof=2)
 
 
 def test_an_operator_from_outside() -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from math import isfinite
 from typing import Any, Protocol, TypeGuard, cast
@@ -67,7 +68,8 @@ def builder(name: str, allowed: str, known: Iterable[str]) -> Callable[..., obje
 def _force_world(
     force: Law, name: str, /, *, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
 ) -> ForceWorld:
-    return ForceWorld(force, dof=dof, name=name, min_s=step_min_s, max_s=step_max_s)
+    had: Any = getattr(force, "energy_J", 0.0)  # an attribute of the function
+    return ForceWorld(force, dof=dof, name=name, energy_J=had, min_s=step_min_s, max_s=step_max_s)
 
 
 def made(build: Callable[..., object], name: str, parameters: Mapping[str, object]) -> World:
@@ -138,8 +140,15 @@ class SteppedWorld(ObservedWorld):
         names = ("dof", "name", "energy_J", "min_s", "max_s", "start", "surfaces")
         own = {name: getattr(stepping, name) for name in names if hasattr(stepping, name)}
         super().__init__(**{**others, **own})
+        self._has_steps = bool({"min_s", "max_s"} & set(own))
         self._stepping = stepping
         self._velocity: Vector = (0.0,) * self.dof
+
+    def steps_between(self, min_s: float, max_s: float) -> bool:
+        """Draw the steps' length from this range [s]; False: the object says its own."""
+        if not self._has_steps:
+            self._steps = replace(self._steps, min_s=min_s, max_s=max_s)
+        return not self._has_steps
 
     @property
     def supplied_J(self) -> float:

@@ -195,6 +195,25 @@ def test_a_function_is_a_world_and_so_is_an_object_that_steps() -> None:
     assert (stepped.name, stepped.dof) == ("HeldWall", 3)
 
 
+def magnet(position: Vector, velocity: Vector, time: float) -> list[float]:
+    """It draws towards 40 mm: its potential falls by 60 mJ from the origin."""
+    return [75.0 * (0.04 - x) for x in position]
+
+
+def test_a_function_may_have_energy_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1/2 75 N/m (40 mm)^2 = 60 mJ: with that a proxy is drawn in as by the spring, without it nothing is given."""
+    for energy_J, drawn in ((0.06, True), (0.0, False)):
+        monkeypatch.setattr(magnet, "energy_J", energy_J, raising=False)
+        world = make_scene(f"{__name__}:magnet")
+        mass = PassiveIntegrator(0.02 * np.eye(1), 14.0 * np.eye(1), 1e-6 * np.eye(1), (0.0,))
+        for _ in range(100):
+            done = mass.step(0.01, (0.0,), world.contacts)
+        assert (done.position[0] > 0.03) is drawn
+        observed = world.contacts.observed
+        assert observed is not None
+        assert (observed.given_J > 1e-6) is not drawn
+
+
 def broken(position: Vector, velocity: Vector, time: float) -> Any:
     return {1: (1.0, 2.0), 2: (float("nan"),) * 2}[len(position)]
 
