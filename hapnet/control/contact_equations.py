@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping, damp, wanted
-from hapnet.control.contact_plane import ContactPlane, among, depth, now, withdrawn
+from hapnet.control.contact_plane import ContactPlane, among, copy_flat, depth, now, withdrawn
+from hapnet.control.friction_cone import RubbingProxy
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
@@ -62,6 +63,8 @@ class ContactState(Record):
     freedom : 1 in free motion, 0 in contact. fading : what is left of a change of planes [m].
     earlier, earlier_s : the proxy's position in the answer before [m], and when it was sent [s]; `has_earlier`.
     start : where y begins [m], at the first step after a reset (`starts`).
+    bends : does any of the planes? seen : the planes as tangent planes. rubbing : the proxy where any of them rubs.
+    is_isotropic : are the springs alike in all directions?
     made_x, made_s, made_fading, made_before, made_y : of the last step: x, s, fading, y without and with damping [m].
     s, touches : where the proxy rests [m], and whether it touches anything. forces : of the planes there [N].
     leading, before : room for vectors. answer : the world's. in_use : always, but for the records of compiled code.
@@ -78,6 +81,10 @@ class ContactState(Record):
     remembers: int
     count: int
     planes: Annotated[Sequence[ContactPlane], (PLANES,)]
+    seen: Annotated[Sequence[ContactPlane], (PLANES,)]
+    bends: int
+    rubbing: RubbingProxy
+    is_isotropic: int
     shifted: OfAxes
     has_goal: int
     goal: OfAxes
@@ -103,7 +110,8 @@ class ContactState(Record):
     before: OfAxes
     answer: Answer
 
-    # What Python does at some points of a step, and compiled code does for flat and smooth planes only:
+    # What Python does at some points of a step. Compiled code has flat and smooth planes there, or what
+    # contact_surfaces.py has in their place.
 
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
         """Find y, once the lead is known."""
@@ -117,7 +125,7 @@ class ContactState(Record):
         """Find the shift that the answer asks for."""
         raise NotImplementedError
 
-    def adopt(self, count: int) -> None:
+    def adopt(self, n: int, count: int) -> None:
         """What the answer says is known from now on; count : of its planes, with those that are remembered."""
         raise NotImplementedError
 
@@ -133,7 +141,7 @@ def step(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
     if model.answer.pending:
         _take(model, n, x)
     _take_lead(model, n, dt, x)
-    _respond(model, n, dt, x, y)
+    respond(model, n, dt, x, y)
     model.answer.pending = 0
 
 
@@ -149,15 +157,15 @@ def _take(model: ContactState, n: int, x: Reals) -> None:
     count = answer.count
     if count >= 0:
         _follow_proxy(model, n, answer.position, answer.sent_s)
-        _compare(model, n)
+        compare(model, n)
     if count >= 0 and model.remembers and answer.reach_m >= 0.0:
         for j in range(model.count):
             one = model.planes[j]
             is_gone = withdrawn(one, answer.planes, answer.count, n, answer.position, answer.reach_m)
             if count < PLANES and not is_gone:
-                _keep(answer, one, count)
+                keep(answer, one, count)
                 count += 1
-    _adopt(model, count)
+    adopt(model, n, count)
     look(model, n, x)
     if not equal(n, model.s, answer.before):
         for i in range(n):
@@ -170,7 +178,7 @@ def _compiled_respond(model: ContactState, n: int, dt: float, x: Reals, y: Float
 
 
 @compiled_as(_compiled_respond)
-def _respond(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+def respond(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
     model.respond(n, dt, tuple(x), y)
 
 
@@ -186,43 +194,35 @@ def look(model: ContactState, n: int, x: Reals) -> None:
 
 
 def _compiled_compare(model: ContactState, n: int) -> None:
-    compare_with(model, model.answer.planes, model.answer.count, model.planes, model.count, n)
+    compare_with(model, 0, model.answer.count, model.planes, n)
 
 
 @compiled_as(_compiled_compare)
-def _compare(model: ContactState, n: int) -> None:
+def compare(model: ContactState, n: int) -> None:
     model.compare(n)
 
 
 def _compiled_keep(answer: Answer, one: ContactPlane, at: int) -> None:
-    _copy(one, answer.planes[at])
+    copy_flat(one, AXES, answer.planes[at])
 
 
 @compiled_as(_compiled_keep)
-def _keep(answer: Answer, one: ContactPlane, at: int) -> None:
+def keep(answer: Answer, one: ContactPlane, at: int) -> None:
     """An earlier plane, which the answer neither has nor denies, is known with those of the answer."""
     planes: Any = answer.planes
     planes.append(one)
 
 
-def _compiled_adopt(model: ContactState, count: int) -> None:
+def _compiled_adopt(model: ContactState, n: int, count: int) -> None:
     for k in range(count):
-        _copy(model.answer.planes[k], model.planes[k])
+        copy_flat(model.answer.planes[k], AXES, model.planes[k])
     model.count = count
 
 
 @compiled_as(_compiled_adopt)
-def _adopt(model: ContactState, count: int) -> None:
-    model.adopt(count)
-
-
-@equation
-def _copy(source: ContactPlane, target: ContactPlane) -> None:
-    """Copy a plane."""
-    copy(AXES, source.normal, target.normal)
-    copy(AXES, source.response, target.response)
-    target.offset, target.stiffness = source.offset, source.stiffness
-    target.velocity, target.softness = source.velocity, source.softness
+def adopt(model: ContactState, n: int, count: int) -> None:
+    """As the method."""
+    model.adopt(n, count)
 
 
 @equation
@@ -265,22 +265,21 @@ def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -
 
 @equation
 def compare_with(
-    model: ContactState, reported: Sequence[ContactPlane], count: int, earlier: Sequence[ContactPlane],
-    earlier_count: int, n: int,
+    model: ContactState, first: int, count: int, earlier: Sequence[ContactPlane], n: int
 ) -> None:  # fmt: skip
     """The shift with which the contact planes agree with the proxy's own position and force; if nothing is known, none.
 
     The force is of the step that has ended, so a plane that was not there before it proves nothing yet. The proxy's
-    velocity is in `model.leading`.
+    velocity is in `model.leading`. first, count : of the answer's planes; earlier : those that were known before.
     """
     position, force = model.answer.position, model.answer.force
     for i in range(n):
         model.before[i] = 0.0
     known = False
-    for k in range(count):
-        one = reported[k]
+    for k in range(first, first + count):
+        one = model.answer.planes[k]
         moving = abs(dot(n, one.normal, model.leading)) > SETTLED_MPS
-        if moving or not among(one, earlier, earlier_count, n, position):
+        if moving or not among(one, earlier, model.count, n, position):
             copy(n, model.shifted, model.goal)
             model.has_goal = 1
             return

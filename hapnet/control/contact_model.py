@@ -29,29 +29,22 @@ Five rules keep the model true:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from operator import sub
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_equations import Answer, ContactState, compare_with, fade, finish, forget_forces, rest, step
+from hapnet.control.contact_equations import Answer, ContactState, fade, step
 from hapnet.control.contact_plane import ContactPlane
+from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
-from hapnet.control.friction_cone import RubbingProxy
+from hapnet.control.friction_cone import RubbingProxy, report
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.params import ContactModelParams
-from hapnet.records.record import PLANES, Floats
+from hapnet.records.record import PLANES, Floats, zero
 
 _DEFAULTS = ContactModelParams()
-
-SLIP_M = 5e-4
-"""A proxy that rubs and moves by more than this within a tick, beside the device's travel, takes some milliseconds."""
-
-ROUNDS = 2
-"""How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
 
 
 class ContactModel(ContactState):
@@ -89,11 +82,9 @@ class ContactModel(ContactState):
     ) -> None:
         self.in_use = 1
         self.compliance, self.lead = [list(row) for row in compliance], [list(row) for row in lead]
-        softest = self.compliance[0][0]
-        self._rubbing = RubbingProxy(self.compliance)
-        self._is_isotropic = all(
-            part == (softest if i == j else 0.0) for i, row in enumerate(compliance) for j, part in enumerate(row)
-        )
+        self.rubbing = RubbingProxy(self.compliance, position)
+        self.is_isotropic = self.rubbing.is_isotropic
+        self.seen = [zero(ContactPlane) for _ in range(PLANES)]
         self._self_motion = self_motion
         self.added = added
         self.velocity = FilteredVelocity(lead_s, len(position))
@@ -111,7 +102,7 @@ class ContactModel(ContactState):
         n = len(position)
         self._still = (0.0,) * n
         self._know(())
-        self._rubbing.reset(position)
+        self.rubbing.reset(position)
         for name in ("shifted", "fading", "goal", "earlier", "made_fading", "leading", "before", "s"):
             setattr(self, name, [0.0] * n)
         for name in ("start", "made_x", "made_s", "made_before", "made_y"):
@@ -130,14 +121,14 @@ class ContactModel(ContactState):
         if reports:
             self._know(planes)
             self.kept, self.kept_goal = kept
-            self._rubbing.reported(planes, None)
+            report(self.rubbing, self.planes, self.count, len(position), False, position)
 
     def _know(self, planes: Sequence[ContactPlane] | None) -> None:
         """These are the planes from now on; None: the world cannot send any."""
         self._reports: bool = planes is not None
         self.planes = list(planes or ())
         self.count = len(self.planes)
-        self._bends: bool = any(one.curvatures for one in self.planes)
+        self.bends = int(any(one.bends.count for one in self.planes))
 
     @property
     def shift(self) -> Vector:
@@ -147,12 +138,12 @@ class ContactModel(ContactState):
     @property
     def goes_on(self) -> bool:
         """Is the next step one of its record alone: has nothing come, and are all planes flat and smooth?"""
-        return not self.answer.pending and self._reports and not self._bends and not self._rubbing.rubs
+        return not self.answer.pending and self._reports and not self.bends and not self.rubbing.rubs
 
     def went_on(self, dt: float, x: Vector) -> None:
         """Such a step was made, on the record."""
         self._self_motion.observe(dt, x)
-        self._rubbing.place = tuple(self.s)
+        self.rubbing.place[:] = self.s
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
@@ -176,23 +167,16 @@ class ContactModel(ContactState):
 
     def compare(self, n: int) -> None:
         """Find the shift with which the contact planes agree with the proxy's own position and force."""
-        position, planes = tuple(self.answer.position), self.answer.planes
-        if self._rubbing.rubs and len(planes) > 1:  # friction on one plane may be along the normal of another
-            planes = [one for one in planes if one.depth(position) > 0.0]
-            if len(planes) > 1:
-                self.has_goal, self.goal = 1, list(self.shifted)
-                return
-        earlier = [one.seen_from(position, 0.0) for one in self.planes] if self._bends else self.planes
-        compare_with(self, planes, len(planes), earlier, len(earlier), n)
+        compare_surfaces(self, n)
 
-    def adopt(self, count: int) -> None:
+    def adopt(self, n: int, count: int) -> None:
         """The answer's planes, and those that are remembered, are known from now on."""
         answer = self.answer
         self._know(answer.planes if count >= 0 else None)
         if count < 0:
             self._self_motion.receive(tuple(answer.position), answer.age_s)
         else:
-            self._rubbing.reported(self.planes, tuple(answer.position) if any(answer.force) else None)
+            meet_planes(self, n)
 
     def _softened(self, x: Vector, y: Vector) -> Vector:
         """y for a world that cannot send planes: its answer is late, and a stiff spring to it would ring."""
@@ -201,43 +185,22 @@ class ContactModel(ContactState):
 
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
         """Find y."""
-        if not self._reports:
-            self._rubbing.place = x
-            lead = tuple([part / self._untold_share for part in self.leading])
-            y[:] = self._softened(x, self._self_motion.step(dt, x, lead))
-            fade(self, n, dt, y)
-            damped = self.added.step(dt, x, tuple(y), self.age, 1.0, swings=True)
-            for made, part in ((self.made_x, x), (self.made_s, x), (self.made_fading, self._still),
-                               (self.made_before, y), (self.made_y, damped)):  # fmt: skip
-                made[:] = part
-            y[:] = damped
+        if self._reports:
+            respond_among_surfaces(self, n, dt, x, y)
             return
-        rubbing = self._rubbing
-        rubbing.agree(dt)
-        before = rubbing.place
-        self.look(n, x)
-        rubbing.place = s = tuple(self.s)
-        if rubbing.rubs and not self.answer.pending:
-            slip = tuple([a - b - (c - d) for a, b, c, d in zip(s, before, x, self.made_x, strict=True)])
-            if math.hypot(*slip) > SLIP_M:  # it has slipped off something round
-                self.fading[:] = list(map(sub, self.fading, slip))
-        finish(self, n, dt, x, y)
+        self.rubbing.place[:] = x
+        lead = tuple([part / self._untold_share for part in self.leading])
+        y[:] = self._softened(x, self._self_motion.step(dt, x, lead))
+        fade(self, n, dt, y)
+        damped = self.added.step(dt, x, tuple(y), self.age, 1.0, swings=True)
+        for made, part in ((self.made_x, x), (self.made_s, x), (self.made_fading, self._still),
+                           (self.made_before, y), (self.made_y, damped)):  # fmt: skip
+            made[:] = part
+        y[:] = damped
 
     def look(self, n: int, x: Vector) -> None:
         """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
-        planes = self.planes
-        if not self._reports:
-            self.s[:] = self._softened(x, self._self_motion.at(x))
-        elif self._rubbing.rubs:
-            s, touches = self._rubbing.rest(x, planes, self.shift, self.age, ROUNDS)
-            self.s[:], self.touches = s, int(touches)
-        elif not self._bends:
-            forget_forces(self)
-            rest(self, planes, self.count, n, x)
+        if self._reports:
+            look_at_surfaces(self, n, x)
         else:
-            # With springs that are alike in all directions, the point of one surface nearest to x is nearest to s too.
-            forget_forces(self)
-            self.s[:] = x
-            for _ in range(1 if self._is_isotropic and self.count == 1 else ROUNDS):
-                place = tuple(map(sub, self.s, self.shifted))
-                rest(self, [one.seen_from(place, self.age) for one in planes], self.count, n, x)
+            self.s[:] = self._softened(x, self._self_motion.at(x))

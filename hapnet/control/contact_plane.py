@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hapnet.checks import Vector
-from hapnet.mechanics.curvature import Curvatures, tangent
+from hapnet.mechanics.curvature import FLAT, Bends, copy_bends, see_tangent
 from hapnet.mechanics.plane import Plane
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, OfAxes, Reals, Record
-from hapnet.records.vectors import dot, inner, times
+from hapnet.records.vectors import copy, dot, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
 """Two planes, sent one after the other, are the same surface if they differ by less."""
@@ -24,7 +24,7 @@ class ContactPlane(Record):
     Attributes
     ----------
     response : K'^-1 n [m/N]. softness : depth of the device per force, through the wall's spring and the virtual
-        coupling [m/N].
+        coupling [m/N]. bends : how the surface bends; foot : the place for which that holds, on it [m].
     """
 
     normal: OfAxes
@@ -33,15 +33,18 @@ class ContactPlane(Record):
     velocity: float
     response: OfAxes
     softness: float
+    friction: float
+    bends: Bends
+    foot: OfAxes
 
     def __init__(self, plane: Plane, compliance: FloatRows, position: Vector) -> None:
         self.normal, self.offset = list(plane.normal), plane.offset_m
         self.stiffness, self.velocity = plane.stiffness, plane.velocity_mps
         self.response = [0.0] * len(self.normal)
-        self.friction: float = plane.friction
-        self.curvatures: Curvatures = plane.curvatures
-        self._compliance = compliance
-        self._foot = along(position, self.normal, -self.depth(position)) if plane.curvatures else ()
+        self.friction, self.bends, self.foot = plane.friction, FLAT, [0.0] * len(self.normal)
+        if plane.curvatures:
+            self.bends = Bends(plane.curvatures)
+            stand_on(self, len(self.normal), position)
         understand(self, len(self.normal), compliance)
 
     def depth(self, position: Reals) -> float:
@@ -52,22 +55,9 @@ class ContactPlane(Record):
         """Does a proxy at `position` [m] with these planes, and no others within `reach_m` [m], deny this one?"""
         return withdrawn(self, reported, len(reported), len(self.normal), position, reach_m)
 
-    def given(self, force: Vector) -> Vector:
-        """By how much the virtual coupling yields to `force` (n,) [N]: K'^-1 times it [m]."""
-        return tuple([inner(row, force) for row in self._compliance])
-
     def now(self, age: float) -> float:
         """The plane's offset now [m]: a moving one goes on for a while."""
         return now(self, age)
-
-    def seen_from(self, place: Vector, age: float) -> ContactPlane:
-        """The flat plane that is tangent to the surface at this age [s] where it is nearest to `place` [m]."""
-        if not self.curvatures:
-            return self
-        foot = along(self._foot, self.normal, self.now(age) - self.offset)
-        normal, depth = tangent(tuple(self.normal), foot, self.curvatures, place)
-        offset: float = inner(normal, place) - depth
-        return ContactPlane(Plane(normal, offset, self.stiffness, 0.0, friction=self.friction), self._compliance, place)
 
 
 @equation
@@ -75,6 +65,46 @@ def understand(one: ContactPlane, n: int, compliance: FloatRows) -> None:
     """What follows from K'."""
     times(n, compliance, one.normal, one.response)
     one.softness = 1.0 / one.stiffness + dot(n, one.normal, one.response)
+
+
+@equation
+def stand_on(one: ContactPlane, n: int, position: Reals) -> None:
+    """Its foot is the place of the surface nearest to `position` [m]."""
+    deep = depth(one, n, position)
+    for i in range(n):
+        one.foot[i] = position[i] + -deep * one.normal[i]
+
+
+@equation
+def see_from(one: ContactPlane, n: int, compliance: FloatRows, place: Reals, age: float, seen: ContactPlane) -> None:
+    """The flat plane that is tangent to the surface at this age [s] where it is nearest to `place` [m]."""
+    if not one.bends.count:
+        copy_flat(one, n, seen)
+        return
+    moved = now(one, age) - one.offset
+    for i in range(n):
+        seen.foot[i] = one.foot[i] + moved * one.normal[i]
+    deep = see_tangent(n, one.normal, seen.foot, one.bends, place, seen.normal)
+    seen.offset = dot(n, seen.normal, place) - deep
+    seen.stiffness, seen.velocity, seen.friction = one.stiffness, 0.0, one.friction
+    understand(seen, n, compliance)
+
+
+@equation
+def copy_flat(source: ContactPlane, n: int, target: ContactPlane) -> None:
+    """Copy a plane, as if it were flat."""
+    copy(n, source.normal, target.normal)
+    copy(n, source.response, target.response)
+    target.offset, target.stiffness = source.offset, source.stiffness
+    target.velocity, target.softness, target.friction = source.velocity, source.softness, source.friction
+
+
+@equation
+def copy_bent(source: ContactPlane, n: int, target: ContactPlane) -> None:
+    """Copy a plane, and how its surface bends."""
+    copy_flat(source, n, target)
+    copy(n, source.foot, target.foot)
+    copy_bends(n, source.bends, target.bends)
 
 
 @equation
@@ -116,8 +146,3 @@ def withdrawn(
     if one.velocity != 0.0 or -depth(one, n, position) <= reach_m:
         return True
     return among(one, reported, count, n, position)
-
-
-def along(place: Reals, direction: Reals, share: float) -> Vector:
-    """`place` + `share` `way`."""
-    return tuple([a + share * b for a, b in zip(place, direction, strict=True)])

@@ -16,13 +16,23 @@ here follows the world's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
-from operator import sub
+from typing import Annotated
 
 from hapnet.checks import Vector
-from hapnet.control.contact_plane import SAME_COSINE, ContactPlane, along
-from hapnet.records.record import Reals
-from hapnet.records.vectors import added, inner
+from hapnet.control.contact_plane import SAME_COSINE, ContactPlane, now, see_from
+from hapnet.records.equation import equation
+from hapnet.records.record import (
+    PLANES,
+    FloatRows,
+    Floats,
+    MatrixOfAxes,
+    OfAxes,
+    OfPlanes,
+    Reals,
+    Record,
+    VectorsOfPlanes,
+)
+from hapnet.records.vectors import added, copy, dot, length, times
 
 SWEEPS = 8
 """The most Gauss-Seidel sweeps over the planes at a tick; the next tick goes on from there."""
@@ -33,102 +43,165 @@ SETTLED_N = 1e-4
 AGREE_M, AGREE_S = 2e-3, 0.3
 """The places may be so far apart [m]; if they are farther, that goes with this time constant [s]."""
 
+ROUNDS = 2
+"""How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
 
-class RubbingProxy:
+
+class RubbingProxy(Record):
     """The proxy of the local contact model, among planes of which some rub.
 
-    compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N].
+    compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N]. position : where it is [m].
+
+    give : at least the largest eigenvalue of the compliance [m/N]; is_isotropic : are all the same?
+    place : where it rested before: s of the last tick [m]. rubs : does any of the planes rub?
+    worlds : where the world's proxy rested, if it touched something (`has_worlds`) [m].
+    count, normals, forces, tractions : of the planes, from the last tick. before, and those after it: room.
+    seen : the planes as tangent planes.
     """
 
-    def __init__(self, compliance: Sequence[Reals]) -> None:
-        self._give = max([added(map(abs, row)) for row in compliance])
-        """At least the largest eigenvalue [m/N]."""
+    compliance: MatrixOfAxes
+    give: float
+    is_isotropic: int
+    place: OfAxes
+    rubs: int
+    has_worlds: int
+    worlds: OfAxes
+    count: int
+    normals: VectorsOfPlanes
+    forces: OfPlanes
+    tractions: VectorsOfPlanes
+    seen: Annotated[Sequence[ContactPlane], (PLANES,)]
+    before: OfPlanes
+    before_tractions: VectorsOfPlanes
+    away: OfAxes
+    wanted: OfAxes
+    yielded: OfAxes
+
+    def __init__(self, compliance: FloatRows, position: Vector) -> None:
+        super().__init__()
+        self.compliance = compliance
+        self.give = max([added(map(abs, row)) for row in compliance])
         softest = compliance[0][0]
-        self._is_isotropic = all(
-            part == (softest if i == j else 0.0) for i, row in enumerate(compliance) for j, part in enumerate(row)
+        self.is_isotropic = int(
+            all(part == (softest if i == j else 0.0) for i, row in enumerate(compliance) for j, part in enumerate(row))
         )
-        self.reset((0.0,) * len(compliance))
+        self.reset(position)
 
     def reset(self, position: Vector) -> None:
         """It touches nothing, at `position` [m]."""
-        self.place: Vector = position
-        """Where it rested before: s of the last tick [m]."""
-        self.rubs: bool = False
-        """Does any of the planes rub?"""
-        self._worlds: Vector | None = None
-        self._forces: list[float] = []
-        self._tractions: list[Vector] = []
-        self._normals: tuple[Reals, ...] = ()
-
-    def reported(self, planes: Sequence[ContactPlane], place: Vector | None) -> None:
-        """The world's planes are these now, and its own proxy rested at `place` [m]; None: it touched nothing."""
-        self.rubs = any(one.friction for one in planes)
-        self._worlds = place
-        known = list(zip(self._normals, self._forces, self._tractions, strict=True))
-        self._forces, self._tractions = [0.0] * len(planes), [(0.0,) * len(self.place)] * len(planes)
-        for i, one in enumerate(planes):
-            for normal, force, traction in known:
-                if inner(normal, one.normal) > SAME_COSINE:
-                    self._forces[i], self._tractions[i] = force, traction
-        self._normals = tuple([one.normal for one in planes])
-
-    def agree(self, dt: float) -> None:
-        """If the world's proxy was far away along the surfaces, come nearer to it for `dt` seconds."""
-        if self._worlds is None or not self.rubs:
-            return
-        away = tuple(map(sub, self._worlds, self.place))
-        for normal, force in zip(self._normals, self._forces, strict=True):
-            if force:
-                away = _across(away, normal)
-        if (far := hypot(*away)) > AGREE_M:
-            self.place = along(self.place, away, dt / (AGREE_S + dt) * (1.0 - AGREE_M / far))
-
-    def rest(
-        self, x: Vector, planes: Sequence[ContactPlane], shift: Vector, age: float, rounds: int
-    ) -> tuple[Vector, bool]:
-        """s [m] for the device at x [m], and whether it touches anything there.
-
-        shift : of all planes [m]. age : of the planes [s]. rounds : how often surfaces that bend are seen anew, first
-            from where the proxy was.
-        """
-        s = self.place
-        for _ in range(rounds if any(one.curvatures for one in planes) else 1):
-            place = tuple(map(sub, s, shift))
-            planes = [one.seen_from(place, age) for one in planes]
-            s = self._rest_on(x, planes, shift, age)
-        self._normals = tuple([one.normal for one in planes])
-        return s, any(self._forces)
-
-    def _rest_on(self, x: Vector, planes: Sequence[ContactPlane], shift: Vector, age: float) -> Vector:
-        """`rest` on flat planes, from the forces that were found last."""
-        forces, tractions = self._forces, self._tractions
-        s = x
-        for one, force, traction in zip(planes, forces, tractions, strict=True):
-            if force:
-                s = tuple(map(sub, along(s, one.response, -force), one.given(traction)))
-        for _ in range(1 if self._is_isotropic and len(planes) == 1 else SWEEPS):
-            most = 0.0
-            for i, one in enumerate(planes):
-                known, held = forces[i], tractions[i]
-                depth = inner(one.normal, map(sub, s, shift)) - one.now(age)
-                force = max(0.0, known + (depth - known / one.stiffness) / one.softness)
-                if force != known:
-                    forces[i] = force
-                    s = along(s, one.response, known - force)
-                    most = max(most, abs(force - known))
-                if one.friction and (force or known):
-                    path = map(sub, s, self.place)
-                    wanted = _across(tuple([t + d / self._give for t, d in zip(held, path, strict=True)]), one.normal)
-                    if (size := hypot(*wanted)) > (limit := one.friction * force):
-                        wanted = tuple([limit / size * part for part in wanted])
-                    change = tuple(map(sub, wanted, held))
-                    tractions[i] = wanted
-                    s = tuple(map(sub, s, one.given(change)))
-                    most = max(most, hypot(*change))
-            if most <= SETTLED_N:
-                break
-        return s
+        self.place = list(position)
+        self.rubs = self.has_worlds = self.count = 0
 
 
-def _across(vector: Vector, normal: Reals) -> Vector:
-    return along(vector, normal, -inner(normal, vector))
+@equation
+def report(
+    proxy: RubbingProxy, planes: Sequence[ContactPlane], count: int, n: int, touched: bool, place: Reals
+) -> None:
+    """The world's planes are these now, and its own proxy rested at `place` [m], if it touched anything."""
+    proxy.rubs, proxy.has_worlds = 0, int(touched)
+    copy(n, place, proxy.worlds)
+    copy(proxy.count, proxy.forces, proxy.before)
+    for k in range(proxy.count):
+        copy(n, proxy.tractions[k], proxy.before_tractions[k])
+    for i in range(count):
+        one = planes[i]
+        if one.friction != 0.0:
+            proxy.rubs = 1
+        proxy.forces[i] = 0.0
+        for j in range(n):
+            proxy.tractions[i][j] = 0.0
+        for k in range(proxy.count):
+            if dot(n, proxy.normals[k], one.normal) > SAME_COSINE:
+                proxy.forces[i] = proxy.before[k]
+                copy(n, proxy.before_tractions[k], proxy.tractions[i])
+    proxy.count = count
+    for i in range(count):
+        copy(n, planes[i].normal, proxy.normals[i])
+
+
+@equation
+def agree(proxy: RubbingProxy, n: int, dt: float) -> None:
+    """If the world's proxy was far away along the surfaces, come nearer to it for `dt` seconds."""
+    if not (proxy.has_worlds and proxy.rubs):
+        return
+    away = proxy.away
+    for i in range(n):
+        away[i] = proxy.worlds[i] - proxy.place[i]
+    for k in range(proxy.count):
+        if proxy.forces[k] != 0.0:
+            _take_across(n, away, proxy.normals[k])
+    far = length(n, away)
+    if far > AGREE_M:
+        share = dt / (AGREE_S + dt) * (1.0 - AGREE_M / far)
+        for i in range(n):
+            proxy.place[i] = proxy.place[i] + share * away[i]
+
+
+@equation
+def rest(
+    proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, x: Reals, shift: Reals, age: float, s: Floats
+) -> bool:
+    """s [m] for the device at x [m], and whether it touches anything there. shift : of all planes [m]. age : of the
+    planes [s]. Surfaces that bend are seen from where the proxy was."""
+    bends = False
+    for i in range(n):
+        proxy.away[i] = proxy.place[i] - shift[i]
+    for k in range(proxy.count):
+        see_from(planes[k], n, proxy.compliance, proxy.away, age, proxy.seen[k])
+        bends = bends or planes[k].bends.count > 0
+        copy(n, proxy.seen[k].normal, proxy.normals[k])
+    for _ in range(ROUNDS if bends else 1):
+        _rest_on(proxy, n, x, shift, age, s)
+    touches = False
+    for k in range(proxy.count):
+        touches = touches or proxy.forces[k] != 0.0
+    return touches
+
+
+@equation
+def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s: Floats) -> None:
+    """`rest` on flat planes, from the forces that were found last."""
+    forces, tractions, wanted, yielded = proxy.forces, proxy.tractions, proxy.wanted, proxy.yielded
+    copy(n, x, s)
+    for k in range(proxy.count):
+        if forces[k] != 0.0:
+            times(n, proxy.compliance, tractions[k], yielded)
+            for i in range(n):
+                s[i] = s[i] + -forces[k] * proxy.seen[k].response[i] - yielded[i]
+    for _ in range(1 if proxy.is_isotropic and proxy.count == 1 else SWEEPS):
+        most = 0.0
+        for k in range(proxy.count):
+            one, known, held = proxy.seen[k], forces[k], tractions[k]
+            along = 0.0
+            for i in range(n):
+                along += one.normal[i] * (s[i] - shift[i])
+            force = max(0.0, known + (along - now(one, age) - known / one.stiffness) / one.softness)
+            if force != known:
+                forces[k] = force
+                for i in range(n):
+                    s[i] = s[i] + (known - force) * one.response[i]
+                most = max(most, abs(force - known))
+            if one.friction != 0.0 and (force != 0.0 or known != 0.0):
+                for i in range(n):
+                    wanted[i] = held[i] + (s[i] - proxy.place[i]) / proxy.give
+                _take_across(n, wanted, one.normal)
+                size, limit = length(n, wanted), one.friction * force
+                for i in range(n):
+                    if size > limit:
+                        wanted[i] = limit / size * wanted[i]
+                    proxy.away[i] = wanted[i] - held[i]
+                    held[i] = wanted[i]
+                times(n, proxy.compliance, proxy.away, yielded)
+                for i in range(n):
+                    s[i] = s[i] - yielded[i]
+                most = max(most, length(n, proxy.away))
+        if most <= SETTLED_N:
+            break
+
+
+@equation
+def _take_across(n: int, vector: Floats, normal: Reals) -> None:
+    """Leave only the part of `vector` across `normal`."""
+    along = dot(n, normal, vector)
+    for i in range(n):
+        vector[i] = vector[i] + -along * normal[i]

@@ -57,6 +57,9 @@ class Endpoint(Record):
     stream_bytes: int
     plane_bytes: int
     level_bytes: int
+    bends_bytes: int
+    bend_bytes: int
+    friction_bytes: int
     energy_bytes: int
     stale: int
     last_stale: int
@@ -144,6 +147,12 @@ def poll(wire: Wire, link: Link, now_ns: int) -> None:
 
 
 @equation
+def surface_bytes(endpoint: Endpoint, message: Message) -> int:
+    """How many bytes it takes to say how the planes bend and rub: walls do neither. See solids.py."""
+    return 0
+
+
+@equation
 def finish(wire: Wire, message: Message, now_ns: int, amount: float) -> None:
     """`PositionStream`: number and stamp a message of the stream; vectors, and a proxy's content, are there.
 
@@ -163,6 +172,7 @@ def finish(wire: Wire, message: Message, now_ns: int, amount: float) -> None:
         return
     if kind == PROXY:
         message.octets += _width(message.aimed_ns) + message.planes * endpoint.plane_bytes
+        message.octets += surface_bytes(endpoint, message)
         if not _within(endpoint.n, message.force):
             endpoint.impossible = 1
     elif kind == PORT:

@@ -63,10 +63,7 @@ class Kind(NamedTuple):
                 law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
             }  # fmt: skip
         if self.solid:
-            chosen |= {
-                integrator.respond: solids.meet, sides.see: solids.see, walls.penetration: solids.penetration,
-                walls.stored: solids.stored,
-            }  # fmt: skip
+            chosen |= solids.AMONG_SOLIDS
         return chosen
 
 

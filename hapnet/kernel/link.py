@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
+from hapnet.mechanics.curvature import Bends
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes
 from netem import line, models, offering, resend
@@ -53,6 +54,8 @@ class Message(Record):
     offset: Annotated[Floats, (PLANES,)]
     stiffness: Annotated[Floats, (PLANES,)]
     velocity: Annotated[Floats, (PLANES,)]
+    bends: Annotated[Sequence[Bends], (PLANES,)]
+    friction: Annotated[Floats, (PLANES,)]
     total_nJ: int
     acked_nJ: int
     level: float
@@ -254,6 +257,11 @@ def take(link: Link, now_ns: int) -> int:
 
 
 @equation
+def copy_surfaces(source: Message, target: Message) -> None:
+    """Copy how the planes bend and rub: walls do neither. See solids.py."""
+
+
+@equation
 def copy_message(source: Message, target: Message) -> None:
     """Copy a message."""
     target.kind, target.order, target.offered_ns, target.octets = (
@@ -272,6 +280,7 @@ def copy_message(source: Message, target: Message) -> None:
         target.velocity[k] = source.velocity[k]
         for i in range(AXES):
             target.normal[k][i] = source.normal[k][i]
+    copy_surfaces(source, target)
 
 
 CHOICES: dict[Callable[..., Any], Callable[..., Any]] = {

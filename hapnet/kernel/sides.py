@@ -9,7 +9,7 @@ from hapnet.control import prediction
 from hapnet.control import set_position_coupling as couplings
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
-from hapnet.control.contact_plane import understand
+from hapnet.control.contact_plane import ContactPlane, understand
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import counted
 from hapnet.control.harvest import by_range
@@ -175,6 +175,7 @@ def _report(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
         copy(n, sample.normal[k], one.normal)
         one.offset, one.stiffness, one.velocity = sample.offset[k], sample.stiffness[k], sample.velocity[k]
         understand(one, n, side.model.compliance)
+        understand_surface(one, n, sample, k)
 
 
 @equation
@@ -267,7 +268,7 @@ def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
     around, contacts, n = side.predicted.around, side.contacts, side.mass.n
     message.aimed_ns = moment_ns(prediction.stands_for(side.predicted, dt))
     copy(n, side.mass.force, message.force)
-    see(contacts, side.mass.x, reach_m, around)
+    see(contacts, side.mass.x, reach_m, around, message)
     message.planes = around.count
     message.reach_m = reach_m
     for k in range(around.count):
@@ -277,10 +278,15 @@ def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
 
 
 @equation
-def see(contacts: Contacts, position: Reals, reach_m: float, around: Around) -> None:
-    """`Contacts.planes`."""
+def see(contacts: Contacts, position: Reals, reach_m: float, around: Around, message: Message) -> None:
+    """`Contacts.planes`. Of solids, the message gets how they bend and rub."""
     around.count = walls.nearest(contacts, position, reach_m)
     for k in range(around.count):
         at = contacts.near[k]
         copy(contacts.dof, contacts.normals[at], around.normal[k])
         around.offset[k], around.stiffness[k], around.velocity[k] = contacts.offsets[at], contacts.stiffnesses[at], 0.0
+
+
+@equation
+def understand_surface(one: ContactPlane, n: int, sample: Message, k: int) -> None:
+    """How the plane bends and rubs, from the message: walls do neither. See solids.py."""

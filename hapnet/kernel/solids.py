@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from hapnet.checks import MOST_CURVATURE_PER_M
+from hapnet.control import contact_surfaces
+from hapnet.control.contact_plane import ContactPlane, stand_on
 from hapnet.control.prediction import Around
+from hapnet.kernel import endpoint, link, sides
+from hapnet.kernel.endpoint import Endpoint
+from hapnet.kernel.link import Message
+from hapnet.mechanics.curvature import copy_bends
+from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import rigid_step
+from hapnet.plant.worlds import rigid_step, sight, walls
 from hapnet.plant.worlds.rigid_step import SolidContact
-from hapnet.plant.worlds.shapes import Triple
+from hapnet.plant.worlds.shapes import Triple, put_bend, triple
 from hapnet.records.equation import equation
-from hapnet.records.record import Reals
+from hapnet.records.record import AXES, PLANES, Reals
+from hapnet.records.vectors import copy, dot
+
+Choices = dict[Callable[..., Any], Callable[..., Any]]
+
+FLOAT_BYTES = 9
+"""A float in msgpack."""
 
 
 @equation
@@ -44,6 +59,60 @@ def stored(contacts: SolidContact, position: Reals) -> float:
 
 
 @equation
-def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around) -> None:
-    """The planes that the world sends: none yet."""
-    around.count = 0
+def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around, message: Message) -> None:
+    """`RigidContacts.planes`, without bends that are too near to the surface's centre: `Plane.unfolded`."""
+    n = contacts.dof
+    x = _padded(n, position)
+    count = sight.see_all(contacts.secants, contacts.count, n, x, reach_m, contacts.sights, contacts.order)
+    around.count = min(count, PLANES)
+    for k in range(around.count):
+        one, bends = contacts.sights[contacts.order[k]], message.bends[k]
+        copy(n, one.normal, around.normal[k])
+        around.offset[k], around.stiffness[k], around.velocity[k] = one.offset, one.stiffness, 0.0
+        message.friction[k], bends.count = one.friction, 0
+        depth = dot(n, one.normal, position) - one.offset
+        for j in range(one.bends.count):
+            if one.bends.per_m[j] * depth < FOLDED:
+                put_bend(bends, triple(one.bends.directions[j]), one.bends.per_m[j])
+
+
+@equation
+def surface_bytes(own: Endpoint, message: Message) -> int:
+    """As in the endpoint, for planes of solids."""
+    bends, rubs = 0, False
+    for k in range(message.planes):
+        bends += message.bends[k].count
+        rubs = rubs or message.friction[k] != 0.0
+        for j in range(message.bends[k].count):
+            if not abs(message.bends[k].per_m[j]) <= MOST_CURVATURE_PER_M:
+                own.impossible = 1
+    octets = 0
+    if bends:
+        octets += own.bends_bytes + message.planes + bends * own.bend_bytes
+    if rubs:
+        octets += own.friction_bytes + message.planes * FLOAT_BYTES
+    return octets
+
+
+@equation
+def copy_surfaces(source: Message, target: Message) -> None:
+    """Copy how the planes bend and rub."""
+    for k in range(source.planes):
+        target.friction[k] = source.friction[k]
+        copy_bends(AXES, source.bends[k], target.bends[k])
+
+
+@equation
+def understand_surface(one: ContactPlane, n: int, sample: Message, k: int) -> None:
+    """How the plane bends and rubs, from the message."""
+    one.friction = sample.friction[k]
+    copy_bends(n, sample.bends[k], one.bends)
+    stand_on(one, n, sample.position)
+
+
+AMONG_SOLIDS: Choices = {
+    integrator.respond: meet, sides.see: see, walls.penetration: penetration, walls.stored: stored,
+    endpoint.surface_bytes: surface_bytes, link.copy_surfaces: copy_surfaces,
+    sides.understand_surface: understand_surface, **contact_surfaces.IN_PLACE_OF_FLAT_ONES,
+}  # fmt: skip
+"""What is compiled among solids."""

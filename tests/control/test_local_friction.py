@@ -18,11 +18,9 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.self_motion import SelfMotion
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane, checked
-from hapnet.params import Params
 from hapnet.plant.worlds.friction import FrictionTexture
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import Sphere
-from hapnet.simulation.compiled.coverage import why_not
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage
 from hapnet.wire.messages import decode
@@ -258,11 +256,6 @@ def test_solids_tell_the_friction_at_the_place() -> None:
         contacts = RigidContacts([Solid(Sphere((0.05, 0.0, 0.0), 0.03), friction=friction)], 3)  # type: ignore[arg-type]
         (plane,) = contacts.planes((0.001, 0.002, 0.0), 0.1)
         assert plane.friction == pytest.approx(expected)
-
-
-def test_what_rubs_is_left_to_the_reference() -> None:
-    why = why_not(Simulation(Params().set({"scene": "plane?friction=0.5", "dof": 3}), 0).setup)
-    assert why == "the scene plane?friction=0.5"
 
 
 def test_a_peer_of_before_feels_smooth_planes() -> None:

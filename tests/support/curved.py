@@ -71,7 +71,7 @@ def error_N(
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,
     })  # fmt: skip
-    run = Simulation(params, 1)
+    run = Simulation(params, 1, kernel=False)
     if flat:
         contacts: Any = run.world.scene.contacts
         report = contacts.planes

@@ -84,7 +84,7 @@ def run(
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,
     })  # fmt: skip
-    simulation = Simulation(params, seed)
+    simulation = Simulation(params, seed, kernel=None if watch is None else False)
     if watch is not None:
         watch(simulation)
     result = simulation.run()

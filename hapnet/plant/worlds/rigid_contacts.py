@@ -26,21 +26,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
-from math import hypot
 
 from hapnet import checks
-from hapnet.checks import MOST_FRICTION, MOST_PLANES, Vector
+from hapnet.checks import MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
-from hapnet.mechanics.curvature import Curvature, Curvatures, across
+from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.coupled import Coupled
 from hapnet.plant.worlds.friction import Friction
 from hapnet.plant.worlds.mesh_contact import secants_of
 from hapnet.plant.worlds.rigid_step import SolidContact, deepest, react
-from hapnet.plant.worlds.shapes import Shape
+from hapnet.plant.worlds.shapes import Shape, put_bend
+from hapnet.plant.worlds.sight import Sight, lay
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
-from hapnet.records.vectors import added, inner
+from hapnet.records.record import zero
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ class RigidContacts(SolidContact, Surroundings):
             chain.from_iterable(secants_of(one.shape, one.stiffness, one.damping, one.friction) for one in self.solids)
         )
         self.dof, self.count = dof, len(self.secants)
-        self.met = [0] * self.count
+        self.met, self.order = [0] * self.count, [0] * self.count
+        self.sights = [zero(Sight) for _ in self.secants]
         self.together = Coupled(3, self.count)
         self.rubs = int(any(solid.friction for solid in self.solids))
 
@@ -139,30 +140,24 @@ class RigidContacts(SolidContact, Surroundings):
     def _tangents(self, x: Vector, reach: float) -> list[tuple[float, Plane]]:
         """Depth and plane of the solids within `reach` [m] of `x`, the deepest first."""
         found = []
+        sight = self.sights[0]
         for secant in self.secants:
-            mu = min(secant.friction_at(x), MOST_FRICTION)
             for distance, gradient, bends in secant.tangents(x, reach, self.dof):
-                out = gradient[: self.dof]
-                if not (length := hypot(*out)):
-                    continue
-                normal = tuple([-part / length for part in out])
-                offset = inner(normal, x) + distance / length
-                cut = self._cut(bends, out) if abs(length - 1.0) <= _OBLIQUE else ()
-                found.append((-distance, Plane(normal, offset, secant.stiffness, secant.damping, 0.0, cut, mu)))
+                sight.bends.count = 0
+                for direction, per_m in bends:
+                    put_bend(sight.bends, padded(direction), per_m)
+                if lay(secant, self.dof, x, distance, gradient, sight):
+                    found.append((sight.depth, _plane(sight, self.dof)))
         return sorted(found, reverse=True)
 
-    def _cut(self, bends: Curvatures, out: Vector) -> Curvatures:
-        """How a surface bends as it is cut by the axes: with two, along the one direction across its gradient `out`."""
-        if self.dof == 3 or not bends:
-            return bends
-        return tuple(
-            [Curvature(along, added([k * inner(e, padded(along)) ** 2 for e, k in bends])) for along in across(out)]
-        )
 
-
-_OBLIQUE = 1e-6
-"""A gradient whose part along the axes is shorter by more belongs to a solid that is cut obliquely."""
 _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _plane(sight: Sight, n: int) -> Plane:
+    bends = tuple([Curvature(direction[:n], per_m) for direction, per_m in sight.bends.curvatures])
+    normal = tuple(sight.normal[:n])
+    return Plane(normal, sight.offset, sight.stiffness, sight.damping, 0.0, bends, sight.friction)
 
 
 def padded(position: Sequence[float]) -> Vector:

@@ -15,6 +15,7 @@ from hapnet.plant.worlds.coupled import MOST, Coupled
 from hapnet.plant.worlds.friction import add_drag, coefficient, resistance_along, tangential
 from hapnet.plant.worlds.secant import GOOD_MPS, Secant, correct, end_J, farther_than, meets, near, onset_J
 from hapnet.plant.worlds.shapes import Triple, triple
+from hapnet.plant.worlds.sight import Sight
 from hapnet.plant.worlds.walls import force_along
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record, Wholes
@@ -34,13 +35,11 @@ _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class SolidContact(Record):
     """The contact of one mass with rigid solids.
 
-    Attributes
-    ----------
     count, secants : the solids. touching, met : how many a step meets, and which.
     energy_J : e + E_c after the last step. scale : s of the last step; 1: its depths were the true ones.
     rubs : does any solid rub? is_scalar : is A a multiple of the identity, for three axes? Below 0: nobody asked.
     went, end, velocity : where the last step ended, and with which velocity, if one `went`. response, and those after
-        it: room for what a step computes.
+        it: room for what a step computes. sights, order : room for what is seen of the solids, the deepest first.
     """
 
     dof: int = 0
@@ -62,6 +61,8 @@ class SolidContact(Record):
     C: MatrixOfAxes
     columns: MatrixOfAxes
     D: MatrixOfAxes
+    sights: Annotated[Sequence[Sight], (MOST,)]
+    order: Annotated[Wholes, (MOST,)]
 
 
 @equation

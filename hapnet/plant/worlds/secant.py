@@ -61,8 +61,6 @@ class Secant(Record):
     shape : of the solid. stiffness, damping, friction : K_w [N/m], B_w [Ns/m] and Coulomb's mu; if that is a function
         of the place (`varies`), the attribute is what it gave for this step.
 
-    Attributes
-    ----------
     normal : into the solid; of about unit length. plane : what pushes along it, from depth, velocity without contact,
         A along it, and the step's length. met : does this step meet it?
     form, texture : of shape and friction, if equations know them.
@@ -109,11 +107,6 @@ class Secant(Record):
     def has_formula(self) -> bool:
         """Do equations know its shape, and how it rubs?"""
         return self.form.what != UNKNOWN and (not self.varies or self.texture is self.mu)
-
-    def friction_at(self, x: Vector) -> float:
-        """Coulomb's mu at `x` [m]; 0: none, or a number of no sense."""
-        mu = friction_now(self, x) if self.varies else self.friction
-        return mu if mu > 0.0 else 0.0
 
     def near(self, x: Vector) -> Near:
         """Distance and gradient at `x` [m]; of a thin solid that was entered, those of the side where it was."""
@@ -254,6 +247,13 @@ def friction_now(secant: Secant, x: Vector) -> float:
 
 
 # -- where it is ------------------------------------------------------------------------------------------------------
+
+
+@equation
+def friction_of(secant: Secant, x: Vector) -> float:
+    """Coulomb's mu at `x` [m]; 0: none, or a number of no sense."""
+    mu = friction_now(secant, x) if secant.varies else secant.friction
+    return mu if mu > 0.0 else 0.0
 
 
 def _near_form(secant: Secant, x: Vector) -> Near:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, hypot, inf, isfinite, pi, sin, sqrt
-from typing import Annotated, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, NamedTuple, Protocol, runtime_checkable
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
+from hapnet.mechanics.curvature import Bends, Curvature, Curvatures, across_in_space
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, Reals, Record
+from hapnet.records.record import AXES, Reals, Record, zero
 from hapnet.records.vectors import length as length_of
 
 Triple = tuple[float, float, float]
@@ -64,8 +64,11 @@ class Form(Record):
     offset: float
     height: float
     wave: float
+    slope: float
 
-    slope: ClassVar[float] = 1.0
+    def __init__(self) -> None:
+        super().__init__()
+        self.slope = 1.0
 
 
 class HalfSpace(Form):
@@ -104,7 +107,7 @@ class Sphere(Form):
         return Near(length - self.radius, (x / length, y / length, z / length))
 
     def curvatures(self, position: Vector) -> Curvatures:
-        return round_all_over(self.near(position).gradient, self.radius)
+        return _curvatures(self, position)
 
 
 class Cuboid(Form):
@@ -162,13 +165,7 @@ class Cylinder(Form):
 
     def curvatures(self, position: Vector) -> Curvatures:
         """Of the side, around the axis."""
-        out = self.near(position).gradient
-        if out[self.axis]:
-            return ()
-        around = [0.0, 0.0, 0.0]
-        one, other = (self.axis + 1) % 3, (self.axis + 2) % 3
-        around[one], around[other] = -out[other], out[one]
-        return (Curvature(tuple(around), 1.0 / self.radius),)
+        return _curvatures(self, position)
 
 
 class Textured(Form):
@@ -187,7 +184,7 @@ class Textured(Form):
         steepness = self.height * self.wave * sqrt(3.0)
         if not steepness <= _STEEPEST:
             raise InvalidParameter("height", height, f"a relief that rises by {_STEEPEST:g} per metre at most")
-        self.slope = shape.slope + steepness  # type: ignore[misc]  # a relief's own
+        self.slope = shape.slope + steepness
 
     def near(self, position: Vector) -> Near:
         return raised(self, self.shape.near(position), position)
@@ -247,6 +244,36 @@ def raised(form: Form, near: Near, position: Vector) -> Near:
     return Near(
         distance - height * (sin(x) + sin(y) + sin(z)), (a - steep * cos(x), b - steep * cos(y), c - steep * cos(z))
     )
+
+
+@equation
+def round_form(form: Form, gradient: Vector, bends: Bends) -> None:
+    """How a form bends, as far as it says so, into `bends`: for the place that has this gradient."""
+    if form.wave != 0.0 or not (form.what == SPHERE or form.what == CYLINDER):
+        return
+    if form.what == SPHERE:
+        one, other = across_in_space(gradient)
+        put_bend(bends, one, 1.0 / form.radius)
+        put_bend(bends, other, 1.0 / form.radius)
+    elif gradient[form.axis] == 0.0:  # the side, around the axis
+        axis = form.axis
+        around = changed((0.0, 0.0, 0.0), (axis + 1) % 3, -gradient[(axis + 2) % 3])
+        put_bend(bends, changed(around, (axis + 2) % 3, gradient[(axis + 1) % 3]), 1.0 / form.radius)
+
+
+@equation
+def put_bend(bends: Bends, direction: Vector, per_m: float) -> None:
+    """One more curvature."""
+    k = bends.count
+    for i in range(3):
+        bends.directions[k][i] = direction[i]
+    bends.per_m[k], bends.count = per_m, k + 1
+
+
+def _curvatures(form: Sphere | Cylinder, position: Vector) -> Curvatures:
+    bends = zero(Bends)
+    round_form(form, form.near(position).gradient, bends)
+    return bends.curvatures
 
 
 @equation

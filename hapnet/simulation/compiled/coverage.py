@@ -119,9 +119,7 @@ def _of_scene(setup: Setup) -> Iterator[str]:
     """The walls of a `Scene`, and solids that equations know."""
     scene = setup.scene
     if type(scene) is RigidScene:
-        if setup.params.rendering == "hapnet":
-            yield f"the scene {setup.params.scene}"
-        elif not 0 < len(scene.contacts.secants) <= MOST:
+        if not 0 < len(scene.contacts.secants) <= MOST:
             yield f"a scene with {len(scene.contacts.secants)} solids"
         elif not scene.contacts.have_formulas:
             yield "a mesh, or a user's shape or friction"

@@ -12,11 +12,13 @@ from hapnet.kernel import link as links
 from hapnet.kernel.endpoint import MOTION, PORT, POSITION, WAVE
 from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
 from hapnet.kernel.memory import fill, plain
+from hapnet.mechanics.curvature import Bends
+from hapnet.mechanics.plane import Plane
 from hapnet.records.record import fields
 from hapnet.side.packet import Packet
 from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
 from hapnet.simulation.compiled.wire import put_proxy
-from hapnet.wire.fields import INTEGRAL, LEVEL, REACH
+from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import Energy, Motion, Port, Position, Proxy, Wave, decode, encode
 from hapnet.wire.session import Session
 from netem import Link
@@ -120,7 +122,8 @@ class CompiledLink:
                 message.level = more.get(LEVEL, -1.0)
                 match content:
                     case Proxy():
-                        put_proxy(message, content.aimed_ns, content.force, content.planes, more.get(REACH))
+                        planes = Plane.all_of(content.planes, more.get(CURVATURES), more.get(FRICTION))
+                        put_proxy(message, content.aimed_ns, content.force, planes, more.get(REACH))
                     case Motion():
                         fill(message.more, content.velocity)
                     case Port():
@@ -162,11 +165,18 @@ def _packet(message: Message, sender: Session, kind: int) -> Packet:
         return Packet("position", encode(Wave(*start, int(message.amount), *echo, integral)))
     if kind == POSITION:
         return Packet("position", encode(Position(*start, *echo, more or None)))
+    count = int(message.planes)
     planes = tuple(
         (tuple(plain(message.normal[k][:n])), float(message.offset[k]), float(message.stiffness[k]), 0.0,
          float(message.velocity[k]))
-        for k in range(int(message.planes))
+        for k in range(count)
     )  # fmt: skip
-    return Packet(
-        "position", encode(Proxy(*start, int(message.aimed_ns), tuple(plain(message.force[:n])), planes, *echo, more))
-    )
+    bends = tuple(_bends(message.bends[k], n) for k in range(count))
+    friction = tuple(plain(message.friction[:count]))
+    surfaces = {name: each for name, each in ((CURVATURES, bends), (FRICTION, friction)) if any(each)}
+    aimed_ns, force = int(message.aimed_ns), tuple(plain(message.force[:n]))
+    return Packet("position", encode(Proxy(*start, aimed_ns, force, planes, *echo, {**surfaces, **more})))
+
+
+def _bends(bends: Bends, n: int) -> tuple[Any, ...]:
+    return tuple((tuple(plain(bends.directions[j][:n])), float(bends.per_m[j])) for j in range(int(bends.count)))

@@ -10,11 +10,14 @@ from hapnet.kernel import endpoint as endpoints
 from hapnet.kernel.endpoint import MOTION, PORT, POSITION, PROXY, WAVE
 from hapnet.kernel.link import Message
 from hapnet.kernel.memory import fill, load, store
+from hapnet.kernel.solids import FLOAT_BYTES
+from hapnet.mechanics.curvature import Bends
+from hapnet.mechanics.plane import Plane
 from hapnet.records.record import Record
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.packet import FRAME_OVERHEAD
 from hapnet.wire import messages
-from hapnet.wire.fields import INTEGRAL, LEVEL, REACH
+from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import encode
 from hapnet.wire.replay_window import stale_detail
 from hapnet.wire.session import Session
@@ -76,12 +79,14 @@ def _or_none(reported: float | None) -> float:
 
 
 def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any, reach_m: float | None) -> None:
-    """A proxy's content besides position and level. The kernel's walls have neither curvature nor friction."""
+    """A proxy's content besides position and level; planes : as `Plane`, or as many fields of it as there are."""
     message.reach_m = _or_none(reach_m)
     message.aimed_ns = aimed_ns
     fill(message.force, force)
     message.planes = len(planes)
-    for k, (normal, offset, stiffness, _, velocity, *_) in enumerate(planes):
+    for k, plane in enumerate(planes):
+        normal, offset, stiffness, _, velocity, bends, message.friction[k] = Plane(*plane)
+        store(message.bends[k], Bends(bends))
         message.normal[k][: len(normal)] = normal
         message.offset[k], message.stiffness[k], message.velocity[k] = offset, stiffness, velocity
 
@@ -106,19 +111,20 @@ def _sizes(record: endpoints.Endpoint, session: Session) -> None:
     assert session.peer is not None
     me, peer = session.identity.incarnation, session.peer.incarnation
     sizes = _min_sizes(me.bit_length(), peer.bit_length(), session.identity.dof, record.kind)
-    record.stream_bytes, record.level_bytes, record.plane_bytes, record.energy_bytes = sizes
+    record.stream_bytes, record.level_bytes, record.plane_bytes, record.energy_bytes = sizes[:4]
+    record.bends_bytes, record.bend_bytes, record.friction_bytes = sizes[4:]
 
 
 @lru_cache
-def _min_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, int, int, int]:
+def _min_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, int, int, int, int, int, int]:
     """The sizes of a message of the stream, of the level and of each plane in it, and of a message of the energy
-    channel [bytes].
+    channel [bytes]; and what a proxy takes to say that planes bend, each bend, and that planes rub.
 
     A number takes as many bytes as its bits need; other whole numbers than the incarnations take a byte more at least.
     """
     me, peer, still = 1 << my_bits - 1, 1 << peer_bits - 1, (0.0,) * dof
 
-    def size(more: dict[str, float], planes: Any = ()) -> int:
+    def size(more: dict[str, Any], planes: Any = ()) -> int:
         if kind == PROXY:
             return len(encode(messages.Proxy(me, 0, 0, still, 0, still, planes, more={REACH: 0.0, **more}))) - 1
         if kind == MOTION:
@@ -130,5 +136,9 @@ def _min_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, 
         return len(encode(messages.Position(me, 0, 0, still, more=more or None)))
 
     bare, energy = size({}), len(encode(messages.Energy(me, peer, 0, 0)))
-    plane = size({}, ((still, 0.0, 1.0, 0.0, 0.0),)) - bare
-    return FRAME_OVERHEAD + bare, size({LEVEL: 0.0}) - bare, plane, FRAME_OVERHEAD + energy - 2
+    flat = ((still, 0.0, 1.0, 0.0, 0.0),)
+    plane, level = size({}, flat) - bare, size({LEVEL: 0.0}) - bare
+    bent, once = size({CURVATURES: ((),)}, flat), size({CURVATURES: (((still, 0.0),),)}, flat)
+    bends, friction = bent - plane - bare - 1, size({FRICTION: (0.0,)}, flat) - plane - bare - FLOAT_BYTES
+    bend = once - bent
+    return FRAME_OVERHEAD + bare, level, plane, FRAME_OVERHEAD + energy - 2, bends, bend, friction

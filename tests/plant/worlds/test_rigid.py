@@ -118,7 +118,7 @@ def run_pressed(scene: str, link: str, steps_s: tuple[float, float], seconds: fl
         "device.stiffness": 100.0,
         "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1], **more,
     })  # fmt: skip
-    simulation = Simulation(params, seed=3)
+    simulation = Simulation(params, seed=3, kernel=False)
     n = simulation.setup.dof
     account = Account(simulation.setup.scene.contacts, 0.02 * np.eye(n), 14.0 * np.eye(n), 500.0 * np.eye(n))
     result = simulation.run()

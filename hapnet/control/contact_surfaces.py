@@ -1,0 +1,123 @@
+"""The equations of the device's local contact model where planes may bend or rub, in place of those for flat ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from hapnet.control import friction_cone
+from hapnet.control.contact_equations import (
+    Answer,
+    ContactState,
+    adopt,
+    compare,
+    compare_with,
+    finish,
+    forget_forces,
+    keep,
+    look,
+    respond,
+    rest,
+)
+from hapnet.control.contact_plane import ContactPlane, copy_bent, depth, see_from
+from hapnet.control.friction_cone import ROUNDS
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, Floats, Reals
+from hapnet.records.vectors import copy, length
+
+SLIP_M = 5e-4
+"""A proxy that rubs and moves by more than this within a tick, beside the device's travel, takes some milliseconds."""
+
+
+@equation
+def compare_surfaces(model: ContactState, n: int) -> None:
+    """Find the shift with which the contact planes agree with the proxy's own position and force."""
+    answer, earlier = model.answer, model.planes
+    first, count = 0, answer.count
+    if model.rubbing.rubs and count > 1:  # friction on one plane may be along the normal of another
+        touched = 0
+        for k in range(answer.count):
+            if depth(answer.planes[k], n, answer.position) > 0.0:
+                first, touched = k, touched + 1
+        if touched > 1:
+            model.has_goal = 1
+            copy(n, model.shifted, model.goal)
+            return
+        count = touched
+    if model.bends:
+        earlier = model.seen
+        for k in range(model.count):
+            see_from(model.planes[k], n, model.compliance, answer.position, 0.0, model.seen[k])
+    compare_with(model, first, count, earlier, n)
+
+
+@equation
+def look_at_surfaces(model: ContactState, n: int, x: Reals) -> None:
+    """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
+    rubbing, s = model.rubbing, model.s
+    if rubbing.rubs:
+        model.touches = int(friction_cone.rest(rubbing, model.planes, n, x, model.shifted, model.age, s))
+        return
+    forget_forces(model)
+    if not model.bends:
+        rest(model, model.planes, model.count, n, x)
+        return
+    # With springs that are alike in all directions, the point of one surface nearest to x is nearest to s too.
+    copy(n, x, s)
+    for _ in range(1 if model.is_isotropic and model.count == 1 else ROUNDS):
+        for i in range(n):
+            rubbing.away[i] = s[i] - model.shifted[i]
+        for k in range(model.count):
+            see_from(model.planes[k], n, model.compliance, rubbing.away, model.age, model.seen[k])
+        rest(model, model.seen, model.count, n, x)
+
+
+@equation
+def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+    """Find y among planes of all kinds."""
+    rubbing, before, fading = model.rubbing, model.before, model.fading
+    friction_cone.agree(rubbing, n, dt)
+    copy(n, rubbing.place, before)
+    look(model, n, x)
+    copy(n, model.s, rubbing.place)
+    if rubbing.rubs and not model.answer.pending:
+        for i in range(n):
+            before[i] = model.s[i] - before[i] - (x[i] - model.made_x[i])
+        if length(n, before) > SLIP_M:  # it has slipped off something round
+            for i in range(n):
+                fading[i] = fading[i] - before[i]
+    finish(model, n, dt, x, y)
+
+
+@equation
+def keep_surface(answer: Answer, one: ContactPlane, at: int) -> None:
+    """As `keep`, in compiled code."""
+    copy_bent(one, AXES, answer.planes[at])
+
+
+@equation
+def adopt_surfaces(model: ContactState, n: int, count: int) -> None:
+    """As `adopt`, in compiled code."""
+    answer, model.bends, model.count = model.answer, 0, count
+    for k in range(count):
+        copy_bent(answer.planes[k], AXES, model.planes[k])
+        if answer.planes[k].bends.count:
+            model.bends = 1
+    meet_planes(model, n)
+
+
+@equation
+def meet_planes(model: ContactState, n: int) -> None:
+    """The proxy that rubs learns which planes are known now, and where the world's own touched them."""
+    answer = model.answer
+    touched = False
+    for i in range(n):
+        touched = touched or answer.force[i] != 0.0
+    friction_cone.report(model.rubbing, model.planes, model.count, n, touched, answer.position)
+
+
+IN_PLACE_OF_FLAT_ONES: dict[Callable[..., Any], Callable[..., Any]] = {
+    look: look_at_surfaces, respond: respond_among_surfaces, compare: compare_surfaces, keep: keep_surface,
+    adopt: adopt_surfaces,
+}  # fmt: skip
+"""What is compiled where planes may bend or rub."""
