@@ -45,6 +45,9 @@ _LITTLE = 0.05
 """If the last step's plane turned by less, that of the next one is taken to turn as much: mostly it need not be
 corrected then."""
 
+_TURNS_LITTLE = 0.87
+"""30 degrees."""
+
 _TOUCHES_M = 1e-9
 
 _CLEAR_M = 1e-4
@@ -171,13 +174,22 @@ class FootSecant(Secant):
         self._face, self._at = struck.face, None
         end = along(x, direction, 1.0)
         after = self.foot(end)
-        if after.near.distance_m < 0.0 and dot(after.near.gradient, direction) < 0.0 and not self._mesh.faces(after):
+        inside = after.near.distance_m < 0.0 and dot(after.near.gradient, _less(x, after.at)) >= 0.0
+        if inside and dot(after.near.gradient, direction) < 0.0 and not self._mesh.faces(after):
             return Hit(True, end, after.near)
         return Hit(True, struck.at, Near(0.0, struck.near.gradient))
 
     def correct(self, x: Vector, delta: Vector, end: Vector, good: float) -> bool:
         found = self._ahead(end)
-        return found is not None and turned(self, x, delta, end, found, good)
+        if found is None or (self.entering and self._is_beyond(x, found.gradient)):
+            return False
+        return turned(self, x, delta, end, found, good)
+
+    def _is_beyond(self, x: Vector, gradient: Vector) -> bool:
+        """Is a surface that the step enters at `x` found on another side at its end, as beyond an edge?"""
+        if self._foot is None or dot(gradient, triple(self.normal)) < -_TURNS_LITTLE:
+            return False
+        return dot(gradient, _less(x, self._foot.at)) < 0.0
 
     def _ahead(self, end: Vector) -> Near | None:
         """Distance and gradient at the step's end of the face to which the plane belongs; None: it has left that."""
