@@ -60,7 +60,8 @@ class Params:
     """
 
     scene: str = _p(
-        "wall", "free, wall, box, paper, moving, solids (sphere, mesh:FILE?unit=mm, ...), mujoco:FILE.xml, module:name"
+        "wall",
+        "free, wall, box, paper, moving, solids (sphere, mesh:FILE?unit=mm, sdf:...), mujoco:FILE.xml, module:name",
     )
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"

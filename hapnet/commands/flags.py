@@ -23,8 +23,8 @@ _params = partial(typer.Option, rich_help_panel="Parameters")
 Scene = Annotated[
     str | None,
     typer.Option(
-        help="free, wall, box, paper, moving; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm' (several "
-        "joined by ' + '); mujoco:FILE.xml; or module:name.",
+        help="free, wall, box, paper, moving; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm', "
+        "sdf:module:function (several joined by ' + '); mujoco:FILE.xml; or module:name.",
         autocompletion=complete.scenes,
     ),
 ]
