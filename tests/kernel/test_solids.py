@@ -104,13 +104,13 @@ def ball() -> RigidScene:
 @pytest.mark.parametrize("scene", ["ellipsoid", "dented", "slippery"])
 def test_what_a_user_wrote_is_run_by_python(scene: str) -> None:
     simulation = Simulation(SOLIDS.set({"scene": f"{__name__}:{scene}"}), kernel=True)
-    assert simulation.not_compiled == "a mesh, or a user's shape or friction"
+    assert simulation.not_compiled == "a mesh, a field, a layer, or a user's shape or friction"
 
 
 def test_a_mesh_is_run_by_python(tmp_path: Any) -> None:
     file = write_stl(tmp_path / "stair.stl", *stair((0.05, 0.0, 0.0)))
     simulation = Simulation(SOLIDS.set({"scene": f"mesh:{file}?unit=mm"}), kernel=True)
-    assert simulation.not_compiled == "a mesh, or a user's shape or friction"
+    assert simulation.not_compiled == "a mesh, a field, a layer, or a user's shape or friction"
 
 
 def test_a_users_scene_of_known_solids_gives_the_same_bits() -> None:

@@ -122,7 +122,7 @@ def _of_scene(setup: Setup) -> Iterator[str]:
         if not 0 < len(scene.contacts.secants) <= MOST:
             yield f"a scene with {len(scene.contacts.secants)} solids"
         elif not scene.contacts.have_formulas:
-            yield "a mesh, or a user's shape or friction"
+            yield "a mesh, a field, a layer, or a user's shape or friction"
     elif type(scene) is not Scene or type(scene.contacts) is not Contacts:
         yield f"the scene {setup.params.scene}"
     elif scene.dof > AXES or len(scene.walls) > MOST:
