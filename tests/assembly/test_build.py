@@ -235,6 +235,13 @@ def test_an_operator_from_outside() -> None:
     assert position == (0.01, 0.01)
 
 
+def test_a_recording_that_is_not_there_is_named_as_a_file() -> None:
+    for name, words in (("nowhere.csv", "No such file"), ("nowhere.txt", "a recording's path")):
+        with pytest.raises(InvalidParameter) as caught:
+            device(setup_of(operator=name))
+        assert words in str(caught.value)
+
+
 def test_a_recorded_hand_without_enough_axes_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "hand.csv"
     file.write_text("time_s,x_m\n" + "".join(f"{i / 100},{i / 1000}\n" for i in range(50)), "utf-8")
