@@ -151,12 +151,12 @@ def test_progress_is_for_people_and_results_are_for_programs(capsys: pytest.Capt
 def test_whoever_ends_it_finds_the_terminal_as_it_was(number: signal.Signals, code: int) -> None:
     """The bar drawn, a signal: the line is erased, the cursor is back, and nothing is said."""
     window, inside = pty.openpty()
-    argv = [sys.executable, "-m", "hapnet", "simulate", "--duration", "100000", "--no-files"]
+    argv = [sys.executable, "-m", "hapnet", "simulate", "--duration", "10000", "--no-files"]
     environment = {**ENVIRONMENT, "TERM": "xterm", "COLUMNS": "80"}
     with subprocess.Popen(argv, stdin=inside, stdout=inside, stderr=inside, env=environment) as process:
         try:
             os.close(inside)
-            seen = until(window, b"of 100000 s")
+            seen = until(window, b"of 10000 s")
             process.send_signal(number)
             seen += until(window, None)
             assert process.wait(30) == code
