@@ -136,6 +136,14 @@ def test_a_side_gives_of_what_it_has_and_not_of_what_is_lent() -> None:
     assert given_J == pytest.approx(0.02 - MARGIN * 0.05, rel=1e-3)
 
 
+def test_what_is_given_is_a_share_of_the_room_above_the_reserve() -> None:
+    """A full reservoir of 50 mJ, 20 of them a reserve: (50 - 20 mJ) (1 - 0 - margin) dt/tau."""
+    modulator = SetPositionModulator(stiffness=K, position=[0.0], ceiling=0.05, reserve=0.02)
+    modulator.modulate((0.0,), (0.0,), 0.0, 0.1)
+    assert modulator.energy == 0.05
+    assert modulator.give(TICK, 0.0, 0.0) == pytest.approx(0.03 * (1.0 - MARGIN) * TICK / SHARING_S, rel=1e-9)
+
+
 def test_a_side_that_does_not_share_tells_nothing_and_gives_nothing() -> None:
     one = side(0.05, shares=False)
     assert one.level is None
