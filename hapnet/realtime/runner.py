@@ -237,6 +237,7 @@ class RealtimeSide:
                 self._link_driver.arm()
                 opened()
                 await self._housekeeping.run(stop, duration_s, collect)
+                self.wire.session.leave(self._clock())
                 await off_loop(self.control.stop)
                 self._figures.stopped_ns = self._clock()
             if self._failure is not None:

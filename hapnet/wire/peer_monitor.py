@@ -70,6 +70,7 @@ class PeerMonitor(Record):
         super().__init__()
         self.silence_ns = silence_ns
         self._living_ns = living_ns
+        self._left_ns: int | None = None
         self.life_ns = self.last_ns = self.sign_ns = NEVER
         self.numbers = Numbering()
 
@@ -116,9 +117,13 @@ class PeerMonitor(Record):
         """Was the peer heard lately, or paired lately?"""
         return self.life_ns != NEVER and now_ns - self.life_ns <= self._living_ns
 
+    def leave(self, now_ns: int) -> None:
+        """This side ends: if the peer, which may end too, is silent from now on, that is no outage."""
+        self._left_ns = now_ns
+
     def outages(self, now_ns: int) -> Outages:
-        """The account at `now_ns`, with a silence that still lasts."""
-        lasting_ns = now_ns - self.last_ns
+        """The account at `now_ns`, with a silence that still lasts, or lasted when this side began to end."""
+        lasting_ns = (now_ns if self._left_ns is None else min(now_ns, self._left_ns)) - self.last_ns
         if lasting_ns <= self.silence_ns:
             lasting_ns = 0
         return Outages(

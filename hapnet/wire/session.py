@@ -242,6 +242,10 @@ class Session:
             return channel if handshake is None else handshake
         return min(handshake, channel)
 
+    def leave(self, now_ns: int) -> None:
+        """This side begins to end: a silence of the peer from now on is no outage."""
+        self._monitor.leave(now_ns)
+
     def close(self, now_ns: int, reason: str) -> None:
         """End the pair and this side: some byes remain to be polled; after them nothing is due.
 

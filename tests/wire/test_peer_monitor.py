@@ -103,3 +103,15 @@ def test_what_another_run_of_numbers_takes_back_was_not_missing() -> None:
     for since, missing in ((1, 0), (1000, 999), (-997, 2), (1, 2), (-5, 0)):
         live.on_position(MS, since)
         assert live.outages(MS).missing == missing
+
+
+def test_a_silence_after_this_side_began_to_end_is_no_outage() -> None:
+    """Both sides are ended together: the other one sends nothing more. One that was silent before still is."""
+    for silent_since, outages in ((0, 1), (SILENCE, 0)):
+        live = PeerMonitor(SILENCE, SILENCE)
+        live.begin(0)
+        live.on_position(silent_since, 1)
+        live.leave(SILENCE + 1)
+        account = live.outages(10 * SILENCE)
+        assert account.count == outages
+        assert account.total_ns == outages * (SILENCE + 1)
