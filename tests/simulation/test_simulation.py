@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control.pspm import Modulation
+from hapnet.control import continuous_servo
+from hapnet.control import set_position_coupling as couplings
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import held_torque
 from hapnet.errors import HapnetError, InvalidParameter
@@ -158,13 +159,12 @@ class Watch:
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.harvested: dict[SetPositionCoupling, float] = {}
         self.hand = 0.0
-        update, run, advance = SetPositionCoupling.update, SimulatedDevice.run, SimulatedDevice.advance
+        update, run, advance = couplings.update, SimulatedDevice.run, SimulatedDevice.advance
 
-        def watched_update(coupling: SetPositionCoupling, dt: float, x: Vector, dissipated: float) -> Modulation:
-            result = update(coupling, dt, x, dissipated)
-            gain = max(0.0, dissipated - result.jump)
+        def watched_update(coupling: SetPositionCoupling, dt: float, x: Vector, dissipated: float, keep: float) -> None:
+            update(coupling, dt, x, dissipated, keep)
+            gain = max(0.0, dissipated - coupling.modulator.jump)
             self.harvested[coupling] = self.harvested.get(coupling, 0.0) + gain
-            return result
 
         def watched_run(device: SimulatedDevice, ticks: int) -> list[TickResult]:
             results = run(device, ticks)
@@ -176,7 +176,8 @@ class Watch:
             self.hand += max(0.0, work)
             return work
 
-        patch.setattr(SetPositionCoupling, "update", watched_update)
+        for module in (couplings, continuous_servo):  # where the world's end calls it, and the device's
+            patch.setattr(module, "update", watched_update)
         patch.setattr(SimulatedDevice, "advance", watched_advance)
         patch.setattr(SimulatedDevice, "run", watched_run)
 
@@ -188,9 +189,9 @@ def compare_shufflings(duration_s: float) -> None:
             watch = Watch(patch)
             params = PAPER.set({"device.shuffle": shuffle, "world.shuffle": shuffle})
             result = simulate(params.set({"duration_s": duration_s, "record_hz": 10.0}), 1, kernel=False)
-        couplings = result.device.coupling, result.world.coupling
-        sent[shuffle] = [coupling.ledger.sent for coupling in couplings]
-        harvested = [watch.harvested[coupling] for coupling in couplings]
+        both = result.device.coupling, result.world.coupling
+        sent[shuffle] = [coupling.ledger.sent for coupling in both]
+        harvested = [watch.harvested[coupling] for coupling in both]
         if shuffle == "harvested":
             assert all(s <= h + 1e-12 for s, h in zip(sent[shuffle], harvested, strict=True))
             assert max(sent[shuffle]) <= watch.hand  # all energy there is comes from the hand
