@@ -20,6 +20,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import failure
 from hapnet.mechanics.curvature import Curvature, Curvatures, across
+from hapnet.plant.worlds.secant import along
 from hapnet.plant.worlds.shapes import Near
 from hapnet.records.vectors import inner
 
@@ -28,6 +29,9 @@ REACH_M = 0.12
 
 _SAMPLES = 13
 """Places along each side of that cube."""
+
+_CUBES = 41
+"""Places along each side where a function is asked for its picture."""
 
 _STEP_M = 2e-5
 """Of a function's differences."""
@@ -52,17 +56,21 @@ class FieldShape:
     def near(self, position: Vector) -> Near:
         """Distance and unit gradient at `position` (3,) [m]."""
 
+    @abstractmethod
+    def sampled(self) -> tuple[list[Array], Array]:
+        """The coordinates along each axis [m], and what is below 0 inside at all places (nx, ny, nz), for pictures."""
+
     def curvatures(self, position: Vector) -> Curvatures:
         """Principal curvatures of the surface where it is nearest to `position` (3,) [m]."""
         distance, normal = self.near(position)
         one, other = across(normal)
         h = self._bend_m
         changes = []
-        for along in (one, other):
-            ahead = self.near(_plus(position, along, h)).gradient
-            behind = self.near(_plus(position, along, -h)).gradient
+        for direction in (one, other):
+            ahead = self.near(along(position, direction, h)).gradient
+            behind = self.near(along(position, direction, -h)).gradient
             changes.append([(a - b) / (2.0 * h) for a, b in zip(ahead, behind, strict=True)])
-        shape = [[inner(change, along) for along in (one, other)] for change in changes]
+        shape = [[inner(change, direction) for direction in (one, other)] for change in changes]
         values, basis = np.linalg.eigh(0.5 * (np.array(shape) + np.transpose(shape)))
         found = []
         for k, (a, b) in zip(values.tolist(), basis.T.tolist(), strict=True):
@@ -91,9 +99,9 @@ class DistanceFunction(FieldShape):
         self.at: Vector = checks.vector("at", at, 3)
         self._least = 0.0
         ticks = np.linspace(-REACH_M, REACH_M, _SAMPLES).tolist()
-        places = [_plus(self.at, offset, 1.0) for offset in product(ticks, ticks, ticks)]
+        places = [along(self.at, offset, 1.0) for offset in product(ticks, ticks, ticks)]
         try:
-            values = np.array([self.value(place) for place in places])
+            values = np.array([self._value(place) for place in places])
             if not (values < 0.0).any():
                 allowed = f"a function that is below 0 somewhere within {REACH_M:g} m of its origin: there is its solid"
                 raise InvalidParameter("sdf", name, allowed)
@@ -105,32 +113,32 @@ class DistanceFunction(FieldShape):
         usual = float(np.median(steep[np.argsort(np.abs(values) / np.maximum(steep, 1e-300))[: len(places) // 20]]))
         self._least = _FLATTEST * usual
         inside, margin = np.array(places)[values < 0.0], ticks[1] - ticks[0]
-        self.extent: tuple[Vector, Vector] = (
-            tuple((inside.min(axis=0) - margin).tolist()), tuple((inside.max(axis=0) + margin).tolist())
-        )  # fmt: skip
-        """Lowest and highest coordinates of the solid, or of the part of it within reach [m]."""
+        self._extent = inside.min(axis=0) - margin, inside.max(axis=0) + margin  # of the part within reach
         self._measures = bool(np.quantile(np.abs(steep - 1.0), 0.9) < _DISTANCE)
         self.slope = 1.0 if self._measures else 2.0
 
     def near(self, position: Vector) -> Near:
-        value, gradient = self.value(position), self._gradient(position)
+        value, gradient = self._value(position), self._gradient(position)
         steep = hypot(*gradient)
         distance = value if self._measures else value / max(steep, self._least)
         if not steep:  # all directions are alike
             return Near(distance, (1.0, 0.0, 0.0))
         return Near(distance, tuple([part / steep for part in gradient]))
 
+    def sampled(self) -> tuple[list[Array], Array]:
+        axes = [np.linspace(low, high, _CUBES) for low, high in zip(*self._extent, strict=True)]
+        return axes, np.array([[[self._value((x, y, z)) for z in axes[2]] for y in axes[1]] for x in axes[0]])
+
     def _gradient(self, position: Vector) -> Vector:
         return tuple(
             [
-                (self.value(_plus(position, unit, _STEP_M)) - self.value(_plus(position, unit, -_STEP_M)))
+                (self._value(along(position, unit, _STEP_M)) - self._value(along(position, unit, -_STEP_M)))
                 / (2.0 * _STEP_M)
                 for unit in _UNITS
             ]
         )
 
-    def value(self, position: Vector) -> float:
-        """What the function gives at `position` (3,) [m]."""
+    def _value(self, position: Vector) -> float:
         a, b, c = self.at
         try:
             value = float(self._function((position[0] - a, position[1] - b, position[2] - c)))
@@ -181,9 +189,10 @@ class VoxelGrid(FieldShape):
             gradient = tuple([part / size for part in gradient]) if size else (1.0, 0.0, 0.0)
         return Near(distance, gradient)
 
+    def sampled(self) -> tuple[list[Array], Array]:
+        counts = self.distances.shape
+        axes = [low + step * np.arange(n) for low, step, n in zip(self.low, self.spacing, counts, strict=True)]
+        return axes, self.distances
+
 
 _UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-def _plus(x: Sequence[float], direction: Sequence[float], share: float) -> Vector:
-    return (x[0] + share * direction[0], x[1] + share * direction[1], x[2] + share * direction[2])

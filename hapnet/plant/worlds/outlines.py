@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.field import DistanceFunction, FieldShape, VoxelGrid
+from hapnet.plant.worlds.field import FieldShape
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_surface import Triangles
 from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, part
@@ -17,9 +17,6 @@ Outline = tuple[Array, Triangles]
 """Vertices (N, 3) [m], and triangles (M, 3) as indices of them."""
 
 _SIDES = 48
-_CUBES = 41
-"""Places along each side where a function is asked for its picture."""
-
 _FINE = 1000
 """Meshes of so many triangles stand for something curved."""
 
@@ -88,17 +85,7 @@ def _field(shape: FieldShape) -> Outline | None:
         import igl
     except ImportError:
         return None
-    if isinstance(shape, VoxelGrid):
-        axes = [
-            low + step * np.arange(n)
-            for low, step, n in zip(shape.low, shape.spacing, shape.distances.shape, strict=True)
-        ]
-        values = shape.distances
-    elif isinstance(shape, DistanceFunction):
-        axes = [np.linspace(low, high, _CUBES) for low, high in zip(*shape.extent, strict=True)]
-        values = np.array([[[shape.value((x, y, z)) for z in axes[2]] for y in axes[1]] for x in axes[0]])
-    else:
-        return None
+    axes, values = shape.sampled()
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
     found = igl.marching_cubes(values.T.reshape(-1), np.ascontiguousarray(places), *values.shape, 0.0)
     return np.asarray(found[0]), np.asarray(found[1])
