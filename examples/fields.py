@@ -25,20 +25,20 @@ def gyroid(position: Vector) -> float:
 
 
 def head(position: Vector) -> float:
-    """A head of 160 mm that looks at the hand: skull, jaw, nose and two ears that run into one another, 20 mm in front.
+    """A head of 100 mm that looks at the hand: skull, jaw, nose and two ears that run into one another, 20 mm in front.
 
     With ``layers=6mm,3000`` bone lies under the skin.
     """
     x, y, z = position
     parts = (
-        _ellipsoid((x - 0.09, y, z - 0.015), (0.07, 0.055, 0.07)),
-        _ellipsoid((x - 0.07, y, z + 0.045), (0.04, 0.036, 0.04)),
-        _ellipsoid((x - 0.022, y, z + 0.012), (0.014, 0.008, 0.016)),
-        _ellipsoid((x - 0.1, abs(y) - 0.056, z), (0.014, 0.007, 0.022)),
+        _ellipsoid((x - 0.065, y, z - 0.01), (0.045, 0.038, 0.048)),
+        _ellipsoid((x - 0.053, y, z + 0.03), (0.028, 0.025, 0.028)),
+        _ellipsoid((x - 0.021, y, z + 0.008), (0.01, 0.006, 0.011)),
+        _ellipsoid((x - 0.07, abs(y) - 0.039, z), (0.01, 0.005, 0.015)),
     )
     joined = parts[0]
     for part in parts[1:]:
-        joined = _joined(joined, part, 0.012)
+        joined = _joined(joined, part, 0.009)
     return joined
 
 
