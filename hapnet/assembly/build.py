@@ -34,7 +34,6 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
-from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
 from hapnet.recording.samples import Event, MotionSample
@@ -388,7 +387,7 @@ def _scene(params: Params) -> tuple[World, list[str]]:
         scene = make_scene(params.scene, **values)
         if params.dof not in (0, scene.dof):
             raise InvalidParameter("dof", params.dof, f"0 or {scene.dof}: the scene {params.scene} sets its own")
-        if isinstance(scene, SteppedWorld) and scene.steps_between(params.world.step_min_s, params.world.step_max_s):
+        if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
             warnings = {keyword: one for keyword, one in warnings.items() if not keyword.startswith("step_")}
         return scene, [*warnings.values()]
     except InvalidParameter as error:

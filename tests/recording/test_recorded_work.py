@@ -129,20 +129,20 @@ def test_of_an_engine_it_is_force_times_way_in_every_substep(timestep_s: float, 
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
     from tests.support.mujoco_models import BLOCK, BOX, model
 
-    scene = model(tmp_path / "m.xml", BLOCK + BOX, option=f'timestep="{timestep_s}"')
+    file = model(tmp_path / "m.xml", BLOCK + BOX, option=f'timestep="{timestep_s}"')
     steps = {"world.step_min_s": 0.02, "world.step_max_s": 0.02}
-    simulation = Simulation(BASE.set({"scene": scene, "operator": "sine", "dof": 1, **steps}), 1)
-    engine: Any = simulation.world.scene.engine  # type: ignore[attr-defined]
-    joint = engine.found.data.joint("hapnet_proxy_x")
-    substep, seen = engine.substep, [0.0]
+    simulation = Simulation(BASE.set({"scene": file, "operator": "sine", "dof": 1, **steps}), 1)
+    scene: Any = simulation.world.scene
+    joint = scene.engine.found.data.joint("hapnet_proxy_x")
+    substep, seen = scene.account.substep, [0.0]
 
-    def witness(force: Any, most_J: float) -> Any:
+    def witness(h: float, force: Any, most_J: float) -> Any:
         before = float(joint.qpos[0])
-        done = substep(force, most_J)
+        done = substep(h, force, most_J)
         seen.append(seen[-1] - float(joint.qfrc_applied[0]) * (float(joint.qpos[0]) - before))
         return done
 
-    engine.substep = witness
+    scene.account.substep = witness
     world = simulation.run().recording.world
     assert world is not None
     assert len(seen) == substeps * len(world["work_J"]) + 1

@@ -298,6 +298,8 @@ def test_nobody_reaches_private_attributes_by_their_names() -> None:
 
 ASKS_WHAT_IT_GOT = {
     "hapnet/plant/worlds/own_worlds.py": "makes a user's world a whole one",
+    "hapnet/plant/worlds/completed.py": "the same, of any part",
+    "hapnet/plant/worlds/engine_account.py": "names the method of an engine that failed",
     "hapnet/plant/hand_path.py": "an operator may give many points at once",
     "hapnet/assembly/build.py": "reads parameters by their names",
 }

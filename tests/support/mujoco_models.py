@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hapnet.plant.worlds.mujoco_world import MujocoProxy, MujocoWorld
+from hapnet.plant.worlds.engine_world import EngineMass, EngineWorld
+from hapnet.plant.worlds.mujoco_engine import MujocoEngine, mujoco_world
+from hapnet.plant.worlds.mujoco_model import Model
 
 FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'
 BLOCK = '<geom name="block" type="box" pos="0.05 0 0.03" size="0.02 0.1 0.03"/>'
@@ -27,6 +29,16 @@ def model(path: Path, content: str, *, solref: str = "0.02 1", option: str = 'ti
     return f"mujoco:{path}"
 
 
-def made(scene: str, dof: int = 3) -> tuple[MujocoWorld, MujocoProxy]:
-    world = MujocoWorld(scene, dof)
+def made(scene: str, dof: int = 3) -> tuple[EngineWorld, EngineMass]:
+    world = mujoco_world(scene, dof=dof)
     return world, world.proxy(0.02, 14.0, 500.0)
+
+
+def engine_of(world: EngineWorld) -> MujocoEngine:
+    assert isinstance(world.engine, MujocoEngine)
+    return world.engine
+
+
+def found_of(world: EngineWorld) -> Model:
+    """The model that runs in this world."""
+    return engine_of(world).found

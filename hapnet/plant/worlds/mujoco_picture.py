@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
-from hapnet.plant.worlds.mujoco_engine import Engine
+from hapnet.plant.worlds.mujoco_model import Model
 from hapnet.plant.worlds.outlines import Outline, ball, cuboid, cylinder
 from hapnet.plant.worlds.picture import RESTS, SOFT, Color, Part, Touch, part, shared
 from hapnet.plant.worlds.rigid_contacts import padded
@@ -32,14 +32,13 @@ _PROXY_OPACITY = 115
 
 
 class ModelPicture:
-    """A model while it runs."""
+    """A model while it runs, whose proxy is at `position` (n,) [m]."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        found = engine.found
+    def __init__(self, found: Model, position: Vector) -> None:
+        self._found = found
         self._model, self._data, self._kinds = found.model, found.data, found.engine.mjtGeom
         place = self._data.site_xpos[found.site] if found.site >= 0 else self._data.xipos[found.body]
-        self._origin = np.array(place) - padded(engine.position())
+        self._origin = np.array(place) - padded(position)
         model = self._model
         moves = np.flatnonzero((model.body_weldid != 0) | (model.body_mocapid >= 0))
         self._bodies: NDArray[Any] = moves[moves > 0]
@@ -60,7 +59,7 @@ class ModelPicture:
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """As `hapnet.plant.worlds.picture.Picture`: the contacts that the engine has found."""
-        data, own = self._data, self._engine.found.geoms
+        data, own = self._data, self._found.geoms
         found = []
         for contact in data.contact[: data.ncon]:
             one, other = (int(geom) for geom in contact.geom)
@@ -85,7 +84,7 @@ class ModelPicture:
                 turn, place = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom] - self._origin
             else:
                 turn, place = self._turned(model.geom_quat[geom]), model.geom_pos[geom]
-            if self._engine.found.dofs and geom in self._engine.found.geoms:
+            if self._found.dofs and geom in self._found.geoms:
                 color = (*color[:3], _PROXY_OPACITY)  # its contacts are to be seen through it
             parts.append(part(vertices @ turn.T + place, triangles, color, body, smooth=smooth))
         return parts
@@ -147,7 +146,7 @@ class ModelPicture:
 
     def _turned(self, quaternion: Array) -> Array:
         matrix = np.zeros(9)
-        self._engine.found.engine.mju_quat2Mat(matrix, quaternion)
+        self._found.engine.mju_quat2Mat(matrix, quaternion)
         return matrix.reshape(3, 3)
 
 

@@ -6,6 +6,8 @@ It is a function of position, velocity and time that gives a force; or what make
 * an object with ``step(dt, position, velocity)``, which gives a force (`Stepping`). The force is held over the step
   that follows, which is why it promises nothing: a held spring gives out energy. An observer keeps its account
   (hapnet/plant/worlds/observer.py);
+* a physics engine, with ``substep(dt, force)`` and the other parts of an `Engine`, which integrates the proxy itself
+  (hapnet/plant/worlds/engine.py);
 * an object with the parts of a `World` that have no default, whose `contacts` have those of `Surroundings`.
 """
 
@@ -25,6 +27,8 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import failure, load
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.completed import Completed, lacking
+from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.plant.worlds.field_picture import StillPicture, surface
 from hapnet.plant.worlds.force_world import ForceWorld
 from hapnet.plant.worlds.observed_world import ObservedWorld, compliance_of, contact_planes, nearest
@@ -79,42 +83,27 @@ def made(build: Callable[..., object], name: str, parameters: Mapping[str, objec
     """
     try:
         scene = build(**parameters)
-        if not is_world(scene) and not _lacking(scene, ("step",)):
+        if not is_world(scene) and not lacking(scene, ("step",)):
             scene = SteppedWorld(cast(Stepping, scene), dof=parameters.get("dof", 1), name=name.rpartition(":")[2])
     except BaseException as error:  # see `loading.failure`
         raise InvalidParameter("scene", name, f"a scene that can be built ({failure(error)})") from error
+    if not is_world(scene) and hasattr(scene, "substep") and not isinstance(scene, type):
+        scene = EngineWorld(scene, name=name.rpartition(":")[2])
     if not is_world(scene):
         allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
-    if lacking := _lacking(scene.contacts, Surroundings.__abstractmethods__):
-        raise HapnetError(f"the scene {name} failed: its contacts have no {', '.join(lacking)}")
+    if missing := lacking(scene.contacts, Surroundings.__abstractmethods__):
+        raise HapnetError(f"the scene {name} failed: its contacts have no {', '.join(missing)}")
     whole = isinstance(scene, World) and isinstance(scene.contacts, Surroundings)
     return scene if whole else cast(World, _OwnWorld(scene))
 
 
 def is_world(part: object) -> TypeGuard[World]:
     """Has `part` all that a world must have? A class that makes worlds is none."""
-    return not isinstance(part, type) and not _lacking(part, World.__abstractmethods__)
+    return not isinstance(part, type) and not lacking(part, World.__abstractmethods__)
 
 
-def _lacking(part: object, names: Iterable[str]) -> list[str]:
-    return sorted(name for name in names if not hasattr(part, name))
-
-
-class _Completed:
-    """A user's part, with the defaults of a protocol for what it has not."""
-
-    def __init__(self, own: object, protocol: type) -> None:
-        self._own, self._protocol = own, protocol
-
-    def __getattr__(self, name: str) -> Any:
-        if hasattr(self._own, name):
-            return getattr(self._own, name)
-        default = inspect.getattr_static(self._protocol, name)
-        return default.__get__(self) if hasattr(default, "__get__") else default
-
-
-class _OwnWorld(_Completed):
+class _OwnWorld(Completed):
     """A user's world, whose contacts are completed too."""
 
     def __init__(self, own: World) -> None:
@@ -126,7 +115,7 @@ class _OwnWorld(_Completed):
     def contacts(self) -> Surroundings:
         if self._world.contacts is not self._contacts:
             self._contacts = self._world.contacts
-            self._around = cast(Surroundings, _Completed(self._contacts, Surroundings))
+            self._around = cast(Surroundings, Completed(self._contacts, Surroundings))
         return self._around
 
 
@@ -145,7 +134,6 @@ class SteppedWorld(ObservedWorld):
         self._velocity: Vector = (0.0,) * self.dof
 
     def steps_between(self, min_s: float, max_s: float) -> bool:
-        """Draw the steps' length from this range [s]; False: the object says its own."""
         if not self._has_steps:
             self._steps = replace(self._steps, min_s=min_s, max_s=max_s)
         return not self._has_steps

@@ -61,6 +61,10 @@ class WorldDefaults(Protocol):
         """What it looks like; None: it cannot be drawn."""
         return None
 
+    def steps_between(self, min_s: float, max_s: float) -> bool:
+        """Draw the steps' length from this range [s]; False: it has its own."""
+        return False
+
     def signal(self, name: str, value: Signal) -> None:
         """The device's side reports a value beside the stream."""
         return

@@ -22,10 +22,9 @@ from hapnet.errors import InvalidParameter
 from hapnet.loading import published
 from hapnet.plant.scenes import SCENES as SCENES
 from hapnet.plant.worlds import own_worlds, rigid
+from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
-from hapnet.plant.worlds.mujoco_world import MujocoWorld
 from hapnet.plant.worlds.protocol import World
-from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
 
 GROUP = "hapnet.worlds"
 """The entry points by which other packages publish their worlds under names of their own."""
@@ -77,7 +76,7 @@ def _builder(name: str) -> Callable[..., Any]:
     if plain in SCENES:
         return partial(SCENES[plain], **_given(name, words, SCENES[plain])) if words else SCENES[plain]
     if name.startswith(MUJOCO):
-        return partial(_mujoco, name)
+        return partial(mujoco_world, name)
     if (from_words := rigid.builder(name)) is not None:
         return from_words
     names = (*SCENES, *rigid.KINDS, *published(GROUP))
@@ -99,9 +98,3 @@ def _given(name: str, spec: str, world: Callable[..., World]) -> dict[str, objec
         except ValueError:
             raise InvalidParameter(f"scene {name}", entry, f"a number, such as {key}={known[key]}") from None
     return found
-
-
-def _mujoco(
-    name: str, /, *, dof: int = 3, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
-) -> MujocoWorld:
-    return MujocoWorld(name, dof, step_min_s, step_max_s)

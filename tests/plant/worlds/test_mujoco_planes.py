@@ -11,9 +11,10 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.mujoco_world import MujocoProxy, MujocoWorld
+from hapnet.plant.worlds.engine_world import EngineMass, EngineWorld
+from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from tests.plant.worlds.test_mujoco import check, over_a_link
-from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, model
+from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, found_of, model
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
 
@@ -21,20 +22,20 @@ SMOOTH = 'condim="1" priority="1"'
 RADIUS = 0.005
 
 
-def made(folder: Path, content: str, dof: int = 3, more: str = "") -> tuple[MujocoWorld, MujocoProxy]:
+def made(folder: Path, content: str, dof: int = 3, more: str = "") -> tuple[EngineWorld, EngineMass]:
     """A world without a floor, with the sphere at the origin of the hand's coordinates and 0.1 m over the model's."""
     path = folder / "m.xml"
     path.write_text(f'<mujoco><option timestep="0.002"/><worldbody>{content}</worldbody></mujoco>')
-    world = MujocoWorld(f"mujoco:{path}?at=0,0,0.1{more}", dof)
+    world = mujoco_world(f"mujoco:{path}?at=0,0,0.1{more}", dof=dof)
     return world, world.proxy(0.02, 14.0, 500.0)
 
 
-def pressed(mass: MujocoProxy, goal: tuple[float, ...], seconds: float = 1.0) -> None:
+def pressed(mass: EngineMass, goal: tuple[float, ...], seconds: float = 1.0) -> None:
     for _ in range(round(seconds / 0.01)):
         mass.step(0.01, goal)
 
 
-def only(world: MujocoWorld, position: tuple[float, ...]) -> Plane:
+def only(world: EngineWorld, position: tuple[float, ...]) -> Plane:
     (plane,) = world.planes(position, 0.05) or ()
     return plane
 
@@ -101,7 +102,7 @@ def test_a_body_that_moves_takes_its_plane_along(tmp_path: Path) -> None:
         f'<joint type="hinge" axis="0 0 1" pos="0 .1 0"/><geom type="box" size=".03 .1 .1" mass="5" {SMOOTH}/></body>'
     )
     world, _ = made(tmp_path, body)
-    data: Any = world._found.data
+    data: Any = found_of(world).data
     data.qvel[0:2] = -0.1, 0.5  # at the face's middle 0.1 m from the hinge: -0.1 + 0.5 * 0.1
     assert only(world, (0.0, 0.0, 0.0)).velocity_mps == pytest.approx(-0.05)
 
@@ -147,9 +148,9 @@ def test_what_no_plane_describes_is_felt_through_the_proxy(tmp_path: Path) -> No
         assert len(made(tmp_path, odd + smooth, more="&planes=all")[0].planes((0.0, 0.0, 0.0), 0.05) or ()) == 2
         assert made(tmp_path, odd + smooth, more="&planes=none")[0].planes((0.0, 0.0, 0.0), 0.05) is None
     for content, proxy in ((FLEX, "?planes=all"), (DOOR, "?proxy=handle&planes=all")):
-        assert MujocoWorld(model(tmp_path / "f.xml", content) + proxy).planes((0.0, 0.0, 0.0), 0.05) is None
+        assert mujoco_world(model(tmp_path / "f.xml", content) + proxy).planes((0.0, 0.0, 0.0), 0.05) is None
     with pytest.raises(InvalidParameter, match="planes= one of auto, all, none"):
-        MujocoWorld(model(tmp_path / "f.xml", BLOCK) + "?planes=some")
+        mujoco_world(model(tmp_path / "f.xml", BLOCK) + "?planes=some")
 
 
 def test_planes_make_the_force_truer_and_steadier_over_a_bad_link() -> None:

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from hapnet import ForceWorld, Obstacle, Params, simulate
 from hapnet.errors import BadMessage
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.mujoco_world import MujocoWorld
+from hapnet.plant.worlds.engine_world import EngineWorld
+from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch, shared
 from hapnet.plant.worlds.rigid import rigid
 from hapnet.plant.worlds.shapes import Sphere
@@ -130,11 +131,11 @@ MODEL = """
 
 
 @pytest.fixture
-def model(tmp_path: Path) -> MujocoWorld:
+def model(tmp_path: Path) -> EngineWorld:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     file = tmp_path / "model.xml"
     file.write_text(MODEL, "utf-8")
-    return MujocoWorld(f"mujoco:{file}?at=0,0,0.005", 3)
+    return mujoco_world(f"mujoco:{file}?at=0,0,0.005", dof=3)
 
 
 def placed(part: Part, poses: np.ndarray) -> np.ndarray:
@@ -146,7 +147,7 @@ def placed(part: Part, poses: np.ndarray) -> np.ndarray:
     return np.asarray(part.vertices + w * crossed + np.cross(v, crossed) + place)
 
 
-def test_a_models_geoms_are_where_the_engine_has_them(model: MujocoWorld) -> None:
+def test_a_models_geoms_are_where_the_engine_has_them(model: EngineWorld) -> None:
     """In the frame of the hand, which begins 5 mm above the model's origin; invisible ones are left out."""
     picture = model.picture()
     plane, box, capsule, cylinder, ellipsoid, ball, soft = picture.parts
@@ -170,7 +171,7 @@ def test_a_models_geoms_are_where_the_engine_has_them(model: MujocoWorld) -> Non
     assert soft.triangles.max() < 27
 
 
-def test_a_models_contact_is_under_the_sphere_with_the_friction_of_what_it_touches(model: MujocoWorld) -> None:
+def test_a_models_contact_is_under_the_sphere_with_the_friction_of_what_it_touches(model: EngineWorld) -> None:
     """The sphere of 5 mm is pressed down onto the plane, whose mu is 0.7."""
     mass, before = model.proxy(0.05, 14.0, 500.0), model.picture()
     for _ in range(200):

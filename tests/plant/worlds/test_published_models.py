@@ -15,8 +15,9 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.plant.worlds.mujoco_world import MujocoWorld
+from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.simulation.simulation import Simulation
+from tests.support.mujoco_models import found_of
 
 mujoco: Any = pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
 
@@ -52,12 +53,12 @@ def refusal(file: Path) -> str | None:
 def test_each_loads_or_is_refused_for_a_reason_that_is_its_own(file: Path) -> None:
     if (why := refusal(file)) is not None:
         with pytest.raises(InvalidParameter) as caught:
-            MujocoWorld(f"mujoco:{file}")
+            mujoco_world(f"mujoco:{file}")
         assert why in str(caught.value)
         return
-    world = MujocoWorld(f"mujoco:{file}")
+    world = mujoco_world(f"mujoco:{file}")
     world.proxy(0.123, 14.0, 500.0)
-    model, own = world._found.model, world._found
+    model, own = found_of(world).model, found_of(world)
     dofs, joints = list(own.dofs), model.dof_jntid[list(own.dofs)]
     assert float(model.body_mass[own.body]) == pytest.approx(0.123, rel=1e-12)
     assert not np.any(model.dof_damping[dofs])
