@@ -29,7 +29,8 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(ROO
 
 settings.register_profile("hapnet", deadline=None)  # how long an example takes depends on what else runs here
 settings.load_profile("hapnet")
-
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+"""Which of the processes this is that run tests."""
 
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
@@ -53,7 +54,7 @@ def remembered(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before those who read marks and groups then
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that run in real time are one worker's, one after the other; all others are the other worker's.
+    """Tests that run in real time are one worker's, one after the other; all others are the other workers'.
 
     One that fails is run once more, and both are reported: a shared machine may stand still for longer than it allows.
     The second time is a little later, as what holds a machine up seldom lasts for a moment only. So are tests that
@@ -85,20 +86,21 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         return
     from hapnet.simulation.compiled.run import make_ready  # here: it loads numba
 
-    for end in real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD)):
-        real_time.make_ready(end)
+    if WORKER == 0:
+        for end in real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD)):
+            real_time.make_ready(end)
     found = {kind.name: kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None}
     kinds = [found[name] for name in sorted(found)]
-    first = len(kinds) // 2 * (os.environ.get("PYTEST_XDIST_WORKER", "gw0") != "gw0")
+    first = len(kinds) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     for kind in (*kinds[first:], *kinds[:first]):
         if not sources.are_compiled(kind.name):
             make_ready(kind)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """The other worker's tests give way to those in real time."""
-    if "PYTEST_XDIST_WORKER" in os.environ and item.get_closest_marker("xdist_group") is None and os.nice(0) == 0:
-        os.nice(10)
+    """The other workers' tests give way to those in real time: they have what is left of the processors."""
+    if "PYTEST_XDIST_WORKER" in os.environ and item.get_closest_marker("xdist_group") is None:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def _in_real_time(module: ModuleType) -> bool:
