@@ -16,6 +16,7 @@ from hapnet import ForceWorld, HapnetError, InvalidParameter, Obstacle, Params, 
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.scenes.wall import wall as flat_wall
 from hapnet.plant.worlds.observed_world import ObservedWorld
+from hapnet.plant.worlds.observer import Observer
 from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.registry import make_scene
 from tests.support.theorem_cases import random_case
@@ -258,3 +259,13 @@ def test_what_a_stepping_objects_motor_puts_in_is_counted_and_may_be_given_out()
     assert world.observed.given_J == 0.0
     assert work == pytest.approx(0.5 * mass.position[0], rel=1e-9)
     assert mass.position[0] > 5e-4
+
+
+def test_a_push_from_rest_gives_just_what_the_account_has() -> None:
+    """At rest there is nothing to damp. With G = g I the applied force is w/g, so its work is T w^2/g."""
+    dt, compliance, energy_J = 0.01, 0.05, 1e-9
+    observer = Observer(energy_J)
+    applied, w = observer.passive(dt, np.array([10.0]), np.zeros(1), np.array([[compliance]]))
+    assert w[0] == pytest.approx((energy_J * compliance / dt) ** 0.5, rel=1e-6)
+    assert applied[0] == pytest.approx(w[0] / compliance)
+    assert 0.0 <= observer.energy_J <= 1e-6 * energy_J
