@@ -8,16 +8,16 @@ a closed mesh. Elsewhere the surface is the smooth patch of `hapnet.plant.worlds
 
 from __future__ import annotations
 
-from math import hypot, sqrt
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import MissingLibrary
-from hapnet.mechanics.curvature import Curvature, Curvatures, across
+from hapnet.mechanics.curvature import Curvature, Curvatures
 from hapnet.plant.worlds.mesh_surface import SHARP_DEG, Surface, Triangles
-from hapnet.plant.worlds.mesh_walk import EDGE, SMOOTH, follow
+from hapnet.plant.worlds.mesh_walk import EDGE, SMOOTH, follow, principal
 from hapnet.plant.worlds.shapes import Near
 from hapnet.records.machine_code import compiled
 from hapnet.records.vectors import inner
@@ -80,7 +80,10 @@ class Mesh:
             surface.first, surface.ring, surface.flat,
         )  # fmt: skip
         self._follow: Any = compiled(follow)
-        self._parts = parts if self._follow is not follow else tuple([part.tolist() for part in parts])
+        self._principal: Any = compiled(principal)
+        plain = self._follow is follow
+        self._parts = tuple([part.tolist() for part in parts]) if plain else parts
+        self._bends: Any = surface.bends.tolist() if plain else surface.bends
         self._point, self._direction = np.zeros((1, 3)), np.zeros((1, 3))
 
     def near(self, position: Vector) -> Near:
@@ -158,19 +161,11 @@ class Mesh:
     def curvatures_at(self, foot: Foot) -> Curvatures:
         if foot.kind != SMOOTH:
             return ()
-        normal = foot.near.gradient
-        one, other = across(normal)
-        bend = self._surface.bends[foot.face].tolist()
-        along_one, along_other = ([inner(row, e) for row in bend] for e in (one, other))
-        a, b, c = inner(one, along_one), inner(other, along_one), inner(other, along_other)
-        mean, half = 0.5 * (a + c), hypot(0.5 * (a - c), b)
-        found = []
-        for per_m, sign in ((mean + half, 1.0), (mean - half, -1.0)):
-            if abs(per_m) < _STRAIGHT_PER_M:
-                continue
-            u, v = _eigenvector(a, b, c, per_m, sign)
-            found.append(Curvature(tuple([u * p + v * q for p, q in zip(one, other, strict=True)]), per_m))
-        return tuple(found)
+        one, a, b, c, other, p, q, r = self._principal(self._bends, foot.face, *foot.near.gradient)
+        found = (Curvature((a, b, c), one), Curvature((p, q, r), other))
+        if abs(one) >= _STRAIGHT_PER_M <= abs(other):
+            return found
+        return tuple([bend for bend in found if abs(bend.per_m) >= _STRAIGHT_PER_M])
 
     def _pseudonormal(self, face: int, kind: int, corner: int) -> Vector:
         """The unit normal of the edge or corner."""
@@ -182,12 +177,3 @@ class Mesh:
         x, y, z = normal.tolist()
         size = sqrt(x * x + y * y + z * z)
         return (x / size, y / size, z / size) if size else (1.0, 0.0, 0.0)
-
-
-def _eigenvector(a: float, b: float, c: float, value: float, sign: float) -> tuple[float, float]:
-    """Of [[a, b], [b, c]], of unit length; `sign`: +1 for the greater value, -1 for the smaller one."""
-    u, v = (value - c, b) if abs(value - c) >= abs(value - a) else (b, value - a)
-    size = hypot(u, v)
-    if size:
-        return u / size, v / size
-    return (1.0, 0.0) if sign > 0.0 else (0.0, 1.0)

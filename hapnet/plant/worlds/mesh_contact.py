@@ -10,7 +10,7 @@ where its foot ends.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, hypot, pi, sin
+from math import cos, dist, hypot, pi, sin
 
 import numpy as np
 
@@ -56,6 +56,9 @@ _CLEAR_M = 1e-4
 _AROUND_M, _LIFT_M, _RAYS = 0.015, 0.0005, 8
 """How far, from how far in front of the foot, and in how many directions what is beside it is looked for."""
 
+_STILL_M = 0.0005
+"""So far a proxy may move over the same triangle until it is looked for again."""
+
 _GHOST_M = 0.0003
 """A plane that is so deep where the proxy can be is none..."""
 
@@ -76,6 +79,9 @@ class FootSecant(Secant):
         self._walked = False  # did a walk find it?
         self._slides = False  # was it on a smooth patch at the last onset?
         self._from: Vector = (0.0, 0.0, 0.0)  # a point of the plane
+        self._there: tuple[int, int, int] | None = None  # where the foot was when it was last looked around...
+        self._looked: Vector = (0.0, 0.0, 0.0)  # ... from here...
+        self._seen: list[_Plane] = []  # ... and what was beside
         self.more: list[tuple[Vector, Vector]] = []
         """Faces that the proxy is, or would be, behind at once: the normal out of the solid, and a point."""
         self.others: tuple[FaceBeside, ...] = tuple([FaceBeside(self) for _ in range(_OTHERS)])
@@ -107,7 +113,7 @@ class FootSecant(Secant):
         if not planes:
             planes = [_Plane(foot.near.gradient, foot.at, self._mesh.curvatures_at(foot))]
         if foot.near.distance_m < min(reach, _AROUND_M) and dof > 1:
-            planes += self._around(x, foot, planes, dof)
+            planes += self._beside(x, foot, planes, dof)
         return [Tangent(dot(one.normal, _less(x, one.at)), one.normal, one.curvatures) for one in planes]
 
     # -- its planes in a step -----------------------------------------------------------------------------------------
@@ -239,6 +245,14 @@ class FootSecant(Secant):
         return None
 
     # -- what is told -------------------------------------------------------------------------------------------------
+
+    def _beside(self, x: Vector, foot: Foot, known: Sequence[_Plane], dof: int) -> list[_Plane]:
+        """As `_around`, of a place nearby if the proxy is still there."""
+        there = foot.face, foot.kind, foot.corner
+        if there != self._there or dist(x, self._looked) > _STILL_M:
+            self._there, self._looked = there, x
+            self._seen = self._around(x, foot, known, dof)
+        return self._seen
 
     def _around(self, x: Vector, foot: Foot, known: Sequence[_Plane], dof: int) -> list[_Plane]:
         """The planes of what a proxy at `x` would run into, if it moved along the surface or away from it.

@@ -11,7 +11,7 @@ weights b_i, a place is ``x = sum b_i (p_i + t n_i)`` (three equations, by Newto
 
 which is exact for any paraboloid, and joins that of the next triangle (after Boubekeur, Alexa 2008).
 
-Plain Python runs this on lists, numba on arrays; both give the same.
+`principal` says how that patch bends. Plain Python runs this on lists, numba on arrays; both give the same.
 """
 
 from __future__ import annotations
@@ -199,3 +199,39 @@ def follow(
     if size > 0.0:
         n0, n1, n2 = n0 / size, n1 / size, n2 / size
     return face, SMOOTH, 0, q0, q1, q2, n0, n1, n2, n0 * (x - q0) + n1 * (y - q1) + n2 * (z - q2)
+
+
+def principal(bends: Any, face: int, x: float, y: float, z: float) -> tuple[float, ...]:
+    """How a smooth patch bends at a place with this unit normal: twice the curvature [1/m] and its direction (3,).
+
+    bends : (F, 3, 3), how the normal turns along a direction [1/m]. They are the eigenvectors across the normal.
+    """
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        p0, p1, p2 = 0.0, -z, y
+    elif abs(y) <= abs(z):
+        p0, p1, p2 = z, 0.0, -x
+    else:
+        p0, p1, p2 = -y, x, 0.0
+    size = sqrt(p0 * p0 + p1 * p1 + p2 * p2)
+    p0, p1, p2 = p0 / size, p1 / size, p2 / size
+    q0, q1, q2 = y * p2 - z * p1, z * p0 - x * p2, x * p1 - y * p0
+    first, second, third = bends[face][0], bends[face][1], bends[face][2]
+    s0 = first[0] * p0 + first[1] * p1 + first[2] * p2
+    s1 = second[0] * p0 + second[1] * p1 + second[2] * p2
+    s2 = third[0] * p0 + third[1] * p1 + third[2] * p2
+    t0 = first[0] * q0 + first[1] * q1 + first[2] * q2
+    t1 = second[0] * q0 + second[1] * q1 + second[2] * q2
+    t2 = third[0] * q0 + third[1] * q1 + third[2] * q2
+    a, b, c = p0 * s0 + p1 * s1 + p2 * s2, q0 * s0 + q1 * s1 + q2 * s2, q0 * t0 + q1 * t1 + q2 * t2
+    half = sqrt(0.25 * (a - c) * (a - c) + b * b)
+    most = 0.5 * (a + c) + half
+    u, v = (most - c, b) if abs(most - c) >= abs(most - a) else (b, most - a)
+    size = sqrt(u * u + v * v)
+    if size > 0.0:
+        u, v = u / size, v / size
+    else:
+        u, v = 1.0, 0.0
+    return (
+        most, u * p0 + v * q0, u * p1 + v * q1, u * p2 + v * q2,
+        most - 2.0 * half, u * q0 - v * p0, u * q1 - v * p1, u * q2 - v * p2,
+    )  # fmt: skip

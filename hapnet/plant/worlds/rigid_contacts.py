@@ -31,7 +31,7 @@ from hapnet import checks
 from hapnet.checks import MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
-from hapnet.mechanics.curvature import Curvature
+from hapnet.mechanics.curvature import Curvature, Curvatures
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.coupled import Coupled
 from hapnet.plant.worlds.friction import Friction
@@ -41,6 +41,10 @@ from hapnet.plant.worlds.shapes import Shape, put_bend
 from hapnet.plant.worlds.sight import Sight, lay
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 from hapnet.records.record import zero
+from hapnet.records.vectors import inner
+
+_WHOLE = 1e-6
+"""So near is the square of a unit gradient to 1: a solid that no axes cut bends as it says."""
 
 
 @dataclass(frozen=True)
@@ -143,19 +147,20 @@ class RigidContacts(SolidContact, Surroundings):
         sight = self.sights[0]
         for secant in self.secants:
             for distance, gradient, bends in secant.tangents(x, reach, self.dof):
-                sight.bends.count = 0
-                for direction, per_m in bends:
+                sight.bends.count, whole = 0, self.dof == 3 and abs(inner(gradient, gradient) - 1.0) < _WHOLE
+                for direction, per_m in () if whole else bends:
                     put_bend(sight.bends, padded(direction), per_m)
                 if lay(secant, self.dof, x, distance, gradient, sight):
-                    found.append((sight.depth, _plane(sight, self.dof)))
+                    found.append((sight.depth, _plane(sight, self.dof, bends if whole else None)))
         return sorted(found, reverse=True)
 
 
 _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def _plane(sight: Sight, n: int) -> Plane:
-    bends = tuple([Curvature(direction[:n], per_m) for direction, per_m in sight.bends.curvatures])
+def _plane(sight: Sight, n: int, bends: Curvatures | None) -> Plane:
+    if bends is None:
+        bends = tuple([Curvature(direction[:n], per_m) for direction, per_m in sight.bends.curvatures])
     normal = tuple(sight.normal[:n])
     return Plane(normal, sight.offset, sight.stiffness, sight.damping, 0.0, bends, sight.friction)
 

@@ -16,7 +16,6 @@ from hapnet.checks import Array
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_surface import volume
-from hapnet.plant.worlds.mesh_walk import follow
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Shape
 from tests.metrics.test_contact import random_spd
@@ -94,26 +93,6 @@ def test_nothing_is_crossed_in_one_step(mesh: tuple[Array, Any], steps_s: tuple[
     )
     assert thin.places == pytest.approx(thick.places, abs=2e-6)
     assert thin.forces == pytest.approx(thick.forces, abs=0.01)
-
-
-def test_a_foot_that_walks_finds_what_a_search_finds() -> None:
-    """Outside of a convex solid there is one nearest place, wherever the walk begins."""
-    vertices, triangles = ball(2, 0.03, (0.05, 0.0, 0.0))
-    mesh, rng = Mesh(vertices, triangles), np.random.default_rng(2)
-    for x in rng.normal(size=(100, 3)):
-        place = tuple((np.array((0.05, 0.0, 0.0)) + 0.04 * x / np.linalg.norm(x)).tolist())
-        walked = mesh.foot(place, int(rng.integers(len(triangles))))
-        assert walked.near.distance_m == pytest.approx(mesh.near(place).distance_m, abs=1e-9)
-        assert walked.near.gradient == pytest.approx(mesh.near(place).gradient, abs=1e-6)
-
-
-def test_compiled_or_not_a_walk_is_the_same() -> None:
-    pytest.importorskip("numba")
-    mesh, rng = Mesh(*torus(40, 20)), np.random.default_rng(3)
-    lists = [part.tolist() for part in mesh._parts]
-    for x in rng.uniform((0.0, -0.05, -0.03), (0.13, 0.05, 0.03), (200, 3)):
-        face = int(rng.integers(len(mesh.triangles)))
-        assert mesh._follow(*mesh._parts, face, *x.tolist()) == follow(*lists, face, *x.tolist())
 
 
 # -- concave edges ----------------------------------------------------------------------------------------------------
@@ -342,6 +321,14 @@ def test_the_planes_around_a_slot_are_its_walls() -> None:
         if place[0] > 0.02:
             walls[(1.0, 0.0, 0.0)] = 0.03
         assert found == pytest.approx(walls)
+
+
+def test_what_is_beside_is_told_in_time_while_the_proxy_moves_on() -> None:
+    """Towards the wall of a corner over one triangle of its ground, by 0.1 mm: the wall, once it is near."""
+    contacts = RigidContacts([Solid(Mesh(*CORNER))], 3)
+    for y in np.arange(-0.02, 0.0095, 0.0001).tolist():
+        walls = [one.offset_m for one in contacts.planes((0.0195, y, 0.003), 0.05) if one.normal[1] > 0.9]
+        assert walls == pytest.approx([0.01] if y > -0.0044 else [] if y < -0.0051 else walls)
 
 
 def test_no_plane_is_a_ghost() -> None:

@@ -1,0 +1,49 @@
+"""The walk over a mesh, and how its patches bend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapnet.plant.worlds.mesh import Mesh
+from hapnet.plant.worlds.mesh_walk import follow, principal
+from tests.support.mesh_runs import ball
+from tests.support.solids import torus
+
+
+def test_a_foot_that_walks_finds_what_a_search_finds() -> None:
+    """Outside of a convex solid there is one nearest place, wherever the walk begins."""
+    vertices, triangles = ball(2, 0.03, (0.05, 0.0, 0.0))
+    mesh, rng = Mesh(vertices, triangles), np.random.default_rng(2)
+    for x in rng.normal(size=(100, 3)):
+        place = tuple((np.array((0.05, 0.0, 0.0)) + 0.04 * x / np.linalg.norm(x)).tolist())
+        walked = mesh.foot(place, int(rng.integers(len(triangles))))
+        assert walked.near.distance_m == pytest.approx(mesh.near(place).distance_m, abs=1e-9)
+        assert walked.near.gradient == pytest.approx(mesh.near(place).gradient, abs=1e-6)
+
+
+def test_compiled_or_not_a_walk_is_the_same() -> None:
+    pytest.importorskip("numba")
+    mesh, rng = Mesh(*torus(40, 20)), np.random.default_rng(3)
+    lists = [part.tolist() for part in mesh._parts]
+    for x in rng.uniform((0.0, -0.05, -0.03), (0.13, 0.05, 0.03), (200, 3)):
+        face = int(rng.integers(len(mesh.triangles)))
+        assert mesh._follow(*mesh._parts, face, *x.tolist()) == follow(*lists, face, *x.tolist())
+        normal = mesh.facet(face)
+        assert mesh._principal(mesh._bends, face, *normal) == principal(mesh._bends.tolist(), face, *normal)
+
+
+def test_a_patch_bends_along_the_eigenvectors_across_its_normal() -> None:
+    """As numpy finds them; where it bends alike in all directions, any two across one another will do."""
+    rng = np.random.default_rng(7)
+    for k in range(50):
+        normal, turn = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
+        values = np.array([30.0, 30.0, 30.0]) if k == 0 else rng.normal(size=3) * 40.0
+        bend, out, beside = turn @ np.diag(values) @ turn.T, normal[:, 0], normal[:, 1:]
+        one, *first, other = (found := principal([bend.tolist()], 0, *out.tolist()))[:5]
+        second = found[5:]
+        assert sorted((one, other)) == pytest.approx(np.linalg.eigvalsh(beside.T @ bend @ beside), abs=1e-9)
+        assert np.array([first, second, out]) @ np.array([first, second, out]).T == pytest.approx(np.eye(3), abs=1e-12)
+        for per_m, direction in ((one, np.array(first)), (other, np.array(second))):
+            across = bend @ direction
+            assert across - out * (out @ across) == pytest.approx(per_m * direction, abs=1e-9)
