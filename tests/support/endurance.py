@@ -1,7 +1,8 @@
 """What holds for ten seconds must hold for as long as somebody holds the device: long runs, seen through windows.
 
 ``python -m tests.support.endurance`` prints every figure over the hands 21 to 40, on which nothing was tuned;
-``python -m tests.support.endurance --without PART`` takes a part of the design away; test_endurance.py asserts some.
+``python -m tests.support.endurance --without PART`` takes a part of the design away; test_endurance.py asserts some;
+``--scene torus`` (or any text that hapnet takes) puts something else than the wall in front of the hand.
 The figures are computed here from recordings, by none of hapnet's metrics.
 """
 
@@ -14,6 +15,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -21,6 +24,8 @@ from hapnet.checks import Array
 from hapnet.recording.samples import Columns, Recording
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import Summary
+from tests.support.endurance_scenes import SCENES
+from tests.support.undelayed import undelayed
 
 LINKS = {
     "lan": "lan", "wifi": "wifi", "4g": "4g", "leo": "leo", "intercontinental": "wan-intercontinental",
@@ -78,19 +83,23 @@ def long_run(link: str, hand: str, seconds: float, coupling: str, changes: Mappi
 def figures(recording: Recording, summary: Summary) -> Long:
     """The figures of a recorded run, whichever clock it ran by."""
     device, world = _columns(recording)
-    t, x, force = device["time_s"], device["position_m"][:, 0], device["force_N"][:, 0]
-    proxy = np.interp(t, world["time_s"], world["position_m"][:, 0])
-    free, error = x <= WALL_M, x - proxy
-    drag, drag_p95 = drags(t, x, force)
-    true_force = ideal_force(recording, x)
+    t, x, force = device["time_s"], device["position_m"], device["force_N"]
+    proxy = np.stack([np.interp(t, world["time_s"], one) for one in world["position_m"].T], axis=1)
+    if recording.meta["params"]["scene"] == "wall":
+        true_force, touching, near = ideal_force(recording, x), x[:, 0] > WALL_M, x[:, 0] > WALL_M - 1e-3
+    else:
+        touching, true_force = undelayed(recording)
+        near = touching
+    free, error = ~touching, x - proxy
+    drag, drag_p95 = drags(t, x, force, near)
     share = summary["world"]["modulated_share"], summary["device"]["modulated_share"]
     return Long(
         first_mm=1e3 * _rms(error[free & (t < 10.0)]),
         last_mm=1e3 * _rms(error[free & (t >= t[-1] - 60.0)]),
         drag_N=drag,
         drag_p95_N=drag_p95,
-        force_error=100.0 * _rms(force - true_force) / float(np.abs(true_force).max()),
-        contacts=visits(world["penetration_m"] > 0.0) / max(1, visits(x > WALL_M)),
+        force_error=100.0 * _rms(force - true_force) / float(np.linalg.norm(true_force, axis=1).max()),
+        contacts=visits(world["penetration_m"] > 0.0) / max(1, visits(touching)),
         modulated=100.0 * (share[0] or 0.0),
         modulated_device=100.0 * (share[1] or 0.0),
         margin_J=float(summary["theorem"]["margin_J"] or 0.0),
@@ -142,7 +151,7 @@ def largest_step(link: str, hand: str, stiffness: float, seconds: float, resolut
 
 
 def ideal_force(recording: Recording, x: Array) -> Array:
-    """What the wall would render at once through the springs, as far as the actuator's spring goes (N,) [N]."""
+    """What the wall would render at once through the springs, as far as the actuator's spring goes [N]."""
     params = recording.meta["params"]
     device, K, K_world = params["device"], params["device"]["stiffness"], params["world"]["stiffness"]
     felt = 1.0 / (1.0 / K + K_world / (K * WALL_N_M))  # the device's spring, and the wall's scaled by K/K', in series
@@ -150,21 +159,22 @@ def ideal_force(recording: Recording, x: Array) -> Array:
     return -np.minimum(felt * np.maximum(x - WALL_M, 0.0), limit)
 
 
-def drags(t: Array, x: Array, force: Array) -> tuple[float, float]:
+def drags(t: Array, x: Array, force: Array, near: Array) -> tuple[float, float]:
     """(drag at 67 mm/s by regression, 95th percentile of the resisting force from 50 to 90 mm/s) [N].
 
-    Both from means over a third of a second in which the device stayed at least 1 mm in front of the wall, and in
-    which no contact ended within the 0.3 s before.
+    x, force : (N, n). near : (N,) whether the device is in contact, or less than 1 mm in front of the wall. Both from
+    means over a third of a second in which it was not, nor within the 0.3 s before.
     """
     count = round(1.0 / 3.0 / (t[1] - t[0]))
-    v = (x[count:] - x[:-count]) / (t[count:] - t[:-count])
-    total = np.cumsum(force)
+    v = (x[count:] - x[:-count]) / (t[count:] - t[:-count])[:, None]
+    total = np.cumsum(force, axis=0)
     mean = (total[count:] - total[:-count]) / count
-    near = np.convolve(x > WALL_M - 1e-3, np.ones(2 * count, dtype=int))[: len(x)] > 0
-    free = ~near[count:]
-    moving = free & (np.abs(v) >= SLOW_MPS) & (np.abs(v) <= FAST_MPS)
-    resisting = -mean[moving] * np.sign(v[moving])
-    return -DRAG_MPS * float(mean[free] @ v[free] / (v[free] @ v[free])), float(np.percentile(resisting, 95.0))
+    free = np.convolve(near, np.ones(2 * count, dtype=int))[count : len(x)] == 0
+    squared, power = np.sum(v * v, axis=1), np.sum(mean * v, axis=1)
+    speed = np.sqrt(squared)
+    moving = free & (speed >= SLOW_MPS) & (speed <= FAST_MPS)
+    resisting = -power[moving] / speed[moving]
+    return -DRAG_MPS * float(power[free].sum() / squared[free].sum()), float(np.percentile(resisting, 95.0))
 
 
 def visits(inside: Array) -> int:
@@ -180,7 +190,8 @@ def _columns(recording: Recording) -> tuple[Columns, Columns]:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values * values)))
+    """Of numbers (N,), or of vectors (N, n)."""
+    return float(np.sqrt(np.sum(values * values) / len(values)))
 
 
 def over_hands(
@@ -234,9 +245,13 @@ def main() -> None:
     parser.add_argument("--without", default="nothing", choices=PARTS, help="what to take away")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", choices=("long", "taps", "steps"))
+    parser.add_argument("--scene", help=f"instead of all this, long runs with {', '.join(SCENES)}, or any scene's text")
     given = parser.parse_args()
     changes, hands = PARTS[given.without], HANDS[: given.hands]
-    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
+    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool, TemporaryDirectory() as directory:
+        if given.scene is not None:
+            made = SCENES.get(given.scene, lambda _: {"scene": given.scene, "dof": 3})
+            given.only, changes = "long", made(Path(directory)) | changes
         if given.only in (None, "long"):
             print(HEADING)
             for line in long_lines(given.links, hands, given.seconds, changes, pool):
