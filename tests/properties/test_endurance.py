@@ -10,24 +10,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapnet.checks import Array
 from hapnet.recording.mcap import read_recording
-from hapnet.recording.samples import join
+from hapnet.recording.samples import Recording, join
 from hapnet.simulation.simulation import simulate
 from tests.support.endurance import (
     HANDS,
     LINKS,
     PARTS,
     TAPS,
+    WALL_M,
     Long,
     drags,
     figures,
+    ideal_force,
     largest_step,
     long_run,
     over_hands,
     taps,
     visits,
 )
+from tests.support.endurance_scenes import SCENES
 from tests.support.processes import read_json, started
+from tests.support.undelayed import undelayed
 
 
 def check(run: Long) -> None:
@@ -45,6 +50,37 @@ def test_a_minute_of_a_hand_at_a_wall() -> None:
     check(run)
     assert run.modulated <= 2.0
     assert run.contacts <= 1.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ball", "bracket", "moving"])
+def test_a_minute_of_a_hand_at_other_worlds(name: str, tmp_path: Path) -> None:
+    run = long_run("4g", "hand-22", 60.0, "pspm", SCENES[name](tmp_path))
+    check(run)
+    assert run.modulated <= 2.0
+    assert run.contacts <= 1.4
+
+
+def test_a_world_without_delay_is_the_wall_of_the_equation() -> None:
+    """And a ball, whose springs in series push along its radius."""
+    flat, bent = (
+        simulate({"scene": scene, "dof": dof, "operator": "hand-21", "duration_s": 8.0}, seed=21).recording
+        for scene, dof in (("wall", 1), ("sphere", 3))
+    )
+    found, own = undelayed(flat), ideal_force(flat, position(flat))
+    assert found.force_N == pytest.approx(own, abs=0.01)
+    assert np.mean(found.touching != (own != 0.0)[:, 0]) < 0.002
+    away = position(bent) - np.array((0.05, 0.0, 0.0))
+    distance = np.linalg.norm(away, axis=1, keepdims=True)
+    felt = ideal_force(bent, WALL_M + 0.03 - distance)
+    assert undelayed(bent).force_N == pytest.approx(-felt * away / distance, abs=0.01)
+    assert found.touching.any()
+    assert felt.any()
+
+
+def position(recording: Recording) -> Array:
+    assert recording.device is not None
+    return recording.device["position_m"]
 
 
 def test_a_tap_from_afar_is_felt_whole_in_every_tenth() -> None:
@@ -73,7 +109,7 @@ def test_the_measures_themselves() -> None:
     t = np.arange(0.0, 20.0, 0.005)
     x = -0.1 + 0.07 * np.abs(t * 0.067 / 0.07 % 2.0 - 1.0)
     v = np.gradient(x, t)
-    drag, worst = drags(t, x, -1.0 * v)
+    drag, worst = drags(t, x[:, None], -1.0 * v[:, None], x > WALL_M - 1e-3)
     assert drag == pytest.approx(0.067, rel=2e-3)  # means of a sampled motion, near where it turns
     assert worst == pytest.approx(0.067, rel=2e-3)
     assert visits(np.array([1, 0, 1, 1, 0, 0, 1, 0], dtype=bool)) == 3
@@ -126,6 +162,17 @@ def test_an_hour_in_virtual_time_is_as_its_first_minute() -> None:
     away = np.abs(world["set_position_m"] - world["target_m"])[:, 0] > 1e-9
     begun, ended = (away[part].mean() for part in (world["time_s"] < 60.0, world["time_s"] > 3540.0))
     assert ended <= begun + 0.01
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["ball", "bracket", "moving"])
+def test_ten_minutes_at_other_worlds(name: str, tmp_path: Path) -> None:
+    run = long_run("4g", "hand-21", 600.0, "pspm", SCENES[name](tmp_path))
+    print(f"\n{run}")
+    check(run)
+    assert run.modulated <= 2.0
+    assert run.contacts <= 1.4
+    assert run.last_mm <= 1.1 * run.first_mm
 
 
 @pytest.mark.soak

@@ -42,7 +42,7 @@ def _moving(directory: Path) -> dict[str, object]:
 
 def _drawer(mass: float, damping: float) -> Callable[[Path], dict[str, object]]:
     def made(directory: Path) -> dict[str, object]:
-        """A slab on a spring that the hand pushes in, in MuJoCo; planes are sent of one of 1 kg or more."""
+        """A slab on a spring that the hand pushes in, in MuJoCo; no plane describes it."""
         file = directory / f"drawer-{mass:g}.xml"
         file.write_text(_DRAWER.format(mass=mass, damping=damping))
         return {"scene": f"mujoco:{file}"}

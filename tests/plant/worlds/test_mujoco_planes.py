@@ -99,7 +99,7 @@ def test_the_stiffness_is_that_of_the_engine_at_rest(solref: str, tmp_path: Path
 def test_a_body_that_moves_takes_its_plane_along(tmp_path: Path) -> None:
     body = (
         '<body pos=".05 0 .1" gravcomp="1"><joint type="slide" axis="1 0 0"/>'
-        f'<joint type="hinge" axis="0 0 1" pos="0 .1 0"/><geom type="box" size=".03 .1 .1" mass="5" {SMOOTH}/></body>'
+        f'<joint type="hinge" axis="0 0 1" pos="0 .1 0"/><geom type="box" size=".03 .1 .1" mass="50" {SMOOTH}/></body>'
     )
     world, _ = made(tmp_path, body)
     data: Any = found_of(world).data
