@@ -29,7 +29,7 @@ def world_step_mesh(options: Options) -> Row:
 
     fast_ratio : at 100 mm/s. free_ratio : 5 mm in front of it. told_ratio : with the planes for the device.
     """
-    what = f"world step of 1 ms, {2 * _AROUND * _ACROSS} triangles in contact (fast: 100 mm/s, free: 5 mm away, told: with planes)"
+    what = f"world step of 1 ms, {2 * _AROUND * _ACROSS} triangles (fast: 100 mm/s, free: 5 mm away, told: with planes)"
     against = "libigl's nearest point, one call"
     try:
         mesh = Mesh(*torus())
@@ -57,7 +57,7 @@ def _mean(times: Distribution) -> float:
 
 
 class LedMass:
-    """A virtual mass in front of a mesh that follows `goals` [m], a closed path. tells : its planes too, in each step?"""
+    """A virtual mass in front of a mesh that follows `goals` [m], a closed path. tells : its planes too?"""
 
     def __init__(self, mesh: Mesh, goals: Sequence[Vector], *, tells: bool = False) -> None:
         self._tells = tells
