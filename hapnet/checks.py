@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from operator import mul
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +35,12 @@ MOST_CURVATURE_PER_M = 1e4
 
 MOST_FRICTION = 10.0
 """The largest Coulomb coefficient that is sent of a plane; that of dry rubber is some 1."""
+
+MOST_VISCOSITY, MOST_SNAP_N, MOST_SNAP_M, MOST_HEIGHT_M, MOST_WAVES_PER_M = 1e3, 100.0, 0.1, 0.1, 1e5
+"""Of a surface's effects."""
+
+GRAIN_FULL, MOST_GRAIN = 127, 256
+"""A grain's highest sample as a byte; the most samples of one."""
 
 UNIT_TOLERANCE = 1e-6
 """By how much the square of a normal's length may differ from 1, and by how much a direction may lean to another."""
@@ -140,3 +147,25 @@ def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal
             return f"a curvature of {per_m} per m; allowed: finite, within +-{MOST_CURVATURE_PER_M:g}"
         directions.append(tuple(direction))
     return None
+
+
+def wrong_effects(effects: Sequence[Any], dof: int) -> str:
+    """What makes these numbers, a viscosity, a sticking, a snap's force and reach, and a grain (None: there is none),
+    not those of a surface's effects with `dof` axes; empty: nothing.
+    """
+    *numbers, grain = effects
+    most = (MOST_VISCOSITY, MOST_FRICTION, MOST_SNAP_N, MOST_SNAP_M)
+    names = ("viscosity", "sticking", "snap's force", "snap's reach")
+    for name, number, limit in zip(names, numbers, most, strict=True):
+        if not 0.0 <= number <= limit:  # false for NaN as well
+            return f"a {name} of {number}; allowed: 0 to {limit:g}"
+    if grain is None:
+        return ""
+    wave, height, shape = grain
+    if len(wave) != dof or not all(abs(part) <= MOST_WAVES_PER_M for part in wave):
+        return f"a grain's wave {wave}; allowed: {dof} numbers within +-{MOST_WAVES_PER_M:g} 1/m"
+    if not 0.0 <= height <= MOST_HEIGHT_M:
+        return f"a grain's height of {height} m; allowed: 0 to {MOST_HEIGHT_M:g}"
+    if not 2 <= len(shape) <= MOST_GRAIN:
+        return f"a grain of {len(shape)} samples; allowed: 2 to {MOST_GRAIN}"
+    return ""

@@ -64,6 +64,7 @@ class ContactState(Record):
     earlier, earlier_s : the proxy's position in the answer before [m], and when it was sent [s]; `has_earlier`.
     start : where y begins [m], at the first step after a reset (`starts`).
     bends : does any of the planes? seen : the planes as tangent planes. rubbing : the proxy where any of them rubs.
+    acts : has any of the surfaces effects?
     is_isotropic : are the springs alike in all directions?
     made_x, made_s, made_fading, made_before, made_y : of the last step: x, s, fading, y without and with damping [m].
     s, touches : where the proxy rests [m], and whether it touches anything. forces : of the planes there [N].
@@ -83,6 +84,7 @@ class ContactState(Record):
     planes: Annotated[Sequence[ContactPlane], (PLANES,)]
     seen: Annotated[Sequence[ContactPlane], (PLANES,)]
     bends: int
+    acts: int
     rubbing: RubbingProxy
     is_isotropic: int
     shifted: OfAxes
@@ -323,7 +325,7 @@ def rest(model: ContactState, planes: Sequence[ContactPlane], count: int, n: int
     model.touches = 0
     if count == 1:  # mostly
         one = planes[0]
-        deep = _depth_now(model, one, n, x)
+        deep = depth_now(model, one, n, x)
         if deep > 0.0:
             force = deep / one.softness
             for i in range(n):
@@ -338,7 +340,7 @@ def rest(model: ContactState, planes: Sequence[ContactPlane], count: int, n: int
         moved = False
         for k in range(count):
             one = planes[k]
-            deep = _depth_now(model, one, n, s)
+            deep = depth_now(model, one, n, s)
             force = max(0.0, forces[k] + (deep - forces[k] / one.stiffness) / one.softness)
             if force != forces[k]:
                 change = force - forces[k]
@@ -354,7 +356,7 @@ def rest(model: ContactState, planes: Sequence[ContactPlane], count: int, n: int
 
 
 @equation
-def _depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> float:
+def depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> float:
     """How deep `place` is behind a plane as it is now [m]."""
     along = 0.0
     for i in range(n):

@@ -34,6 +34,7 @@ from collections.abc import Sequence
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
+from hapnet.control.contact_effects import act, lift
 from hapnet.control.contact_equations import Answer, ContactState, fade, step
 from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
@@ -129,6 +130,7 @@ class ContactModel(ContactState):
         self.planes = list(planes or ())
         self.count = len(self.planes)
         self.bends = int(any(one.bends.count for one in self.planes))
+        self.acts = int(any(one.effects is not None for one in self.planes))
 
     @property
     def shift(self) -> Vector:
@@ -138,7 +140,7 @@ class ContactModel(ContactState):
     @property
     def goes_on(self) -> bool:
         """Is the next step one of its record alone: has nothing come, and are all planes flat and smooth?"""
-        return not self.answer.pending and self._reports and not self.bends and not self.rubbing.rubs
+        return not self.answer.pending and self._reports and not (self.bends or self.acts or self.rubbing.rubs)
 
     def went_on(self, dt: float, x: Vector) -> None:
         """Such a step was made, on the record."""
@@ -187,6 +189,8 @@ class ContactModel(ContactState):
         """Find y."""
         if self._reports:
             respond_among_surfaces(self, n, dt, x, y)
+            if self.acts:
+                act(self, n, x, y)
             return
         self.rubbing.place[:] = x
         lead = tuple([part / self._untold_share for part in self.leading])
@@ -201,6 +205,8 @@ class ContactModel(ContactState):
     def look(self, n: int, x: Vector) -> None:
         """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
         if self._reports:
+            if self.acts:
+                lift(self, x)
             look_at_surfaces(self, n, x)
         else:
             self.s[:] = self._softened(x, self._self_motion.at(x))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from hapnet.checks import Vector
 from hapnet.mechanics.curvature import FLAT, Bends, copy_bends, see_tangent
+from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, OfAxes, Reals, Record
@@ -25,6 +26,8 @@ class ContactPlane(Record):
     ----------
     response : K'^-1 n [m/N]. softness : depth of the device per force, through the wall's spring and the virtual
         coupling [m/N]. bends : how the surface bends; foot : the place for which that holds, on it [m].
+    sticking : mu up to which it sticks; the friction, if that is larger. raised : by how much its grain lifts it [m].
+    effects : of the surface (Python's only).
     """
 
     normal: OfAxes
@@ -34,6 +37,8 @@ class ContactPlane(Record):
     response: OfAxes
     softness: float
     friction: float
+    sticking: float
+    raised: float
     bends: Bends
     foot: OfAxes
 
@@ -42,6 +47,8 @@ class ContactPlane(Record):
         self.stiffness, self.velocity = plane.stiffness, plane.velocity_mps
         self.response = [0.0] * len(self.normal)
         self.friction, self.bends, self.foot = plane.friction, FLAT, [0.0] * len(self.normal)
+        self.effects = effects = Effects.of(plane.effects)
+        self.sticking, self.raised = max(plane.friction, effects.sticking if effects else 0.0), 0.0
         if plane.curvatures:
             self.bends = Bends(plane.curvatures)
             stand_on(self, len(self.normal), position)
@@ -86,7 +93,8 @@ def see_from(one: ContactPlane, n: int, compliance: FloatRows, place: Reals, age
         seen.foot[i] = one.foot[i] + moved * one.normal[i]
     deep = see_tangent(n, one.normal, seen.foot, one.bends, place, seen.normal)
     seen.offset = dot(n, seen.normal, place) - deep
-    seen.stiffness, seen.velocity, seen.friction = one.stiffness, 0.0, one.friction
+    seen.stiffness, seen.velocity, seen.raised = one.stiffness, 0.0, 0.0
+    seen.friction, seen.sticking = one.friction, one.sticking
     understand(seen, n, compliance)
 
 
@@ -96,7 +104,8 @@ def copy_flat(source: ContactPlane, n: int, target: ContactPlane) -> None:
     copy(n, source.normal, target.normal)
     copy(n, source.response, target.response)
     target.offset, target.stiffness = source.offset, source.stiffness
-    target.velocity, target.softness, target.friction = source.velocity, source.softness, source.friction
+    target.velocity, target.softness = source.velocity, source.softness
+    target.friction, target.sticking, target.raised = source.friction, source.sticking, source.raised
 
 
 @equation
@@ -117,8 +126,8 @@ def depth(one: ContactPlane, n: int, position: Reals) -> float:
 def now(one: ContactPlane, age: float) -> float:
     """`ContactPlane.now`."""
     if one.velocity == 0.0:
-        return one.offset
-    return one.offset + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
+        return one.offset - one.raised
+    return one.offset - one.raised + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
 
 
 @equation

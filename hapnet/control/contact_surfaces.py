@@ -80,7 +80,7 @@ def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: 
     copy(n, rubbing.place, before)
     look(model, n, x)
     copy(n, model.s, rubbing.place)
-    if rubbing.rubs and not model.answer.pending:
+    if rubbing.rubs and not model.acts and not model.answer.pending:
         for i in range(n):
             before[i] = model.s[i] - before[i] - (x[i] - model.made_x[i])
         if length(n, before) > SLIP_M:  # it has slipped off something round

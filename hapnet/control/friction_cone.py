@@ -6,6 +6,7 @@ Beside the push f_i along its normal each plane holds the proxy with a traction 
 
 t_i keeps s from moving across the normal, away from where it rested before; beyond the cone it is mu_i f_i in that
 direction (Coulomb's law, a god-object with a friction cone: Harwin, Melder 2002). The place before is the whole state.
+A surface that sticks has a second, wider cone: beyond it the proxy slips at once, until mu_i f_i holds it again.
 In free motion it is the device's own, so contact begins without strain, and a proxy that sticks does not drift.
 
 The world's proxy sticks and slides by the same law, but later, and where the hand was predicted to be. So the two may
@@ -105,7 +106,7 @@ def report(
         copy(n, proxy.tractions[k], proxy.before_tractions[k])
     for i in range(count):
         one = planes[i]
-        if one.friction != 0.0:
+        if one.sticking != 0.0:
             proxy.rubs = 1
         proxy.forces[i] = 0.0
         for j in range(n):
@@ -124,15 +125,16 @@ def agree(proxy: RubbingProxy, n: int, dt: float) -> None:
     """If the world's proxy was far away along the surfaces, come nearer to it for `dt` seconds."""
     if not (proxy.has_worlds and proxy.rubs):
         return
-    away = proxy.away
+    away, apart = proxy.away, AGREE_M
     for i in range(n):
         away[i] = proxy.worlds[i] - proxy.place[i]
     for k in range(proxy.count):
         if proxy.forces[k] != 0.0:
             _take_across(n, away, proxy.normals[k])
+            apart += (proxy.seen[k].sticking - proxy.seen[k].friction) * proxy.forces[k] * proxy.give
     far = length(n, away)
-    if far > AGREE_M:
-        share = dt / (AGREE_S + dt) * (1.0 - AGREE_M / far)
+    if far > apart:
+        share = dt / (AGREE_S + dt) * (1.0 - apart / far)
         for i in range(n):
             proxy.place[i] = proxy.place[i] + share * away[i]
 
@@ -181,13 +183,14 @@ def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s:
                 for i in range(n):
                     s[i] = s[i] + (known - force) * one.response[i]
                 most = max(most, abs(force - known))
-            if one.friction != 0.0 and (force != 0.0 or known != 0.0):
+            if one.sticking != 0.0 and (force != 0.0 or known != 0.0):
                 for i in range(n):
                     wanted[i] = held[i] + (s[i] - proxy.place[i]) / proxy.give
                 _take_across(n, wanted, one.normal)
                 size, limit = length(n, wanted), one.friction * force
+                slips = size > one.sticking * force
                 for i in range(n):
-                    if size > limit:
+                    if slips:
                         wanted[i] = limit / size * wanted[i]
                     proxy.away[i] = wanted[i] - held[i]
                     held[i] = wanted[i]

@@ -9,9 +9,10 @@ from itertools import islice
 from operator import sub
 from typing import Any, NamedTuple
 
-from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, Vector, wrong_curvatures
+from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, Vector, wrong_curvatures, wrong_effects
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
+from hapnet.mechanics.effects import Effects, Grain
 from hapnet.records.vectors import added, inner
 
 FOLDED = 0.9
@@ -26,7 +27,7 @@ class Plane(NamedTuple):
     velocity_mps : of the plane along its normal [m/s]; 0: it stands still.
     curvatures : how the surface bends that the plane touches. It touches at the point that is nearest to the place for
         which the plane is sent. Empty: it is flat, or not known.
-    friction : Coulomb's mu at that point, 0 to 10.
+    friction : Coulomb's mu at that point, 0 to 10. effects : of the surface at the device's rate; None: it has none.
     """
 
     normal: Vector
@@ -36,6 +37,7 @@ class Plane(NamedTuple):
     velocity_mps: float = 0.0
     curvatures: Curvatures = ()
     friction: float = 0.0
+    effects: Effects | None = None
 
     @classmethod
     def of_ball(
@@ -60,15 +62,24 @@ class Plane(NamedTuple):
         planes: Sequence[Sequence[Any]] | None,
         bends: Sequence[Sequence[Any]] | None = None,
         friction: Sequence[float] | None = None,
+        effects: Sequence[Sequence[Any] | None] | None = None,
     ) -> tuple[Plane, ...] | None:
-        """Planes from what a message has: their first five fields, and for each its curvatures and its friction.
+        """Planes from what a message has: their first five fields, and for each curvatures, friction and effects.
 
         None: it has none of these.
         """
-        if planes is None or (bends is None and friction is None):
+        if planes is None or (bends is None and friction is None and effects is None):
             return None if planes is None else tuple([cls(*plane) for plane in planes])
-        each = zip(planes, bends or ((),) * len(planes), friction or (0.0,) * len(planes), strict=True)
-        return tuple([cls(*(*plane, tuple([Curvature(*bend) for bend in bent]), mu)) for plane, bent, mu in each])
+        count = len(planes)
+        each = zip(
+            planes, bends or ((),) * count, friction or (0.0,) * count, effects or (None,) * count, strict=True
+        )  # fmt: skip
+        return tuple(
+            [
+                cls(*(*plane, tuple([Curvature(*bend) for bend in bent]), mu, Effects.of(told)))
+                for plane, bent, mu, told in each
+            ]
+        )
 
     def depth(self, position: Sequence[float]) -> float:
         """How deep `position` (n,) is behind the flat plane [m]."""
@@ -118,4 +129,19 @@ def _checked(plane: Plane, dof: int) -> Plane:
         raise InvalidParameter("a plane's curvatures", plane.curvatures, "a direction and a number each") from None
     if wrong := wrong_curvatures(bends, normal):
         raise InvalidParameter("a plane's curvatures", bends, f"those of a surface ({wrong})")
-    return Plane(normal, offset, stiffness, damping, velocity, bends, friction)
+    return Plane(normal, offset, stiffness, damping, velocity, bends, friction, _effects(plane.effects, dof))
+
+
+def _effects(told: Sequence[Any] | None, dof: int) -> Effects | None:
+    if told is None:
+        return None
+    try:
+        viscosity, sticking, snap_N, snap_m, grain = told
+        plain = None if grain is None else Grain(tuple(map(float, grain[0])), float(grain[1]), bytes(grain[2]))
+        made = Effects(float(viscosity), float(sticking), float(snap_N), float(snap_m), plain)
+        wrong = wrong_effects(made, dof)
+    except (TypeError, ValueError, IndexError):
+        raise InvalidParameter("a plane's effects", told, "an Effects") from None
+    if wrong:
+        raise InvalidParameter("a plane's effects", told, f"those of a surface ({wrong})")
+    return made

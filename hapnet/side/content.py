@@ -8,7 +8,7 @@ from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
 from hapnet.mechanics.plane import Plane
 from hapnet.records.equation import equation
 from hapnet.wire import messages
-from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
+from hapnet.wire.fields import CURVATURES, EFFECTS, FRICTION, INTEGRAL, LEVEL, REACH
 
 NANO = 1e-9
 
@@ -43,6 +43,6 @@ def sample_of(message: messages.Motion | messages.Port | messages.Wave | message
             return Wave(message.wave, message.span_ns * NANO, total, total_ns * NANO)
         case messages.Proxy():
             more = message.more or {}
-            planes = Plane.all_of(message.planes, more.get(CURVATURES), more.get(FRICTION))
+            planes = Plane.all_of(message.planes, more.get(CURVATURES), more.get(FRICTION), more.get(EFFECTS))
             aimed_s, reach_m, level = message.aimed_ns * NANO, more.get(REACH), more.get(LEVEL)
             return Proxy(message.position, aimed_s, message.force, planes, reach_m, level)

@@ -10,7 +10,7 @@ from math import isfinite, sqrt
 from typing import Annotated, Any, Literal, get_type_hints
 
 from hapnet.checks import MAX_DOF as MAX_DOF
-from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures
+from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures, wrong_effects
 from hapnet.checks import Scalar as Scalar
 from hapnet.checks import Signal as Signal
 from hapnet.errors import BadMessage
@@ -31,6 +31,9 @@ INTEGRAL = "integral"
 
 CURVATURES = "curvatures"
 """The further entry of a proxy: how the surfaces bend that its planes touch."""
+
+EFFECTS = "effects"
+"""The further entry of a proxy: what the surface of each of its planes does at the device's rate; nil: nothing."""
 
 FRICTION = "friction"
 """The further entry of a proxy: Coulomb's mu of each of its planes."""
@@ -236,6 +239,30 @@ def friction(value: object, planes: Planes) -> None:
         raise BadMessage("range", f"a friction that is not within 0 to {MOST_FRICTION:g}")
 
 
+def effects(value: object, planes: Planes) -> None:
+    """Of planes: for each nil, or four floats and a grain: nil, or floats, a float and a byte string."""
+    if type(value) is not tuple or planes is None or len(value) != len(planes):
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array with the effects of each plane's surface")
+    for (normal, *_), one in zip(planes, value, strict=True):
+        if one is None:
+            continue
+        if not _are_effects(one):
+            raise BadMessage("type", "a surface's effects are not four floats and a grain, or nil")
+        if wrong := wrong_effects(one, len(normal)):
+            raise BadMessage("range", wrong)
+
+
+def _are_effects(one: object) -> bool:
+    if type(one) is not tuple or len(one) != 5 or not all(type(number) is float for number in one[:4]):
+        return False
+    match one[4]:
+        case None:
+            return True
+        case (tuple(wave), float(), bytes()):
+            return all(type(part) is float for part in wave)
+    return False
+
+
 def level(value: object) -> None:
     """A float from 0 to 1."""
     if type(value) is not float:
@@ -319,3 +346,5 @@ def surroundings(position: Any, force: Any, planes: Any, more: dict[str, Any]) -
         unfolded(more[CURVATURES], planes, position)
     if FRICTION in more:
         friction(more[FRICTION], planes)
+    if EFFECTS in more:
+        effects(more[EFFECTS], planes)

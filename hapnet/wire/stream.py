@@ -7,7 +7,7 @@ from typing import Any
 
 import msgpack
 
-from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
+from hapnet.wire.fields import CURVATURES, EFFECTS, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.integral import Integral, integrate
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, level_of, start_of
@@ -77,14 +77,16 @@ class PositionStream:
     ) -> bytes:
         """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it.
 
-        A plane's sixth and seventh elements, if it has them, are its curvatures and its friction. reach_m : within it
-        there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not sent.
+        A plane's sixth to eighth elements, if it has them, are its curvatures, friction and effects. reach_m : within
+        it there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not sent.
         """
         reported = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
         values = (_floats(position), aimed_ns, _floats(force), reported)
         bends = tuple([tuple([(_floats(e), float(k)) for e, k in _after(plane, 5, ())]) for plane in planes or ()])
         friction = tuple([float(_after(plane, 6, 0.0)) for plane in planes or ()])
-        more: dict[str, Any] = {name: each for name, each in ((CURVATURES, bends), (FRICTION, friction)) if any(each)}
+        effects = tuple([_after(plane, 7, None) for plane in planes or ()])
+        about = ((CURVATURES, bends), (FRICTION, friction), (EFFECTS, effects))
+        more: dict[str, Any] = {name: each for name, each in about if any(each)}
         more.update({name: each for name, each in ((REACH, reach_m), (LEVEL, level)) if each is not None})
         if not more:
             return self._next(self._starts[Proxy.KIND], now_ns, values)

@@ -90,6 +90,8 @@ def allowed(data: bytes) -> list[Any] | None:
         return None
     if kind == PROXY and "friction" in more and not _friction(more["friction"], frame[8]):
         return None
+    if kind == PROXY and "effects" in more and not _effects(more["effects"], frame[8], len(frame[5])):
+        return None
     return frame
 
 
@@ -197,6 +199,26 @@ def _friction(value: object, planes: Any) -> bool:
     if planes is None or not (isinstance(value, list) and len(value) == len(planes)):
         return False
     return all(isinstance(mu, float) and 0.0 <= mu <= 10.0 for mu in value)
+
+
+def _effects(value: object, planes: Any, dof: int) -> bool:
+    if planes is None or not (isinstance(value, list) and len(value) == len(planes)):
+        return False
+    return all(one is None or _effect(one, dof) for one in value)
+
+
+def _effect(one: object, dof: int) -> bool:
+    match one:
+        case [float(drag), float(stick), float(snap), float(reach), grain]:
+            if not (0.0 <= drag <= 1e3 and 0.0 <= stick <= 10.0 and 0.0 <= snap <= 100.0 and 0.0 <= reach <= 0.1):
+                return False
+            match grain:
+                case None:
+                    return True
+                case [list(wave), float(height), bytes(shape)]:
+                    good = all(isinstance(part, float) and abs(part) <= 1e5 for part in wave)
+                    return good and len(wave) == dof and 0.0 <= height <= 0.1 and 2 <= len(shape) <= 256
+    return False
 
 
 def _further(value: object) -> bool:

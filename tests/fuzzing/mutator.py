@@ -21,20 +21,8 @@ MOST_RECORDED = 64
 NAN = float("nan")
 ODD_NUMBERS = (0, 1, -1, 2, 64, 65, 2**31, 2**32, 2**53 - 1, 2**53 + 1, 2**63 - 1, 2**63, 2**64 - 1, -(2**63))
 ODD_FLOATS = (
-    0.0,
-    -0.0,
-    5e-324,
-    -5e-324,
-    2.2e-308,
-    1e-160,
-    1e6,
-    -1e6,
-    1000000.0000000001,
-    1e308,
-    NAN,
-    math.inf,
-    -math.inf,
-)
+    0.0, -0.0, 5e-324, -5e-324, 2.2e-308, 1e-160, 1e6, -1e6, 1000000.0000000001, 1e308, NAN, math.inf, -math.inf,
+)  # fmt: skip
 ODD_TEXTS = ("", "device", "world", "x" * 256, "x" * 257, "line\nend", "\x00", "\u202e", "coupling", "\U0001f9ff" * 64)
 ODD_VALUES: tuple[object, ...] = (
     *ODD_NUMBERS, *ODD_FLOATS, *ODD_TEXTS, None, True, False, b"", b"bytes" * 9, [], [[]], {}, {"a": {}}, {1: 2},
@@ -240,10 +228,23 @@ class Mutator:
         return [{**further, "level": level, **reach}]
 
     def _of_planes(self, planes: object) -> list[object]:
-        """The contact planes' curvatures, their friction, or both."""
+        """The contact planes' curvatures, their friction, or both; at times effects of their surfaces."""
         which = self.rng.random()
         curvatures = {"curvatures": self._curvatures(planes)} if which < 0.7 else {}
-        return [curvatures | ({"friction": self._friction(planes)} if which > 0.4 else {})]
+        effects = {"effects": self._effects(planes)} if 0.3 < which < 0.5 else {}
+        return [curvatures | ({"friction": self._friction(planes)} if which > 0.4 else {}) | effects]
+
+    def _effects(self, planes: object) -> object:
+        r, odd = self.rng.random, self.rng.choice
+        found: list[object] = []
+        for plane in planes if isinstance(planes, list) else []:
+            dof = len(plane[0]) if isinstance(plane, list) and plane and isinstance(plane[0], list) else 1
+            numbers = [odd(ODD_FLOATS) if r() < 0.02 else most * r() ** 4 for most in (1e3, 10.0, 100.0, 0.1)]
+            wave = [1e5 * (2.0 * r() - 1.0) for _ in range(dof if r() < 0.98 else 1)]
+            shape = self.rng.randbytes(self.rng.choice((2, 16, 256) if r() < 0.98 else (0, 1, 257)))
+            grain = [wave, 0.1 * r() ** 4, shape] if r() < 0.7 else None if r() < 0.9 else self._odd()
+            found.append([*numbers, grain] if r() < 0.8 else None if r() < 0.9 else self._odd())
+        return found if r() < 0.95 else self._odd()
 
     def _friction(self, planes: object) -> object:
         r = self.rng.random

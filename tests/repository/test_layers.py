@@ -68,6 +68,7 @@ READS_FILES = {
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
     "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",
+    "hapnet/plant/worlds/grain_file.py": "a recorded grain is a file",
     "hapnet/plant/worlds/volume_file.py": "a scene's voxels are a file",
     "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
     "hapnet/records/machine_code.py": "compiled code is kept in a directory",

@@ -80,7 +80,8 @@ def run(
     hand.speed_mps, hand.aside_m = speed_mps, aside_m
     params = Params().set({
         "device.stiffness": K,
-        "scene": scene, "dof": dof, "operator": f"{__name__}:Rub", "link.up": LINKS[link], "link.down": LINKS[link],
+        "scene": scene, "dof": dof, "operator": f"{__name__}:Rub",
+        "link.up": LINKS.get(link, link), "link.down": LINKS.get(link, link),
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,
     })  # fmt: skip

@@ -50,6 +50,7 @@ GOLDEN: dict[str, Message] = {
     "proxy": PROXY,
     "curvatures": PROXY._replace(more={"curvatures": ((((0.0, 1.0), 25.0),),)}),
     "friction": PROXY._replace(more={"friction": (0.5,)}),
+    "effects": PROXY._replace(more={"effects": ((2.0, 0.5, 1.0, 0.005, ((0.0, 500.0), 0.0002, b"\0\x7f\0\x81")),)}),
     "signals": Signals(A, B, 3, {"buttons": (True, False), "grip": 0.25, "tool": "pen"}),
     "account": Account(A, B, 4, 2, True, True, {"ledger.margin_J": 0.125, "sent_nJ": 1_500_000}),
     "encrypted": Encrypted(
@@ -118,6 +119,9 @@ def test_golden_frames_are_what_the_msgpack_specification_says() -> None:
     assert (b"\x9c" + proxy[1:] + f64(-1.5, 0.0) + plane + none + bends).hex() == FRAMES["curvatures"]
     rubs = b"\x81\xa8friction\x91" + f64(0.5)[1:]
     assert (b"\x9c" + proxy[1:] + f64(-1.5, 0.0) + plane + none + rubs).hex() == FRAMES["friction"]
+    grain = b"\x93" + f64(0.0, 500.0) + f64(2e-4)[1:] + b"\xc4\x04\0\x7f\0\x81"
+    acts = b"\x81\xa7effects\x91\x95" + f64(2.0, 0.5, 1.0, 0.005)[1:] + grain
+    assert (b"\x9c" + proxy[1:] + f64(-1.5, 0.0) + plane + none + acts).hex() == FRAMES["effects"]
 
 
 def test_integers_may_be_as_short_as_msgpack_makes_them() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from hapnet.checks import Array, Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import load
+from hapnet.plant.worlds.effects_words import EFFECTS_WORDS, effects_of
 from hapnet.plant.worlds.field import DistanceFunction, VoxelGrid
 from hapnet.plant.worlds.friction import Friction, FrictionTexture
 from hapnet.plant.worlds.mesh import Mesh
@@ -25,6 +26,7 @@ from hapnet.plant.worlds.mesh_file import read_heights, read_mesh, require_file
 from hapnet.plant.worlds.mesh_parts import joined
 from hapnet.plant.worlds.mesh_surface import SHARP_DEG, Triangles
 from hapnet.plant.worlds.picture import Part
+from hapnet.plant.worlds.properties import UNITS, Properties, kind_of, value_of
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
@@ -36,8 +38,6 @@ from hapnet.records.vectors import added
 
 _FRONT_M = 0.02
 _SIZE_M = 0.06
-_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)", re.IGNORECASE | re.ASCII)
 
 
 class RigidScene(WorldDefaults):
@@ -130,7 +130,7 @@ def builder(text: str) -> Callable[..., RigidScene] | None:
 
 def describes(text: str) -> bool:
     """Does the text describe a rigid scene?"""
-    return _kind(_parts(text)[0])[0] in KINDS
+    return kind_of(_parts(text)[0])[0] in KINDS
 
 
 def parts_of_words(scene: object) -> tuple[Part, ...]:
@@ -140,57 +140,6 @@ def parts_of_words(scene: object) -> tuple[Part, ...]:
         return () if build is None else build().picture().parts
     except HapnetError:
         return ()
-
-
-class Properties:
-    """The properties of one solid, each taken once."""
-
-    def __init__(self, spec: str, text: str) -> None:
-        self.words = spec
-        self.notes: list[str] = []
-        """What is to be said of it."""
-        self._left: dict[str, str] = {}
-        for entry in filter(None, text.split("&")):
-            key, equals, value = entry.partition("=")
-            if not equals or key in self._left:
-                raise self.error(entry, "KEY=VALUE, each once")
-            self._left[key.strip()] = value.strip()
-
-    def error(self, value: object, allowed: str) -> InvalidParameter:
-        return InvalidParameter(f"scene {self.words}", value, allowed)
-
-    def text(self, key: str) -> str | None:
-        return self._left.pop(key, None)
-
-    def give_back(self, key: str, text: str) -> None:
-        self._left[key] = text
-
-    def numbers(self, key: str, default: Sequence[float], units: Mapping[str, float] | None = None) -> Vector:
-        """As many numbers as `default` has; [m] with units."""
-        if (text := self.text(key)) is None:
-            return tuple(default)
-        parts = text.split(",")
-        values = [_value(part.strip(), units) for part in parts]
-        if len(parts) != len(default) or None in values:
-            what = "a length with its unit, such as 20mm" if units else "a number"
-            many = "" if len(default) == 1 else f"{len(default)} with commas, each "
-            raise self.error(f"{key}={text}", f"{key}: {many}{what}")
-        return tuple([value for value in values if value is not None])
-
-    def lengths(self, key: str, default: Sequence[float]) -> Vector:
-        return self.numbers(key, default, _UNITS)
-
-    def length(self, key: str, default: float) -> float:
-        return self.lengths(key, (default,))[0]
-
-    def number(self, key: str, default: float) -> float:
-        return self.numbers(key, (default,))[0]
-
-    def finish(self) -> None:
-        if self._left:
-            words = KINDS[_kind(self.words)[0]].words
-            name, known = next(iter(self._left)), re.findall(r"(\w+)=", words)
-            raise InvalidParameter(f"scene {self.words}: property", name, f"one of this solid: {words}", known)
 
 
 class Kind:
@@ -203,13 +152,13 @@ class Kind:
 
 _MATERIAL = (
     "stiffness=N/m, damping=Ns/m, friction=0.5, texture=SHARE,WAVELENGTH, relief=HEIGHT,WAVELENGTH, "
-    "layers=DEPTH,N/m (several with commas)"
+    f"layers=DEPTH,N/m (several with commas), {EFFECTS_WORDS}"
 )
 
 
 def _solids(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[str]]:
     """The solid and one for each layer below its surface, and what is to be said of it."""
-    name, file, text = _kind(spec)
+    name, file, text = kind_of(spec)
     if name not in KINDS:
         raise InvalidParameter(f"scene {spec}", name, f"one of {', '.join(KINDS)}", KINDS)
     properties = Properties(spec, text)
@@ -223,9 +172,9 @@ def _solids(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[st
             shape = Textured(shape, *relief)
         material = {key: properties.number(key, value) for key, value in given.items()}
         friction = _friction(properties)
-        layers = _layers(properties)
-        properties.finish()
-        outer = Solid(shape, friction=friction, **material)
+        layers, effects = _layers(properties), effects_of(properties)
+        properties.finish(KINDS[name].words)
+        outer = Solid(shape, friction=friction, effects=effects, **material)
         inner = [Solid(Offset(shape, depth), k, outer.damping, friction) for depth, k in layers]
         return [outer, *inner], properties.notes
     except InvalidParameter as error:
@@ -238,7 +187,7 @@ def _layers(properties: Properties) -> list[tuple[float, float]]:
     """How deep each layer begins [m], and its stiffness [N/m]."""
     text = properties.text("layers")
     parts = [] if text is None else [part.strip() for part in text.split(",")]
-    found = [(_value(deep, _UNITS), _value(k, None)) for deep, k in zip(parts[::2], parts[1::2], strict=False)]
+    found = [(value_of(deep, UNITS), value_of(k, None)) for deep, k in zip(parts[::2], parts[1::2], strict=False)]
     layers = [(deep, k) for deep, k in found if deep is not None and k is not None and deep > 0.0 < k]
     if len(layers) != len(found) or len(parts) % 2:
         raise properties.error(
@@ -253,32 +202,15 @@ def _friction(properties: Properties) -> float | Friction:
     if text is None:
         return mu
     share, comma, wavelength = text.partition(",")
-    number, length = _value(share.strip(), None), _value(wavelength.strip(), _UNITS)
+    number, length = value_of(share.strip(), None), value_of(wavelength.strip(), UNITS)
     if number is None or length is None or not comma or not mu:
         allowed = "a share of the friction and a length with its unit, such as friction=0.5&texture=0.8,4mm"
         raise properties.error(f"texture={text}", allowed)
     return FrictionTexture(mu, number, length)
 
 
-def _value(text: str, units: Mapping[str, float] | None) -> float | None:
-    match = _NUMBER.fullmatch(text)
-    if match is None:
-        return None
-    if not units or not float(match[1]):  # no unit is needed for 0
-        return None if match[2] and match[2].lower() not in (units or ()) else float(match[1])
-    scale = units.get(match[2].lower())
-    return None if scale is None else float(match[1]) * scale
-
-
 def _parts(text: str) -> list[str]:
     return re.split(r"\s+\+\s+", text.strip())
-
-
-def _kind(spec: str) -> tuple[str, str, str]:
-    """Kind, file and properties."""
-    head, _, text = spec.partition("?")
-    name, _, file = head.strip().partition(":")
-    return name, file, text
 
 
 def _middle(properties: Properties, depth: float) -> Vector:
@@ -344,11 +276,11 @@ def _sdf(properties: Properties, file: str) -> Shape:
             raise properties.error(file, _FUNCTION)
         return DistanceFunction(function, file, properties.lengths("at", (0.0, 0.0, 0.0)))
     plain = file.lower().endswith(NUMPY)
-    unit = _unit(properties, file) if plain else _UNITS.get(properties.text("unit") or "mm", 0.0)
+    unit = _unit(properties, file) if plain else UNITS.get(properties.text("unit") or "mm", 0.0)
     if not unit:
-        raise properties.error("unit", f"one of {', '.join(_UNITS)}")
+        raise properties.error("unit", f"one of {', '.join(UNITS)}")
     spacing, iso = properties.lengths("spacing", (0.0,))[0] or None, properties.text("iso")
-    level = None if iso is None else _value(iso, None)
+    level = None if iso is None else value_of(iso, None)
     if (iso is None and not plain) or (iso is not None and level is None):
         raise properties.error(iso or file, "iso= and a number: what is as high or higher is inside, such as iso=300")
     distances, steps = read_volume(file, unit, spacing, level)
@@ -362,11 +294,11 @@ def _sdf(properties: Properties, file: str) -> Shape:
 def _unit(properties: Properties, file: str) -> float:
     """The unit of a file [m]: files do not say theirs."""
     text = properties.text("unit")
-    if text is None or text not in _UNITS:
+    if text is None or text not in UNITS:
         require_file(file)  # else its unit is not what is wrong
         given = properties.words if text is None else f"unit={text}"
-        raise properties.error(given, f"the file's unit after its name: ?unit=mm (or {', '.join(_UNITS)})")
-    return _UNITS[text]
+        raise properties.error(given, f"the file's unit after its name: ?unit=mm (or {', '.join(UNITS)})")
+    return UNITS[text]
 
 
 def _placed(properties: Properties, vertices: Array, triangles: Triangles) -> Mesh:
@@ -389,7 +321,7 @@ KINDS: dict[str, Kind] = {
     "sphere": Kind(_sphere, "radius=30mm, at=X,Y,Z (centre)"),
     "cuboid": Kind(_cuboid, "size=X,Y,Z, at=X,Y,Z (centre)"),
     "cylinder": Kind(_cylinder, "radius=30mm, length=60mm, axis=z, at=X,Y,Z (centre)"),
-    "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(_UNITS)}), at={_PLACE}, {_SHARP}"),
+    "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(UNITS)}), at={_PLACE}, {_SHARP}"),
     "heights": Kind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}, {_SHARP}"),
     "sdf": Kind(
         _sdf, f"(FILE) unit=mm and spacing=1mm, or iso=LEVEL of an image; at={_PLACE}; (module:function) at=X,Y,Z"

@@ -32,6 +32,7 @@ from hapnet.checks import MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.curvature import Curvature, Curvatures
+from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.coupled import Coupled
 from hapnet.plant.worlds.friction import Friction
@@ -52,7 +53,7 @@ class Solid:
     """A shape and its material.
 
     shape : see `hapnet.plant.worlds.shapes`. stiffness : K_w [N/m]. damping : B_w [Ns/m]. friction : Coulomb's mu, or
-        a function that gives it for a place (3,) [m].
+        a function that gives it for a place (3,) [m]. effects : what a device feels of its surface besides.
 
     Raises InvalidParameter.
     """
@@ -61,12 +62,15 @@ class Solid:
     stiffness: float = WALL_STIFFNESS
     damping: float = WALL_DAMPING
     friction: float | Friction = 0.0
+    effects: Effects | None = None
 
     def __post_init__(self) -> None:
         checks.positive("stiffness", self.stiffness)
         checks.non_negative("damping", self.damping)
         if not callable(self.friction):
             checks.non_negative("friction", self.friction)
+        if self.effects is not None and (wrong := checks.wrong_effects(self.effects, 3)):
+            raise InvalidParameter("effects", self.effects, f"those of a surface ({wrong})")
 
 
 class RigidContacts(SolidContact, Surroundings):
@@ -79,9 +83,11 @@ class RigidContacts(SolidContact, Surroundings):
         super().__init__()
         self.solids: tuple[Solid, ...] = tuple(solids)
         self.scale, self.is_scalar = 1.0, -1
-        self.secants = list(
-            chain.from_iterable(secants_of(one.shape, one.stiffness, one.damping, one.friction) for one in self.solids)
-        )
+        each = [secants_of(one.shape, one.stiffness, one.damping, one.friction) for one in self.solids]
+        self.secants = list(chain.from_iterable(each))
+        self._effects = [
+            one.effects and one.effects.cut(dof) for one, found in zip(self.solids, each, strict=True) for _ in found
+        ]
         self.dof, self.count = dof, len(self.secants)
         self.met, self.order = [0] * self.count, [0] * self.count
         self.sights = [zero(Sight) for _ in self.secants]
@@ -145,24 +151,24 @@ class RigidContacts(SolidContact, Surroundings):
         """Depth and plane of the solids within `reach` [m] of `x`, the deepest first."""
         found = []
         sight = self.sights[0]
-        for secant in self.secants:
+        for secant, effects in zip(self.secants, self._effects, strict=True):
             for distance, gradient, bends in secant.tangents(x, reach, self.dof):
                 sight.bends.count, whole = 0, self.dof == 3 and abs(inner(gradient, gradient) - 1.0) < _WHOLE
                 for direction, per_m in () if whole else bends:
                     put_bend(sight.bends, padded(direction), per_m)
                 if lay(secant, self.dof, x, distance, gradient, sight):
-                    found.append((sight.depth, _plane(sight, self.dof, bends if whole else None)))
-        return sorted(found, reverse=True)
+                    found.append((sight.depth, _plane(sight, self.dof, bends if whole else None, effects)))
+        return sorted(found, key=lambda one: (one[0], one[1][:7]), reverse=True)
 
 
 _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def _plane(sight: Sight, n: int, bends: Curvatures | None) -> Plane:
+def _plane(sight: Sight, n: int, bends: Curvatures | None, effects: Effects | None) -> Plane:
     if bends is None:
         bends = tuple([Curvature(direction[:n], per_m) for direction, per_m in sight.bends.curvatures])
     normal = tuple(sight.normal[:n])
-    return Plane(normal, sight.offset, sight.stiffness, sight.damping, 0.0, bends, sight.friction)
+    return Plane(normal, sight.offset, sight.stiffness, sight.damping, 0.0, bends, sight.friction, effects)
 
 
 def padded(position: Sequence[float]) -> Vector:

@@ -85,7 +85,7 @@ def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes:
     fill(message.force, force)
     message.planes = len(planes)
     for k, plane in enumerate(planes):
-        normal, offset, stiffness, _, velocity, bends, message.friction[k] = Plane(*plane)
+        normal, offset, stiffness, _, velocity, bends, message.friction[k], _ = Plane(*plane)
         store(message.bends[k], Bends(bends))
         message.normal[k][: len(normal)] = normal
         message.offset[k], message.stiffness[k], message.velocity[k] = offset, stiffness, velocity

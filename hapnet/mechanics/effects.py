@@ -1,0 +1,96 @@
+"""What a surface does at the device's rate: a grain, sticking, viscosity, a snap. Numbers are forces on the proxy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from hapnet.checks import GRAIN_FULL, Vector, wrong_effects
+from hapnet.errors import InvalidParameter
+from hapnet.records.vectors import inner
+
+
+class Grain(NamedTuple):
+    """Heights along one direction, which repeat.
+
+    wave : (n,) periods per metre along each axis, as a wave vector. height_m : of the highest sample, up or down [m].
+    shape : the heights of one period, evenly spaced; each a signed byte, in units of height_m/127.
+    """
+
+    wave: Vector
+    height_m: float
+    shape: bytes
+
+    @classmethod
+    def of(cls, heights: Sequence[float], length_m: float, along: Sequence[float]) -> Grain:
+        """A grain of these heights [m], evenly spaced over a period of `length_m`, along a direction (n,).
+
+        Raises InvalidParameter.
+        """
+        size = math.hypot(*along)
+        wave = tuple([part / size / length_m if size > 0.0 < length_m else math.nan for part in along])
+        height = max(map(abs, heights), default=0.0)
+        scale = GRAIN_FULL / height if height > 0.0 else 0.0
+        if not (math.isfinite(height) and all(map(math.isfinite, heights))):
+            raise InvalidParameter("grain", heights, "finite heights [m]")
+        grain = cls(wave, height, bytes([round(scale * one) % 256 for one in heights]))
+        if wrong := wrong_effects((0.0, 0.0, 0.0, 0.0, grain), len(along)):
+            raise InvalidParameter("grain", f"{len(heights)} heights over {length_m:g} m", f"what is felt ({wrong})")
+        return grain
+
+    @classmethod
+    def sine(cls, height_m: float, wavelength_m: float, along: Sequence[float]) -> Grain:
+        """A sine of this amplitude and wavelength [m]."""
+        return cls.of([height_m * part for part in _SINE], wavelength_m, along)
+
+    def at(self, place: Sequence[float]) -> float:
+        """The height at a place (n,) [m], straight between samples."""
+        shape = self.shape
+        way: float = inner(self.wave, place) % 1.0 * len(shape)
+        i = min(int(way), len(shape) - 1)
+        low, high = _signed(shape[i]), _signed(shape[(i + 1) % len(shape)])
+        return self.height_m / GRAIN_FULL * (low + (way - i) * (high - low))
+
+
+class Effects(NamedTuple):
+    """Effects of a surface that a device feels where it touches it, and before it.
+
+    viscosity : drag along the surface [Ns/m]. sticking : mu below which it sticks, if that is above the friction: then
+        it slips until friction holds it. snap_N, snap_m : the largest attraction [N], and from how far [m].
+
+    A message has it as these five, in order.
+    """
+
+    viscosity: float = 0.0
+    sticking: float = 0.0
+    snap_N: float = 0.0
+    snap_m: float = 0.0
+    grain: Grain | None = None
+
+    @classmethod
+    def of(cls, told: Sequence[Any] | None) -> Effects | None:
+        """From what a message has."""
+        if told is None:
+            return None
+        made = cls(*told)
+        return made if made.grain is None else made._replace(grain=Grain(*made.grain))
+
+    def cut(self, n: int) -> Effects:
+        """Of a solid that is cut by n axes, where the others are 0."""
+        grain = self.grain
+        return self if grain is None else self._replace(grain=grain._replace(wave=grain.wave[:n]))
+
+    def attraction(self, gap: float) -> float:
+        """Force on a proxy at this distance from the surface [N]: none at the surface and at `snap_m`, most between."""
+        if not 0.0 < gap < self.snap_m:
+            return 0.0
+        share = gap / self.snap_m
+        return 4.0 * self.snap_N * share * (1.0 - share)
+
+
+_SINE = [math.sin(2.0 * math.pi * i / 64) for i in range(64)]
+
+
+def _signed(byte: int) -> int:
+    return byte - 256 if byte > GRAIN_FULL else byte

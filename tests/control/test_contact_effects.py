@@ -1,0 +1,314 @@
+"""Effects of surfaces at the device's rate: what is felt, what is sent, and what false ones do."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+
+from hapnet.checks import Vector
+from hapnet.control.contact_model import ContactModel
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.effects import Effects, Grain
+from hapnet.mechanics.plane import Plane, checked
+from hapnet.params import Params
+from hapnet.plant.worlds.grain_file import read_grain
+from hapnet.plant.worlds.rigid import rigid
+from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
+from hapnet.plant.worlds.shapes import HalfSpace
+from hapnet.simulation.compiled.coverage import why_not
+from hapnet.simulation.simulation import Simulation
+from hapnet.wire.messages import Proxy as ProxyMessage
+from hapnet.wire.messages import decode
+from hapnet.wire.stream import PositionStream
+from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, model, reported
+from tests.control.test_local_friction import slack_of
+from tests.support.grains import SWEEP, asked, line, slid
+from tests.support.rubbing import run
+from tests.wire.test_messages import A, rejected
+
+DEEP = 0.01
+PUSH_N = SOFT * DEEP * K_WORLD
+SINE = Grain.sine(2e-4, 2e-3, (0.0, 1.0, 0.0))
+
+
+def face(effects: Effects | None, mu: float = 0.0) -> Plane:
+    return Plane((1.0, 0.0, 0.0), 0.0, K_WALL, 10.0, friction=mu, effects=effects)
+
+
+def in_touch(effects: Effects, mu: float = 0.0, start: float = -0.001) -> ContactModel:
+    m = model((start, 0.0, 0.0))
+    m.receive(reported((face(effects, mu),), (start, 0.0, 0.0)), 0.0, 0.0)
+    return m
+
+
+def spring_N(m: ContactModel, x: Vector) -> np.ndarray[Any, Any]:
+    """Of the spring on the proxy, after a tick at x."""
+    return K_WORLD * (np.array(m.step(TICK, x)) - x)
+
+
+# -- what is felt ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_grain_is_felt_as_its_height_on_springs_in_series(mu: float) -> None:
+    m, along = in_touch(Effects(grain=SINE), mu), 0.0
+    for x in np.linspace(-0.001, DEEP, 100):
+        m.step(TICK, (float(x), 0.0, 0.0))
+    for _ in range(400):
+        along += 5e-5
+        force = spring_N(m, (DEEP, along, 0.0))
+        place = along if mu == 0.0 else m.rubbing.place[1]
+        height = 2e-4 * math.sin(2 * math.pi * place / 2e-3)
+        late = 0.0 if mu == 0.0 else 2 * math.pi / 2e-3 * 2e-4 * 5e-5 * 1.1  # where it rested a tick ago
+        assert abs(-force[0] - SOFT * K_WORLD * (DEEP + height)) <= SOFT * K_WORLD * (late + 3e-6)
+
+
+def test_a_recorded_grain_is_straight_between_its_samples() -> None:
+    grain = Grain.of([0.0, 1e-3, -0.5e-3, 0.25e-3], 0.008, (0.0, 2.0, 0.0))
+    assert grain.wave == pytest.approx((0.0, 125.0, 0.0))
+    heights = np.interp(np.linspace(0, 4, 41), range(5), [0.0, 1e-3, -0.5e-3, 0.25e-3, 0.0])
+    for share, height in zip(np.linspace(0, 1, 41), heights, strict=True):
+        for period in (-3, 0, 1):
+            assert grain.at((0.3, 0.008 * (share + period), 0.1)) == pytest.approx(height, abs=1e-3 / 254 + 1e-9)
+
+
+def test_it_sticks_slips_and_sticks_again() -> None:
+    """A saw's teeth between both cones; one is as long as the spring takes to be strained from one to the other."""
+    m = in_touch(Effects(sticking=0.8), 0.2)
+    for x in np.linspace(-0.001, DEEP, 100):
+        m.step(TICK, (float(x), 0.0, 0.0))
+    ratios = []
+    for along in np.arange(1, 900) * 5e-5:
+        force = spring_N(m, (DEEP, float(along), 0.0))
+        ratios.append(-force[1] / PUSH_N)
+    teeth = np.flatnonzero(np.diff(ratios) < -0.3)
+    assert np.diff(teeth) * 5e-5 == pytest.approx(0.6 * PUSH_N / K_WORLD, abs=1e-4)
+    assert max(ratios) == pytest.approx(0.8, abs=0.01)
+    assert min(ratios[teeth[0] :]) == pytest.approx(0.2, abs=0.01)
+
+
+def test_without_a_wider_cone_sticking_changes_nothing() -> None:
+    same, plain = in_touch(Effects(sticking=0.3), 0.5), model((-0.001, 0.0, 0.0))
+    plain.receive(reported((face(None, 0.5),), (-0.001, 0.0, 0.0)), 0.0, 0.0)
+    for k in range(300):
+        x = (min(DEEP, -0.001 + 1e-4 * k), 5e-5 * k, 0.0)
+        assert same.step(TICK, x) == plain.step(TICK, x)
+
+
+def test_viscosity_drags_along_the_surface_only_while_touching() -> None:
+    m, speed = in_touch(Effects(viscosity=4.0)), 0.1
+    for k in range(200):
+        free = spring_N(m, (-0.001, speed * TICK * k, 0.0))
+    assert free == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    m = in_touch(Effects(viscosity=4.0))
+    for x in np.linspace(-0.001, DEEP, 100):
+        m.step(TICK, (float(x), 0.0, 0.0))
+    for k in range(200):
+        force = spring_N(m, (DEEP, speed * TICK * k, 0.0))
+    assert force == pytest.approx((-PUSH_N, -4.0 * speed, 0.0), rel=1e-3, abs=1e-9)
+
+
+def test_a_snap_attracts_from_its_reach_and_gives_no_energy_on_a_closed_way() -> None:
+    m = in_touch(Effects(snap_N=2.0, snap_m=0.004), start=-0.006)
+    way = np.concatenate([np.linspace(-0.006, -0.0002, 400), np.linspace(-0.0002, -0.006, 400)])
+    forces = [spring_N(m, (float(x), 0.0, 0.0))[0] for x in way]
+    for x, force in zip(way, forces, strict=True):
+        share = -x / 0.004
+        assert force == pytest.approx(8.0 * share * (1 - share) if share < 1 else 0.0, abs=1e-9)
+    assert max(forces) == pytest.approx(2.0, rel=1e-3)
+
+
+# -- whole runs --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("hz", "speed_mps"), [SWEEP[0], SWEEP[-1], *[
+    pytest.param(*one, marks=pytest.mark.slow) for one in SWEEP[1:-1]
+]])  # fmt: skip
+def test_over_4g_the_line_at_the_device_is_what_was_asked(hz: float, speed_mps: float) -> None:
+    felt = slid(hz, speed_mps)
+    assert line(felt, hz, speed_mps).force_N == pytest.approx(asked(hz), rel=0.01)
+    assert slack_of(felt.summary) >= -1e-12
+    assert felt.summary["verdict"]["passive"] is True
+    assert felt.summary["device"]["reservoir_min_J"] >= 0.0
+
+
+def test_compiled_code_says_that_it_does_not_run_effects() -> None:
+    params = Params().set({"scene": "plane?viscosity=1", "duration_s": 0.1})
+    assert why_not(Simulation(params, 1).setup) == "effects of a surface"
+
+
+# -- what is sent ------------------------------------------------------------------------------------------------------
+
+
+ALL = Effects(2.0, 0.5, 1.0, 0.005, SINE)
+
+
+def test_solids_tell_the_effects_of_their_surface() -> None:
+    solids = [Solid(HalfSpace((1.0, 0.0, 0.0), 0.01), effects=ALL), Solid(HalfSpace((0.0, 0.0, 1.0), 0.01))]
+    planes = RigidContacts(solids, 3).planes((0.0, 0.0, 0.0), 0.1)
+    assert {plane.normal: plane.effects for plane in planes} == {(1.0, 0.0, 0.0): ALL, (0.0, 0.0, 1.0): None}
+    (plane,) = RigidContacts(solids[:1], 2).planes((0.0, 0.0), 0.1)
+    assert plane.effects == ALL._replace(grain=SINE._replace(wave=SINE.wave[:2]))
+
+
+def test_a_peer_of_before_feels_the_plane_alone() -> None:
+    still = (0.0, 0.0, 0.0)
+    new, old = (decode(PositionStream(1).proxy(3, still, 4, still, (face(one),))) for one in (ALL, None))
+    assert isinstance(new, ProxyMessage)
+    assert new.more is not None
+    assert new._replace(more=None) == old
+    assert Plane.all_of(new.planes, None, None, new.more["effects"]) == (face(ALL),)
+
+
+WRONG = [
+    ALL._replace(viscosity=-1.0),
+    ALL._replace(viscosity=1001.0),
+    ALL._replace(sticking=math.nan),
+    ALL._replace(snap_N=math.inf),
+    ALL._replace(snap_m=0.2),
+    ALL._replace(grain=SINE._replace(height_m=0.2)),
+    ALL._replace(grain=SINE._replace(height_m=math.nan)),
+    ALL._replace(grain=SINE._replace(wave=(0.0, 0.0))),
+    ALL._replace(grain=SINE._replace(wave=(0.0, math.nan, 0.0))),
+    ALL._replace(grain=SINE._replace(wave=(0.0, 2e5, 0.0))),
+    ALL._replace(grain=SINE._replace(shape=b"1")),
+    ALL._replace(grain=SINE._replace(shape=bytes(257))),
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_effects_that_a_device_would_drop_are_refused(wrong: Effects) -> None:
+    with pytest.raises(InvalidParameter, match="effects"):
+        checked([face(wrong)], 3)
+    with pytest.raises(InvalidParameter, match="effects"):
+        Solid(HalfSpace((1.0, 0.0, 0.0), 0.01), effects=wrong)
+
+
+def acting(effects: object) -> list[object]:
+    plane = [[1.0, 0.0, 0.0], 0.02, 3000.0, 10.0, 0.0]
+    still = [0.0, 0.0, 0.0]
+    return [2, 10, A, 0, 0, still, 0, still, [plane], 0, 0, {"effects": effects}]
+
+
+@pytest.mark.parametrize("frame", [acting([wrong]) for wrong in WRONG])
+def test_effects_of_no_surface_are_dropped(frame: object) -> None:
+    assert rejected(frame).kind == "range"
+    assert isinstance(decode(msgpack.packb(acting([ALL]))), ProxyMessage)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [[], [None, None], 1, [1], [[1.0, 0.5, 1.0, 0.005]], [[1, 0.5, 1.0, 0.005, None]],
+     [[0.0] * 4 + [[[0.0] * 3, 1e-3]]], [[0.0] * 4 + [[[0.0] * 3, 1e-3, "text"]]],
+     [[0.0] * 4 + [[[0, 0, 0], 1e-3, b"12"]]]],
+)  # fmt: skip
+def test_what_is_no_effect_is_dropped(effects: object) -> None:
+    assert rejected(acting(effects)).kind == "type"
+
+
+# -- words and files ---------------------------------------------------------------------------------------------------
+
+
+def test_words_of_a_scene() -> None:
+    text = "plane?grain=0.2mm,2mm&grain_along=0,0,1&stick=0.5&viscosity=2&snap=1,5mm"
+    (solid,) = rigid(text).contacts.solids
+    assert solid.effects == ALL._replace(grain=Grain.sine(2e-4, 2e-3, (0.0, 0.0, 1.0)))
+    (plain,) = rigid("plane?viscosity=0").contacts.solids
+    assert plain.effects is None
+
+
+def written(path: Path, text: str) -> str:
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_recorded_grain_is_read(tmp_path: Path) -> None:
+    rows = "distance_m,height_m\n0,0\n0.001,0.0002\n0.002,-0.0001\n0.003,0\n"
+    grain = read_grain(written(tmp_path / "g.csv", rows), (0.0, 0.0, 3.0))
+    assert grain == Grain.of([0.0, 2e-4, -1e-4, 0.0], 0.004, (0.0, 0.0, 1.0))
+    (solid,) = rigid(f"plane?grain={tmp_path}/g.csv").contacts.solids
+    assert solid.effects is not None
+    assert solid.effects.grain == grain._replace(wave=(0.0, grain.wave[2], 0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "not empty"),
+        ("0,0\n1,1\n", "first line is distance_m,height_m"),
+        ("distance_m,height_m\n0,0\n", "2 to 256 rows"),
+        ("distance_m,height_m\n" + "".join(f"{i},0\n" for i in range(257)), "2 to 256 rows"),
+        ("distance_m,height_m\n0,0\n1,x\n", "two finite numbers"),
+        ("distance_m,height_m\n0,0\n1,2,3\n", "two finite numbers"),
+        ("distance_m,height_m\n0,0\n1,nan\n", "two finite numbers"),
+        ("distance_m,height_m\n0,0\n1,0\n3,0\n", "evenly spaced"),
+        ("distance_m,height_m\n1,0\n2,0\n", "evenly spaced"),
+        ("distance_m,height_m\n0,0\n0,0\n", "evenly spaced"),
+        ("distance_m,height_m\n0,0\n1,0.5\n", "0 to 0.1"),
+        ("distance_m,height_m\n0,0\n0.000001,0.0005\n", r"within \+-100000"),
+    ],
+)
+def test_a_grain_that_is_wrong_is_refused_in_one_line(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidParameter, match=says) as refused:
+        rigid(f"plane?grain={written(tmp_path / 'g.csv', text)}")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "words", ["grain=1,2mm", "grain=0.1mm", "grain=0.1mm,0mm", "grain_along=1,0,0", "snap=1", "snap=1,5", "stick=-1",
+              "viscosity=x", "snap=1000,1mm", "grain=gone.csv"],
+)  # fmt: skip
+def test_words_that_are_wrong_are_refused(words: str) -> None:
+    with pytest.raises(InvalidParameter):
+        rigid(f"plane?{words}")
+
+
+# -- lies --------------------------------------------------------------------------------------------------------------
+
+
+def lied_to(seed: int, coupling: str) -> Any:
+    """Up to four planes anywhere near, with any effects, sent anew at each step."""
+    rng = np.random.default_rng(seed)
+
+    def planes(position: Vector, reach_m: float) -> tuple[Plane, ...]:
+        found, n = [], len(position)
+        for _ in range(rng.integers(0, 5)):
+            normal = rng.standard_normal(n)
+            normal /= np.linalg.norm(normal)
+            wave = 10 ** rng.uniform(0.0, 5.0) * rng.uniform(-1.0, 1.0, n)
+            shape = rng.bytes(int(rng.integers(2, 257)))
+            found.append(Plane(
+                tuple(normal.tolist()), float(normal @ np.array(position)) + rng.uniform(-0.02, 0.02),
+                10 ** rng.uniform(2.0, 4.5), 10.0, rng.uniform(-0.3, 0.3), friction=10 ** rng.uniform(-2.0, 1.0),
+                effects=Effects(
+                    10 ** rng.uniform(-1.0, 3.0), 10 ** rng.uniform(-1.0, 1.0), 10 ** rng.uniform(-1.0, 2.0),
+                    10 ** rng.uniform(-4.0, -1.0), Grain(tuple(wave.tolist()), 10 ** rng.uniform(-5.0, -1.0), shape),
+                ),
+            ))  # fmt: skip
+        return tuple(found)
+
+    def watch(simulation: Simulation) -> None:
+        contacts: Any = simulation.world.scene.contacts
+        contacts.planes = planes
+
+    hand = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+    more: dict[str, object] = {"coupling": coupling, "operator": "press", **hand}
+    link = ("40±10 ms, 2 %", "delay 100ms 80ms loss 20%")[seed % 2]
+    return run("sphere", link, seconds=2.0, dof=2 + seed // 2 % 2, seed=seed, watch=watch, **more).summary
+
+
+@pytest.mark.parametrize("seed", [*range(2), *[pytest.param(k, marks=pytest.mark.slow) for k in range(2, 20)]])
+def test_no_effect_creates_energy(seed: int) -> None:
+    summary = lied_to(seed, "pspm")
+    assert slack_of(summary) >= -1e-12
+    assert summary["theorem"]["margin_J"] >= 0.0
+    assert summary["device"]["reservoir_min_J"] >= 0.0
+
+
+def test_without_pspm_the_same_effects_do() -> None:
+    assert slack_of(lied_to(1, "zoh")) < -0.01
