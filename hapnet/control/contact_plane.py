@@ -26,7 +26,7 @@ class ContactPlane(Record):
     ----------
     response : K'^-1 n [m/N]. softness : depth of the device per force, through the wall's spring and the virtual
         coupling [m/N]. bends : how the surface bends; foot : the place for which that holds, on it [m].
-    sticking : mu up to which it sticks; the friction, if that is larger. raised : by how much its grain lifts it [m].
+    grip : by how much mu is larger while it sticks. raised : by how much its grain lifts it [m].
     effects : of the surface (Python's only).
     """
 
@@ -37,7 +37,7 @@ class ContactPlane(Record):
     response: OfAxes
     softness: float
     friction: float
-    sticking: float
+    grip: float
     raised: float
     bends: Bends
     foot: OfAxes
@@ -48,7 +48,7 @@ class ContactPlane(Record):
         self.response = [0.0] * len(self.normal)
         self.friction, self.bends, self.foot = plane.friction, FLAT, [0.0] * len(self.normal)
         self.effects = effects = Effects.of(plane.effects)
-        self.sticking, self.raised = max(plane.friction, effects.sticking if effects else 0.0), 0.0
+        self.grip, self.raised = max(0.0, effects.sticking - plane.friction) if effects else 0.0, 0.0
         if plane.curvatures:
             self.bends = Bends(plane.curvatures)
             stand_on(self, len(self.normal), position)
@@ -94,7 +94,7 @@ def see_from(one: ContactPlane, n: int, compliance: FloatRows, place: Reals, age
     deep = see_tangent(n, one.normal, seen.foot, one.bends, place, seen.normal)
     seen.offset = dot(n, seen.normal, place) - deep
     seen.stiffness, seen.velocity, seen.raised = one.stiffness, 0.0, 0.0
-    seen.friction, seen.sticking = one.friction, one.sticking
+    seen.friction, seen.grip = one.friction, one.grip
     understand(seen, n, compliance)
 
 
@@ -105,7 +105,7 @@ def copy_flat(source: ContactPlane, n: int, target: ContactPlane) -> None:
     copy(n, source.response, target.response)
     target.offset, target.stiffness = source.offset, source.stiffness
     target.velocity, target.softness = source.velocity, source.softness
-    target.friction, target.sticking, target.raised = source.friction, source.sticking, source.raised
+    target.friction, target.grip, target.raised = source.friction, source.grip, source.raised
 
 
 @equation

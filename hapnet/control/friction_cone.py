@@ -106,7 +106,7 @@ def report(
         copy(n, proxy.tractions[k], proxy.before_tractions[k])
     for i in range(count):
         one = planes[i]
-        if one.sticking != 0.0:
+        if one.friction + one.grip != 0.0:
             proxy.rubs = 1
         proxy.forces[i] = 0.0
         for j in range(n):
@@ -131,7 +131,7 @@ def agree(proxy: RubbingProxy, n: int, dt: float) -> None:
     for k in range(proxy.count):
         if proxy.forces[k] != 0.0:
             _take_across(n, away, proxy.normals[k])
-            apart += (proxy.seen[k].sticking - proxy.seen[k].friction) * proxy.forces[k] * proxy.give
+            apart += proxy.seen[k].grip * proxy.forces[k] * proxy.give
     far = length(n, away)
     if far > apart:
         share = dt / (AGREE_S + dt) * (1.0 - apart / far)
@@ -183,12 +183,12 @@ def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s:
                 for i in range(n):
                     s[i] = s[i] + (known - force) * one.response[i]
                 most = max(most, abs(force - known))
-            if one.sticking != 0.0 and (force != 0.0 or known != 0.0):
+            if one.friction + one.grip != 0.0 and (force != 0.0 or known != 0.0):
                 for i in range(n):
                     wanted[i] = held[i] + (s[i] - proxy.place[i]) / proxy.give
                 _take_across(n, wanted, one.normal)
                 size, limit = length(n, wanted), one.friction * force
-                slips = size > one.sticking * force
+                slips = size > (one.friction + one.grip) * force
                 for i in range(n):
                     if slips:
                         wanted[i] = limit / size * wanted[i]
