@@ -128,7 +128,7 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
         self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
-        self._reports_interval = self._can("interval")
+        self._reports_interval, self._vibrates = self._can("interval"), self._can("vibrate")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
         try:
             self._examine(params or DeviceParams(), params is not None)
@@ -234,6 +234,11 @@ class UserDevice:
         """Hand a value that the world sends to the device, if it takes such; HapnetError if it fails."""
         if self._can("signal"):
             self._call("signal", name, value)
+
+    def vibrate(self, force: Vector) -> None:
+        """Tell the device what of the force grains make [N], if it vibrates; HapnetError if it fails."""
+        if self._vibrates:
+            self._call("vibrate", force)
 
     def braked(self) -> str:
         """Why the device renders no force now; empty: it does. HapnetError if it fails."""

@@ -10,9 +10,11 @@ step are. All forces are the proxy's: the hand feels K K'^-1 of them, as of any 
 
 from __future__ import annotations
 
+from hapnet.checks import Vector
 from hapnet.control.contact_equations import ContactState, depth_now
+from hapnet.mechanics.spring import Spring
 from hapnet.records.record import Floats, Reals
-from hapnet.records.vectors import dot, times
+from hapnet.records.vectors import dot, inner, times
 
 
 def lift(model: ContactState, x: Reals) -> None:
@@ -23,22 +25,29 @@ def lift(model: ContactState, x: Reals) -> None:
         one.raised = grain.at(place) if grain else 0.0
 
 
-def act(model: ContactState, n: int, x: Reals, y: Floats) -> None:
-    """Add attraction and drag to y [m], once it is known where the proxy rests."""
-    moved = [0.0] * n
-    for one in model.planes:
+def act(model: ContactState, n: int, x: Reals, y: Floats) -> Vector:
+    """Add attraction and drag to y [m], once it is known where the proxy rests. Returns what of y - x grains make."""
+    moved, by_grain, v = [0.0] * n, [0.0] * n, model.velocity.velocity
+    seen = model.rubbing.seen if model.rubbing.rubs else model.seen if model.bends else model.planes
+    for one, plane in zip(model.planes, seen, strict=False):  # the surface, and what it is from where the proxy is
         if (effects := one.effects) is None:
             continue
-        gap = -depth_now(model, one, n, x)
-        push = effects.attraction(gap)
+        push = effects.attraction(-depth_now(model, plane, n, x))
         for i in range(n):
-            moved[i] += push * one.response[i]
-        if effects.viscosity and depth_now(model, one, n, model.s) > 0.0:
-            v = model.velocity.velocity
-            along, drag = dot(n, v, one.normal), [0.0] * n
-            times(n, model.compliance, [effects.viscosity * (v[i] - along * one.normal[i]) for i in range(n)], drag)
-            for i in range(n):
-                moved[i] -= drag[i]
+            moved[i] += push * plane.response[i]
+        if not depth_now(model, plane, n, model.s) > 0.0:
+            continue
+        along, drag = dot(n, v, plane.normal), [0.0] * n
+        times(n, model.compliance, [effects.viscosity * (v[i] - along * plane.normal[i]) for i in range(n)], drag)
+        for i in range(n):
+            moved[i] -= drag[i]
+            by_grain[i] -= one.raised / plane.softness * plane.response[i]
     for made in (y, model.made_s, model.made_before, model.made_y):
         for i in range(n):
             made[i] += moved[i]
+    return tuple(by_grain)
+
+
+def grain_force(model: ContactState, by_grain: Vector, spring: Spring) -> Vector:
+    """What of the spring's force grains make [N]; none if no surface has effects."""
+    return tuple([inner(row, by_grain) for row in spring.rows]) if model.acts else (0.0,) * spring.dof

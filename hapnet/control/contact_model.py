@@ -34,7 +34,7 @@ from collections.abc import Sequence
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_effects import act, lift
+from hapnet.control.contact_effects import act, grain_force, lift
 from hapnet.control.contact_equations import Answer, ContactState, fade, step
 from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
@@ -42,6 +42,7 @@ from hapnet.control.coupling import CouplingSample, Proxy, vector_of
 from hapnet.control.friction_cone import RubbingProxy, report
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
+from hapnet.mechanics.spring import Spring
 from hapnet.params import ContactModelParams
 from hapnet.records.record import PLANES, Floats, zero
 
@@ -96,6 +97,7 @@ class ContactModel(ContactState):
         self._untold_share = checks.positive("untold_share", untold_share)
         self.forces = [0.0] * PLANES
         self.answer = Answer()
+        self._by_grain: Vector = (0.0,) * len(position)
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
@@ -158,6 +160,10 @@ class ContactModel(ContactState):
         answer.planes = [ContactPlane(plane, self.compliance, position) for plane in proxy.planes or ()]
         answer.count = -1 if proxy.planes is None else len(answer.planes)
 
+    def grain_force(self, spring: Spring) -> Vector:
+        """What of this spring's force grains make [N]."""
+        return grain_force(self, self._by_grain, spring)
+
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the position x [m], `dt` seconds after the last step."""
         n, y = len(x), list(x)
@@ -190,7 +196,7 @@ class ContactModel(ContactState):
         if self._reports:
             respond_among_surfaces(self, n, dt, x, y)
             if self.acts:
-                act(self, n, x, y)
+                self._by_grain = act(self, n, x, y)
             return
         self.rubbing.place[:] = x
         lead = tuple([part / self._untold_share for part in self.leading])

@@ -122,6 +122,13 @@ class Driver(ABC):
         """The world sends this value beside the stream: a light, a sound, a vibration. It must return at once."""
         return
 
+    def vibrate(self, force: Vector) -> None:
+        """What of the force the grains of surfaces make [N], after each `apply`: for an actuator that only vibrates.
+
+        It must return at once. The account does not count what such an actuator does.
+        """
+        return
+
     def braked(self) -> str:
         """A text that says why the device renders no force now: a brake, no power. Empty: it does.
 

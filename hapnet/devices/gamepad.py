@@ -1,6 +1,7 @@
 """A gamepad or joystick as input, by the kernel's joystick interface (Documentation/input/joydev/joystick-api.rst).
 
-The left stick is x (right) and y (away from the user), the right stick's vertical axis is z.
+The left stick is x (right) and y (away from the user), the right stick's vertical axis is z. Its motors render the
+grain of surfaces, if its event file may be written (`rumble.py`).
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ import struct
 from collections.abc import Sequence
 from glob import glob
 
+from hapnet.checks import Vector
 from hapnet.devices.input_device import InputDevice, existing
+from hapnet.devices.rumble import Rumble
 from hapnet.errors import InvalidParameter
 
 _EVENT = struct.Struct("=IhBB")
@@ -28,7 +31,7 @@ class Gamepad(InputDevice):
     (`jstest` of the package joystick shows them). The others as for `InputDevice`.
     """
 
-    about = "a gamepad's or joystick's sticks as input, without force"
+    about = "a gamepad's or joystick's sticks as input, without force; its motors vibrate over a grain"
 
     def __init__(
         self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05, sticks: str = "0/1/4"
@@ -38,6 +41,14 @@ class Gamepad(InputDevice):
             raise InvalidParameter("sticks", sticks, "three different numbers of axes for x, y and z, such as 0/1/4")
         self._places = {int(number): place for place, number in enumerate(numbers)}
         super().__init__(dof, path, axes, reach, dead)
+        self.rumble: Rumble = Rumble.of(self._path)
+
+    def vibrate(self, force: Vector) -> None:
+        self.rumble.vibrate(force)
+
+    def close(self) -> None:
+        self.rumble.close()
+        super().close()
 
     @classmethod
     def found(cls) -> Sequence[str]:

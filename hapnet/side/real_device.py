@@ -61,6 +61,9 @@ class RealDevice(Device, Protocol):
     def signal(self, name: str, value: Signal) -> None:
         """The world sends a value beside the stream."""
 
+    def vibrate(self, force: Vector) -> None:
+        """What of the force grains make now [N]."""
+
     def braked(self) -> str:
         """Why it renders no force now; empty: it does."""
 
@@ -295,7 +298,10 @@ class RealDeviceSide(SampledDeviceSide):
             if wrong := self._agreement.wrong(dt, self.servo.force, self._reading[0]):
                 self.stop_force(now_ns, wrong)
                 release = True
-        return super()._control(now_ns, release=release)
+        message = super()._control(now_ns, release=release)
+        if isinstance(self.servo, SampledServo) and (model := self.servo.model) is not None:
+            self.device.vibrate(model.grain_force(self.servo.coupling.spring))
+        return message
 
     def _doubt(self, dt: float, moved: Vector) -> None:
         """Choose the force that the account counts for `dt` seconds in which the device `moved` [m].
