@@ -128,7 +128,7 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
         self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
-        self._reports_interval, self._vibrates = self._can("interval"), self._can("vibrate")
+        self._reports_interval = self._can("interval")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
         try:
             self._examine(params or DeviceParams(), params is not None)
@@ -237,7 +237,7 @@ class UserDevice:
 
     def vibrate(self, force: Vector) -> None:
         """Tell the device what of the force grains make [N], if it vibrates; HapnetError if it fails."""
-        if self._vibrates:
+        if self._can("vibrate"):
             self._call("vibrate", force)
 
     def braked(self) -> str:

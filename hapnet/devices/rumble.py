@@ -14,7 +14,6 @@ from glob import glob
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.records.vectors import inner
 
 try:
     from fcntl import ioctl
@@ -67,7 +66,7 @@ class Rumble:
         """Turn as fast as the force [N] was large since the last time."""
         if self._file is None:
             return
-        self._squares, self._count = self._squares + inner(force, force), self._count + 1
+        self._squares, self._count = self._squares + math.hypot(*force) ** 2, self._count + 1
         if (now_s := self._clock()) < self._next_s:
             return
         strength = min(1.0, math.sqrt(2.0 * self._squares / self._count) / FULL_N)
