@@ -20,6 +20,7 @@ The public names, which stay stable:
   the other side. It reports `Notice`s.
 * `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
   `Plane`: what a device receives of them. `Sphere`, `Cuboid`: how pictures show them.
+  `Engine`: the protocol of a physics engine that integrates what the hand holds, and `EngineWorld`, the world of one.
   `World`, and what is in one, `Surroundings`: the protocols of any other world.
 * `Device`: the protocol of your own device. It needs no base class; `Driver` is one, with a default for each part
   that is optional. `DeviceSilent`: what it raises if there is no reading.
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
     from hapnet.params import Params
     from hapnet.plant.device import Device
     from hapnet.plant.integrator import PassiveIntegrator
+    from hapnet.plant.worlds.engine import Engine
+    from hapnet.plant.worlds.engine_world import EngineWorld
     from hapnet.plant.worlds.force_world import ForceWorld
     from hapnet.plant.worlds.obstacle import Obstacle
     from hapnet.plant.worlds.protocol import World
@@ -82,6 +85,8 @@ _HOMES = {
     "DeviceSilent": "hapnet.errors",
     "Driver": "hapnet.devices.driver",
     "Ended": "hapnet.errors",
+    "Engine": "hapnet.plant.worlds.engine",
+    "EngineWorld": "hapnet.plant.worlds.engine_world",
     "ForceWorld": "hapnet.plant.worlds.force_world",
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
@@ -132,6 +137,8 @@ __all__ = [
     "DeviceSilent",
     "Driver",
     "Ended",
+    "Engine",
+    "EngineWorld",
     "ForceWorld",
     "HapnetError",
     "InvalidParameter",

@@ -28,6 +28,9 @@ from tests.conftest import ENVIRONMENT, ROOT
 from tests.support.processes import started
 
 EXAMPLES = {file.stem: file for file in sorted((ROOT / "examples").glob("*.py"))}
+LONG = {"pantograph": 110, "bullet_world": 135}
+"""A linkage, its driver, and what moves it; a whole physics engine."""
+
 NUMBER = r"(-?\d+(?:\.\d+)?)"
 
 
@@ -49,15 +52,16 @@ def numbers(pattern: str, text: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, match.groups())) for match in found]
 
 
-def test_there_are_twelve() -> None:
+def test_there_are_thirteen() -> None:
     programs = {"own_device", "own_world", "own_moving_world", "own_law", "two_hosts", "link_study", "asyncio_program"}
-    assert set(EXAMPLES) == {*programs, "planet", "fields", "keyboard_knob", "pantograph", "verdict_of_recordings"}
+    worlds = {"planet", "fields", "bullet_world"}
+    assert set(EXAMPLES) == {*programs, *worlds, "keyboard_knob", "pantograph", "verdict_of_recordings"}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_is_short_and_needs_public_names_only(name: str) -> None:
     text = EXAMPLES[name].read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= (110 if name == "pantograph" else 70)  # a linkage, its driver, and what moves it
+    assert len(text.splitlines()) <= LONG.get(name, 70)
     imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)]
     used = {(node.module, alias.name) for node in imports for alias in node.names}
     ours = {(module, name) for module, name in used if (module or "").partition(".")[0] == "hapnet"}
@@ -148,6 +152,16 @@ def test_planet(tmp_path: Path) -> None:
     ((push, given),) = numbers("the ball pushed with # N at most; what moves it gave # mJ", said)
     assert 0.1 < push < 12.0
     assert given != 0.0
+    assert "ever came out" in said
+
+
+@pytest.mark.slow
+def test_bullet_world(tmp_path: Path) -> None:
+    """Nothing is undone, and the world keeps what it was given."""
+    pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet")
+    ((slack, undone),) = numbers("slack # mJ, # substeps undone", said := run("bullet_world", cwd=tmp_path))
+    assert slack >= 0.0
+    assert undone == 0.0
     assert "ever came out" in said
 
 

@@ -18,7 +18,7 @@ An engine that integrates the proxy on its coupling is charged by the terms of (
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, isfinite, sqrt
+from math import inf, sqrt
 from operator import add, sub
 from typing import Any
 
@@ -35,6 +35,9 @@ CEILING_J = 0.05
 
 _MOST_J = 1e15
 """An engine with more energy than this has failed [J]."""
+
+_FARTHEST = 1e3
+"""A proxy that is farther away [m], or faster [m/s], has failed."""
 
 _ROUNDING = 1e-14
 """A debt of this share of the energy [J] is rounding."""
@@ -77,7 +80,7 @@ class EngineAccount:
         try:
             return checked_dof(len(place))
         except (TypeError, InvalidParameter):
-            raise self._failed(f"position() gave {place!r:.80}, not one number an axis, for 1 to 3 axes") from None
+            raise self.failed(f"position() gave {place!r:.80}, not one number an axis, for 1 to 3 axes") from None
 
     def ask(self, method: str, *given: object) -> Any:
         """What a method of the engine returns."""
@@ -86,7 +89,7 @@ class EngineAccount:
         except HapnetError:  # it says itself what is wrong
             raise
         except BaseException as error:  # see `loading.failure`
-            raise self._failed(f"{method}() raised {failure(error)}") from error
+            raise self.failed(f"{method}() raised {failure(error)}") from error
 
     def look(self) -> None:
         """See where the proxy is and what is stored, before the first step."""
@@ -223,7 +226,7 @@ class EngineAccount:
         now = self._energies()
         if now[0] - kinetic > _SAME * (1.0 + kinetic) or abs(now[1] - potential) > _SAME * (1.0 + abs(potential)):
             was = f"{kinetic:.3g} J and {potential:.3g} J into {now[0]:.3g} J and {now[1]:.3g} J"
-            raise self._failed(f"slow() may take kinetic energy and nothing else; it made {was}")
+            raise self.failed(f"slow() may take kinetic energy and nothing else; it made {was}")
         return now
 
     def _save(self) -> None:
@@ -234,7 +237,7 @@ class EngineAccount:
         now = self._vector("position"), self._vector("velocity"), (self.energy_J,)
         for what, was, here in zip(("position", "velocity", "energy"), self._before, now, strict=True):
             if any(abs(a - b) > _SAME * (1.0 + abs(a)) for a, b in zip(was, here, strict=True)):
-                raise self._failed(f"restore() does not bring back the {what} {list(was)}: it is {list(here)}")
+                raise self.failed(f"restore() does not bring back the {what} {list(was)}: it is {list(here)}")
         self.position = self._before[0]
 
     def _energies(self) -> tuple[float, float]:
@@ -244,11 +247,13 @@ class EngineAccount:
         kinetic, potential = self._numbers("energy_J", self.ask("energy_J"), 2)
         if not abs(kinetic + potential) < _MOST_J:
             raise self._diverged(f"its energy is {kinetic + potential:.3g} J")
+        if kinetic < 0.0:
+            raise self.failed(f"its kinetic energy is {kinetic:.3g} J")
         return kinetic, potential
 
     def _vector(self, method: str) -> Vector:
         found = self._numbers(method, self.ask(method), self.dof)
-        if not all(map(isfinite, found)):
+        if any(not abs(number) < _FARTHEST for number in found):
             raise self._diverged(f"its {method} is {list(found)}")
         return found
 
@@ -259,11 +264,12 @@ class EngineAccount:
         except (TypeError, ValueError):
             found = ()
         if len(found) != count:
-            raise self._failed(f"{method}() gave {given!r:.80}, not {count} numbers")
+            raise self.failed(f"{method}() gave {given!r:.80}, not {count} numbers")
         return found
 
     def _diverged(self, why: str) -> HapnetError:
-        return self._failed(f"{why}{self.ask('diagnosis')}")
+        return self.failed(f"{why}{self.ask('diagnosis')}")
 
-    def _failed(self, why: str) -> HapnetError:
+    def failed(self, why: str) -> HapnetError:
+        """The error in one line."""
         return HapnetError(f"the scene {self._name} failed: {why}")

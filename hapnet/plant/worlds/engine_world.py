@@ -44,7 +44,6 @@ from hapnet.plant.worlds.picture import Picture
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.shapes_picture import ShapesPicture
-from hapnet.plant.worlds.walls import check_number
 from hapnet.records.vectors import inner
 
 MAX_S = 0.25
@@ -182,10 +181,11 @@ class EngineWorld(WorldDefaults, Surroundings):
         if missing := lacking(engine, Engine.__abstractmethods__):
             raise HapnetError(f"the scene {name} failed: its engine has no {', '.join(missing)}")
         whole = engine if isinstance(engine, Engine) else cast(Engine, Completed(engine, Engine))
-        check_number("substep_s", whole.substep_s, "a positive number of seconds", lambda s: s > 0.0)
         self.name: str = name
         self.engine: Engine = whole
         self.account: EngineAccount = EngineAccount(whole, name)
+        if not (isinstance(whole.substep_s, int | float) and whole.substep_s > 0.0):
+            raise self.account.failed(f"its substep_s is {whole.substep_s!r}, not a positive number of seconds")
         self.dof = self.account.dof
         self._has_steps = min_s is not None or max_s is not None
         self._steps = Scene(name, self.dof, (), min_s or STEP_MIN_S, max_s or STEP_MAX_S)

@@ -1,0 +1,349 @@
+"""Engines of any kind as the world: what they are charged, what they are told, and what becomes of those that lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapnet import Engine, EngineWorld, HapnetError, Params, Plane, Sphere, cli
+from hapnet.plant.worlds.registry import make_scene
+from hapnet.simulation.simulation import Result, Simulation
+from tests.support import engines
+from tests.support.engines import AT, Bare, Bead, Coupled, K, M
+from tests.support.theorem_cases import random_case
+
+HONEST = ["Bare", "Bead", "Coupled", "Driven"]
+LIARS = ["Pump", "Modest", "Jumps", "Hurries", "Light", "Strong", "Against"]
+K_PROXY, B_PROXY = 500.0, 14.0
+
+
+def scene(name: str) -> str:
+    return f"tests.support.engines:{name}"
+
+
+def over_a_link(name: str, index: int) -> Result:
+    link = {key: value for key, value in random_case(index).flat().items() if key.startswith("link.")}
+    hand = {"operator": ("sine", "press", "hand-3")[index % 3]}
+    steps = ((0.01, 0.03), (0.001, 0.001), (0.05, 0.1))[index % 3]
+    own = {"world.step_min_s": steps[0], "world.step_max_s": steps[1], "duration_s": 1.5}
+    if index % 2:
+        own |= {"world.ceiling_J": 2e-4, "device.ceiling_J": 2e-4}
+    return Simulation(Params().set({**link, **hand, **own, "scene": scene(name)}), index).run()
+
+
+def check(result: Result) -> None:
+    """Both halves of Theorem 1, and the environment's account, from what the run measured."""
+    summary = result.summary
+    assert summary["theorem"]["margin_J"] >= -1e-9
+    for part in (summary["device"], summary["world"]):
+        assert part is not None
+        assert part["ledger"]["slack_J"] >= -1e-12
+        assert part["reservoir_min_J"] >= 0.0
+        assert part["deficit_max_J"] == 0.0
+    slack = summary["environment"]["env_slack_J"]
+    assert slack is not None
+    assert slack >= -1e-12
+    assert summary["verdict"]["passive"] is True
+
+
+@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("name", [*HONEST, *LIARS])
+def test_it_is_passive_whatever_the_engine_does(name: str, index: int) -> None:
+    check(over_a_link(name, index))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", range(3, 23))
+@pytest.mark.parametrize("name", [*HONEST, *LIARS])
+def test_it_is_passive_over_random_links(name: str, index: int) -> None:
+    check(over_a_link(name, index))
+
+
+@pytest.mark.parametrize("name", ["Pump", "Modest", "Jumps", "Strong", "Against"])
+def test_what_a_liar_would_have_given_is_said(name: str) -> None:
+    own = over_a_link(name, 0).summary["environment"]
+    assert (own["env_given_J"] or 0.0) > 1e-4
+    assert (own["env_undone"] or 0) > 0 or (own["env_paid_J"] or 0.0) > 1e-5
+
+
+# -- what it is charged, and what it feels like ------------------------------------------------------------------------
+
+
+def made(engine: Any) -> tuple[EngineWorld, Any]:
+    world = EngineWorld(engine)
+    return world, world.proxy(M, B_PROXY, K_PROXY)
+
+
+@pytest.mark.parametrize("engine", [Bare, Bead, Coupled])
+def test_the_wall_holds_the_spring(engine: Any) -> None:
+    """K' (ybar - x) = K (x - wall) at rest, whoever integrates the bead."""
+    _, mass = made(engine())
+    for _ in range(100):
+        done = mass.step(0.02, (0.03,))
+    rest = (K_PROXY * 0.03 + K * AT) / (K_PROXY + K)
+    assert done.position[0] == pytest.approx(rest, rel=1e-4)
+    assert done.force[0] == pytest.approx(-K * (rest - AT), rel=1e-3)
+
+
+def test_a_held_force_is_charged_by_the_way_of_the_bead() -> None:
+    """By the bead's own arithmetic, substep by substep."""
+
+    class Witness(Bead):
+        work = 0.0
+
+        def substep(self, dt: float, force: Any) -> None:
+            before = self.x
+            super().substep(dt, force)
+            self.work += force[0] * (self.x - before)
+
+    bead = Witness()
+    _, mass = made(bead)
+    total = -sum(mass.step(dt, (0.008 * np.sin(0.3 * k),)).work_J for k, dt in enumerate([0.02, 0.003, 0.05] * 10))
+    assert mass._account.undone == 0
+    assert total == pytest.approx(bead.work, rel=1e-12)
+    assert total > 1e-4
+
+
+def test_one_that_is_told_the_coupling_is_charged_by_13() -> None:
+    """D = |vhat|_B'^2 h and W = dphi + D of each substep, from where the bead was; never more than the spring had."""
+
+    class Witness(Coupled):
+        def __init__(self) -> None:
+            super().__init__()
+            self.places = [0.0]
+
+        def coupled_substep(self, *told: Any) -> None:
+            super().coupled_substep(*told)
+            self.places.append(self.x)
+
+    bead = Witness()
+    _, mass = made(bead)
+    for k in range(50):
+        goal, first = (0.009 * np.sin(0.4 * k),), len(bead.places) - 1
+        mass.afford(0.0)
+        done = mass.step(0.02, goal)
+        x = np.array(bead.places[first:])
+        assert len(x) == 21
+        dissipated = float(np.sum(np.diff(x) ** 2)) * B_PROXY / 0.001
+        phi = 0.5 * K_PROXY * (x[[0, -1]] - goal[0]) ** 2
+        assert bead.told == [*goal, K_PROXY, B_PROXY]
+        assert done.dissipated_J == pytest.approx(dissipated, abs=1e-15)
+        assert done.work_J == pytest.approx(dissipated + phi[1] - phi[0], abs=1e-15)
+    assert mass._account.undone == 0
+
+
+def test_undo_is_exact() -> None:
+    """A substep that may not be is made again without force from the same state: the bead coasts."""
+    world, mass = made(bead := Bead())
+    bead.v = 0.1
+    world.account.look()
+    applied, work = world.account.substep(0.001, (1.0,), 0.0)  # it would do 1e-4 J
+    assert (applied, work) == ((0.0,), 0.0)
+    assert bead.v == pytest.approx(0.1 * (1.0 - 0.001 * 0.2 / M), rel=1e-15)
+    assert world.observed.undone == 1
+    assert mass.position == (bead.x,)
+
+
+def test_without_its_energy_it_gives_back_no_more_than_it_got() -> None:
+    """A bead that is thrown by hand gives its kinetic energy back; one that was thrown by nobody gives nothing."""
+    world, mass = made(thrown := Bare())
+    assert any("does not say its energy" in line for line in world.warnings)
+    thrown.v = 1.0
+    world.account.look()
+    works = np.cumsum([-mass.step(0.001, (0.0,)).work_J for _ in range(50)])
+    assert works.min() >= 0.0
+    world, mass = made(Bare())
+    works = np.cumsum([-mass.step(0.001, (0.02 if k < 20 else 0.0,)).work_J for k in range(60)])
+    assert works.max() > 1e-3
+    assert works.min() >= 0.0
+    assert works.max() - works[-1] > 0.3 * works.max()  # what was put in came back
+
+
+def test_a_motor_has_a_port_of_its_own() -> None:
+    result = over_a_link("Driven", 0)
+    assert abs(result.summary["environment"]["env_supplied_J"] or 0.0) > 1e-4
+    assert made(Bead())[0].supplied_J == 0.0
+
+
+# -- what else it can say ----------------------------------------------------------------------------------------------
+
+
+class Seen(Bead):
+    def planes(self, position: Sequence[float], reach_m: float) -> list[Plane]:
+        return [Plane((1.0,), AT, K, 0.0, friction=0.25)]
+
+    def contact_force(self) -> list[float]:
+        return [-K * max(0.0, self.x - AT)]
+
+    def depth(self) -> float:
+        return max(0.0, self.x - AT)
+
+    def shapes(self) -> list[Sphere]:
+        return [Sphere((0.0, 0.0, 0.0), 0.002)]
+
+    def poses(self) -> list[tuple[float, ...]]:
+        return [(self.x, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)]
+
+    def place(self, position: Sequence[float]) -> bool:
+        self.x, self.v = position[0], 0.0
+        return self.x <= AT
+
+    def signals(self) -> dict[str, float]:
+        return {"speed": self.v}
+
+
+def test_its_planes_forces_and_pictures_are_those_of_the_world() -> None:
+    world, mass = made(Seen())
+    assert world.towards((0.02,))[0] == pytest.approx(AT, abs=2e-5)
+    mass.place((0.0,))
+    for _ in range(100):
+        done = mass.step(0.02, (0.03,))
+    assert world.planes(done.position, 0.01) == (Plane((1.0,), AT, K, 0.0, friction=0.25),)
+    assert world.contact_force == pytest.approx((done.force[0],), rel=1e-3)
+    assert done.penetration_m == world.penetration(done.position) == pytest.approx(done.position[0] - AT)
+    picture = world.picture()
+    assert picture is not None
+    assert picture.poses()[0, 0] == done.position[0]
+    (touch,) = picture.touches(done.position, done.force)
+    assert touch.point == pytest.approx((AT, 0.0, 0.0))
+    assert touch.normal == (-1.0, 0.0, 0.0)
+    assert touch.friction == 0.25
+    assert np.abs(np.linalg.norm(picture.parts[0].vertices, axis=1) - 0.002).max() < 1e-4
+    assert set(world.signals()) == {"speed"}
+
+
+def test_one_that_says_nothing_of_these_has_none() -> None:
+    world, mass = made(Bare())
+    assert [world.planes((0.0,), 0.01), world.contact_force, world.picture()] == [None] * 3
+    assert world.penetration((0.0,)) == 0.0
+    assert world.towards((0.02,)) == world.start == (0.0,)
+    mass.place((0.02,))
+    assert mass.position == (0.0,)
+    assert not world.signals()
+    assert not isinstance(Bare(), Engine)
+    assert isinstance(world.engine, Engine)
+
+
+def test_steps_are_those_of_the_parameters_unless_the_world_says_its_own() -> None:
+    rng = np.random.default_rng(1)
+    world = EngineWorld(Bead(), min_s=0.004, max_s=0.005)
+    assert not world.steps_between(0.1, 0.2)
+    assert 0.004 <= world.next_step_s(rng) <= 0.005
+    world = EngineWorld(Bead())
+    assert world.steps_between(0.1, 0.2)
+    assert 0.1 <= world.next_step_s(rng) <= 0.2
+
+
+# -- what fails --------------------------------------------------------------------------------------------------------
+
+FAILS = {
+    "Raises": "substep() raised ArithmeticError: two contacts at once",
+    "NotANumber": "its position is [nan]",
+    "Faster": "its velocity is [inf]",
+    "Explodes": "its energy is 1e+18 J",
+    "Forgets": "restore() does not bring back the position",
+    "TwoAxes": "velocity() gave (0.0, 0.0), not 1 numbers",
+    "OneNumber": "energy_J() gave 0.0, not 2 numbers",
+    "Speeds": "slow() may take kinetic energy and nothing else",
+    "Words": "substep() gave ('a lot',), not 1 numbers",
+    "Standing": "its substep_s is 0.0, not a positive number",
+    "SilentPump": "its velocity is [",
+    "Nowhere": "position() gave ()",
+    "Lacks": "its engine has no restore, save, velocity",
+    "Below": "its kinetic energy is -1 J",
+}
+
+
+@pytest.mark.parametrize("name", FAILS)
+def test_what_fails_is_one_line_and_exit_code_2(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["simulate", "--scene", scene(name), "--operator", "press", "--duration", "2", "--no-files"]) == 2
+    complaint = capsys.readouterr().err
+    assert FAILS[name] in complaint
+    assert name in complaint
+    assert len(complaint.strip().splitlines()) == 1
+
+
+def test_every_engine_of_the_tests_is_used() -> None:
+    mine = {name for name, each in vars(engines).items() if getattr(each, "__module__", "") == engines.__name__}
+    assert mine == {*HONEST, *LIARS, *FAILS}
+    assert make_scene(scene("Bead")).name == "Bead"
+
+
+number = st.floats(-999.0, 999.0)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    tape=st.lists(st.tuples(number, number, st.floats(0.0, 1e3), number, number), min_size=8, max_size=40),
+    goals=st.lists(st.tuples(number, st.floats(1e-4, 0.3), st.floats(0.0, 1.0)), min_size=1, max_size=12),
+    knows=st.booleans(),
+    damps=st.booleans(),
+    coupled=st.booleans(),
+)
+def test_whatever_an_engine_says_both_accounts_hold(
+    tape: list[tuple[float, ...]], goals: list[tuple[float, ...]], knows: bool, damps: bool, coupled: bool
+) -> None:
+    """Places, velocities, energies and motors' work are any numbers; only what was saved comes back."""
+
+    class Anything:
+        substep_s = 0.05
+
+        def __init__(self) -> None:
+            self.now, self.at = tape[0], 0
+
+        def position(self) -> Sequence[float]:
+            return (self.now[0],)
+
+        def velocity(self) -> Sequence[float]:
+            return (self.now[1],)
+
+        def energy_J(self) -> Any:
+            return self.now[2:4] if knows else None
+
+        def substep(self, dt: float, force: Any) -> float:
+            self.at += 1
+            self.now = tape[self.at % len(tape)]
+            return self.now[4]
+
+        def save(self) -> Any:
+            return self.now
+
+        def restore(self, state: Any) -> None:
+            self.now = state
+
+        def slow(self, factor: float) -> None:
+            if damps:
+                self.now = (*self.now[:2], factor**2 * self.now[2], *self.now[3:])
+
+    class AnythingCoupled(Anything):
+        def coupled_substep(self, dt: float, *told: Any) -> float:
+            return self.substep(dt, None)
+
+    world, mass = made(AnythingCoupled() if coupled else Anything())
+    start, given_J, E, scale = world.stored_J(()), 0.0, 0.0, 1e3
+    for goal, dt, extra in goals:
+        E += extra
+        before = 0.5 * K_PROXY * (mass.position[0] - goal) ** 2
+        mass.afford(E)
+        done = mass.step(dt, (goal,))
+        after = 0.5 * K_PROXY * (done.position[0] - goal) ** 2
+        scale = max(scale, before, after, abs(done.work_J))
+        assert -done.work_J <= before + E  # it takes no more than there is
+        assert E + done.dissipated_J + after >= -1e-12 * scale
+        E = max(0.0, E + done.dissipated_J)
+        given_J -= done.work_J
+        assert given_J + world.supplied_J - (world.stored_J(()) - start) >= -1e-11 * scale
+
+
+def test_an_engine_that_raises_a_hapnet_error_says_it_itself() -> None:
+    class Own(Bead):
+        def substep(self, dt: float, force: Any) -> None:
+            raise HapnetError("the rail is too short")
+
+    with pytest.raises(HapnetError, match=r"^the rail is too short$"):
+        made(Own())[1].step(0.01, (0.0,))
