@@ -28,7 +28,7 @@ from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, model, reported
 from tests.control.test_local_friction import slack_of
 from tests.support.grains import SWEEP, asked, line, slid
-from tests.support.rubbing import run
+from tests.support.rubbing import FACE_M, K, run
 from tests.wire.test_messages import A, rejected
 
 DEEP = 0.01
@@ -135,6 +135,28 @@ def test_over_4g_the_line_at_the_device_is_what_was_asked(hz: float, speed_mps: 
     assert slack_of(felt.summary) >= -1e-12
     assert felt.summary["verdict"]["passive"] is True
     assert felt.summary["device"]["reservoir_min_J"] >= 0.0
+
+
+def test_over_4g_a_saw_has_the_teeth_of_its_cones() -> None:
+    """Its spring is strained from one cone to the other: 0.6 times the push over K'."""
+    felt = run("plane?friction=0.2&stick=0.8", "4g", seconds=2.0)
+    slips = np.flatnonzero(np.abs(np.diff(felt.rub())) > 0.15)
+    tooth = 0.6 * felt.push()[slips].mean() / K  # which is the proxy's over K'
+    assert np.abs(np.diff(felt.x[slips, 1]))[:3] == pytest.approx(tooth, rel=0.02)
+    ratio = -felt.rub()[700:1200] / felt.push()[700:1200]
+    assert ratio.max() == pytest.approx(0.8, rel=0.02)
+    assert slack_of(felt.summary) >= -1e-12
+
+
+def test_over_4g_drag_and_attraction_are_those_of_the_proxy_as_the_hand_feels_them() -> None:
+    felt = run("plane?viscosity=5&snap=2,5mm", "4g", seconds=2.0)
+    assert -felt.rub()[1000:1200] == pytest.approx(5.0 * 0.05 * K / K_WORLD, rel=0.02)
+    share = (FACE_M - felt.x[:, 0]) / 0.005
+    near = (share > 0.0) & (share < 1.0)
+    assert near.sum() > 50
+    drag = felt.force[near, 0] - 8.0 * share[near] * (1.0 - share[near]) * K / K_WORLD
+    assert np.sqrt(np.mean(drag**2)) <= 0.02  # of 0.4 N: the rest is the dampers'
+    assert slack_of(felt.summary) >= -1e-12
 
 
 def test_compiled_code_says_that_it_does_not_run_effects() -> None:
