@@ -19,7 +19,8 @@ The public names, which stay stable:
 * `RealtimeSide`: what they are made of, from the result of `prepare` and from `ZenohSettings`, which say how to reach
   the other side. It reports `Notice`s.
 * `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
-  `Plane`: what a device receives of them. `Sphere`, `Cuboid`: how pictures show them.
+  `Plane`: what a device receives of them, with `Effects` of its surface and their `Grain`. `Sphere`, `Cuboid`:
+  how pictures show them.
   `Engine`: the protocol of a physics engine that integrates what the hand holds, and `EngineWorld`, the world of one.
   `World`, and what is in one, `Surroundings`: the protocols of any other world.
 * `Device`: the protocol of your own device. It needs no base class; `Driver` is one, with a default for each part
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from hapnet.devices.driver import Driver
     from hapnet.errors import DeviceSilent, Ended, HapnetError, InvalidParameter
     from hapnet.mechanics.contacts import Surroundings
+    from hapnet.mechanics.effects import Effects, Grain
     from hapnet.mechanics.plane import Plane
     from hapnet.param_values import parameter
     from hapnet.params import Params
@@ -84,10 +86,12 @@ _HOMES = {
     "Device": "hapnet.plant.device",
     "DeviceSilent": "hapnet.errors",
     "Driver": "hapnet.devices.driver",
+    "Effects": "hapnet.mechanics.effects",
     "Ended": "hapnet.errors",
     "Engine": "hapnet.plant.worlds.engine",
     "EngineWorld": "hapnet.plant.worlds.engine_world",
     "ForceWorld": "hapnet.plant.worlds.force_world",
+    "Grain": "hapnet.mechanics.effects",
     "HapnetError": "hapnet.errors",
     "InvalidParameter": "hapnet.errors",
     "Notice": "hapnet.side.notices",
@@ -136,10 +140,12 @@ __all__ = [
     "Device",
     "DeviceSilent",
     "Driver",
+    "Effects",
     "Ended",
     "Engine",
     "EngineWorld",
     "ForceWorld",
+    "Grain",
     "HapnetError",
     "InvalidParameter",
     "Notice",
