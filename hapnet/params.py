@@ -51,6 +51,20 @@ RENAMED: Mapping[str, str] = {"feel": "rendering"}
 """Former names, which are read for one release more, and in recordings for ever."""
 
 
+ARMS = ("omni", "arm:FILE.urdf?tip=LINK")
+"""The devices that are simulated arms."""
+
+
+def is_arm(hardware: str) -> bool:
+    """Is the device of this name a simulated arm?"""
+    return hardware == "omni" or hardware.startswith(("omni:", "arm:"))
+
+
+def is_simulated(hardware: str) -> bool:
+    """Is the device of this name simulated: a point mass, or an arm?"""
+    return hardware == "simulated" or is_arm(hardware)
+
+
 @dataclass(frozen=True, repr=False)
 class Params:
     """All parameters of a run.
@@ -66,7 +80,7 @@ class Params:
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"
     )
-    hardware: str = _p("simulated", "the device: simulated, a name (`hapnet devices`) or your own as module:Class")
+    hardware: str = _p("simulated", "the device: simulated, omni, a name (`hapnet devices`), or module:Class")
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
     rendering: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, "
                    "with the other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from hapnet.assembly.arms import table_of, with_arm
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
@@ -29,7 +30,8 @@ from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
-from hapnet.params import DeviceParams, Params, WorldParams, as_params
+from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
+from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
@@ -123,6 +125,7 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 
 
 def _prepared(params: Params, default_servo: str) -> Setup:
+    params = with_arm(params)
     scene, warnings = _scene(params)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
@@ -136,7 +139,8 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         raise InvalidParameter("coupling", params.coupling, allowed)
     servo = device.servo
     if servo == "auto":
-        servo = default_servo if spec.continuous is not None and params.rendering == "paper" else "sampled"
+        acts_within = spec.continuous is not None and params.rendering == "paper" and not is_arm(params.hardware)
+        servo = default_servo if acts_within else "sampled"
     elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
     harvest = cast(
@@ -163,7 +167,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
     if servo == "sampled" and spec.limited:
         found = held_torque.check(device, harvest, scene.dof)
-        if params.hardware == "simulated" or harvest == "range":  # else what the device itself declares counts
+        if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
             warnings.extend(found)
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = spec.tune(params, delays(up, down, params.link.path_s))
@@ -205,21 +209,25 @@ def device_side(
     clock, write, write_motion : as in `Drive`; only a simulated device can write its motion alone.
     """
     endpoint.deadband = deadband(setup.params, "device")
-    if setup.params.hardware != "simulated":
+    if not is_simulated(setup.params.hardware):
         return _user_device_side(setup, endpoint, clock, write)
     params = setup.params
     device = params.device
     period = 1.0 / device.servo_hz
     hand = setup.hand or operator(params, setup.scene)
-    simulated = SimulatedDevice(
-        hand,
-        mass=device.mass,
-        damping=device.own_damping,
-        period=period,
-        substeps=device.substeps,
-        resolution=device.resolution_m,
-        force_limit=device.force_limit_N or None,
-    )
+    limit = device.force_limit_N or None
+    if is_arm(params.hardware):
+        with named_section("device"):
+            arm = SimulatedArm(
+                table_of(params.hardware), hand, period=period, substeps=device.substeps,
+                resolution=device.resolution_m, force_limit=limit,
+            )  # fmt: skip
+        simulated: SimulatedDevice = setup.ends.arm(arm)
+    else:
+        simulated = SimulatedDevice(
+            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
+            resolution=device.resolution_m, force_limit=limit,
+        )  # fmt: skip
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
     drive = dataclasses.replace(_drive(setup, clock, write), write_motion=write_motion)

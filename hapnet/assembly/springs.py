@@ -13,7 +13,7 @@ from hapnet.couplings import held_torque
 from hapnet.couplings.default_stiffness import PAPERS, default_stiffness
 from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
-from hapnet.params import DeviceParams, Params
+from hapnet.params import DeviceParams, Params, is_simulated
 
 MOST_CEILING_J = 0.2
 """A stiff spring needs a large reserve, and the reservoir's ceiling follows it up to this [J], if the user set none."""
@@ -39,7 +39,7 @@ def with_springs(params: Params) -> Params:
     if not coupling(params.coupling).staged(params):
         return params.set({"device.stiffness": PAPERS})
     held = _as_declared(params)
-    simulated = params.hardware == "simulated"
+    simulated = is_simulated(params.hardware)
     K = default_stiffness(
         held.own_damping if simulated else held.trusted_damping,
         float(np.max(held.damping)),
@@ -71,7 +71,7 @@ def without_rule(params: Params) -> Params:
 def _as_declared(params: Params) -> DeviceParams:
     """The device's parameters, with what its class declares in their place."""
     device = dataclasses.replace(params.device, damping=float(np.max(params.device.damping)))
-    if params.hardware == "simulated":
+    if is_simulated(params.hardware):
         return device
     made = load_class(params.hardware)
     limits = [limit for limit in (device.force_limit_N, declared(made, "force_limit")) if _is_number(limit)]
@@ -87,7 +87,7 @@ def _is_number(value: object) -> bool:
 
 def _declared_range(params: Params) -> tuple[float, float] | None:
     """The stiffness that the device, or else `device.stiffness_range`, declares [N/m]; None: neither does."""
-    reported: Any = None if params.hardware == "simulated" else declared(load_class(params.hardware), "stiffness_range")
+    reported: Any = None if is_simulated(params.hardware) else declared(load_class(params.hardware), "stiffness_range")
     if not isinstance(reported, tuple | list):
         reported = None if params.device.stiffness_range == _DEFAULTS.stiffness_range else params.device.stiffness_range
     if reported is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 from hapnet.plant.operating_range import in_millimetres
 
 _PLACES = (
@@ -25,5 +25,5 @@ def check_units(params: Params, dof: int) -> None:
         if length > declared.reach:
             allowed = f"within the {declared.reach:g} m that the device reaches (device.workspace_m)"
             raise InvalidParameter(name, params.get(name), allowed + in_millimetres(length, declared.reach))
-    if params.hardware == "simulated":
+    if is_simulated(params.hardware):
         declared.check_stiffness("device.stiffness", params.device.stiffness, dof)

@@ -22,7 +22,7 @@ from hapnet.checks import Vector
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.loading import failure, load
-from hapnet.params import DeviceParams, Params
+from hapnet.params import ARMS, DeviceParams, Params, is_simulated
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
@@ -31,7 +31,7 @@ from hapnet.side.force_limiter import ForceLimiter
 
 def allowed() -> str:
     """What can be given as a device, as text."""
-    return f"simulated, {', '.join(known())}, or module:Class with dof, force_limit, resolution, read and apply"
+    return f"simulated, omni, {', '.join(known())}, or module:Class with dof, force_limit, resolution, read and apply"
 
 
 def load_class(name: str) -> Callable[..., Any]:
@@ -42,7 +42,7 @@ def load_class(name: str) -> Callable[..., Any]:
     Raises InvalidParameter: there is no such class, or no such option.
     """
     target, words = resolve(name)
-    found = load("hardware", target, allowed(), ("simulated", *known()))
+    found = load("hardware", target, allowed(), ("simulated", *ARMS, *known()))
     if not callable(found):
         raise InvalidParameter("hardware", name, allowed())
     return partial(found, **options(name, found, words)) if words else found
@@ -54,7 +54,7 @@ def servo_rate(params: Params) -> float:
     Raises InvalidParameter: there is no such device, or its rate is not a number.
     """
     wanted = params.device.servo_hz
-    if params.hardware == "simulated":
+    if is_simulated(params.hardware):
         return wanted
     own = declared(load_class(params.hardware), "rate_hz")
     return wanted if own is None else min(wanted, checks.positive("rate_hz", own))
@@ -62,7 +62,7 @@ def servo_rate(params: Params) -> float:
 
 def is_blocking(hardware: str) -> bool:
     """Does reading this device wait for its next reading?"""
-    return hardware != "simulated" and bool(declared(load_class(hardware), "blocking"))
+    return not is_simulated(hardware) and bool(declared(load_class(hardware), "blocking"))
 
 
 def declared(made: Callable[..., Any], part: str) -> Any:

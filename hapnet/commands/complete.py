@@ -79,7 +79,7 @@ def devices() -> list[str]:
     """Devices by name."""
     from hapnet.devices.registry import known
 
-    return list(known())
+    return ["omni", *known()]
 
 
 def operators(incomplete: str) -> list[str]:

@@ -13,7 +13,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.options import Dialling
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 
 if TYPE_CHECKING:
     from hapnet.doctor.machine import Check
@@ -57,7 +57,7 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
     from hapnet.commands import known_devices
     from hapnet.doctor.device import examine_device as measure
 
-    if hardware == "simulated":
+    if is_simulated(hardware):
         raise InvalidParameter("--device", hardware, "a real device (`hapnet devices`), or module:Class")
     device = UserDevice(hardware, dof)
     rate_hz = min(servo_rate(Params().set({"hardware": hardware})), device.rate_hz or math.inf)

@@ -40,7 +40,7 @@ Hardware = Annotated[
     typer.Option(
         "--device",
         metavar="NAME[:OPTIONS]|MODULE:CLASS",
-        help="A real device (`hapnet devices`), or one of your own, instead of the simulated one.",
+        help="A real device (`hapnet devices`), your own, or an arm (omni), instead of the simulated mass.",
         autocompletion=complete.devices,
     ),
 ]

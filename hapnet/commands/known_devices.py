@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapnet.checks import Vector
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 
 if TYPE_CHECKING:
     from hapnet.summary.structure import Summary
@@ -76,7 +76,7 @@ def learn(params: Params, summary: Summary) -> None:
 
 
 def _is_pushed(params: Params) -> bool:
-    return params.hardware != "simulated" and params.device.self_test_N > 0.0
+    return not is_simulated(params.hardware) and params.device.self_test_N > 0.0
 
 
 def _all() -> dict[str, Any]:

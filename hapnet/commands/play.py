@@ -11,7 +11,7 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.options import NO_LINK, LinkOptions, ModelOptions, PageOptions, ParamsOptions, ZenohOptions
 from hapnet.errors import InvalidParameter
-from hapnet.params import RELAXED_HAND, OperatorParams, Params
+from hapnet.params import RELAXED_HAND, OperatorParams, Params, is_simulated
 from netem.groups import Without
 
 
@@ -46,7 +46,7 @@ def play(
     chosen = led(params.over(base, model.named("device", "world"), links))
     if params.show_params:
         return params.show(chosen)
-    if chosen.hardware != "simulated":
+    if not is_simulated(chosen.hardware):
         allowed = "simulated: the mouse is the hand here; `hapnet view` shows a pair with your own device"
         raise InvalidParameter("hardware", chosen.hardware, allowed)
     if not chosen.telemetry_hz:

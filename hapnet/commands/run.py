@@ -13,7 +13,7 @@ from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no
 from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError
 from hapnet.extras import require
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 
 if TYPE_CHECKING:
     import signal
@@ -98,9 +98,9 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
-            for end in real_time.missing(setup.coupling, (real_time.SERVO, real_time.WORLD)):
+            for end in real_time.missing(setup.coupling, (real_time.SERVO, real_time.WORLD), chosen.hardware):
                 real_time.make_ready(end)
-            reads = chosen.hardware != "simulated" and terminal.is_ours()
+            reads = not is_simulated(chosen.hardware) and terminal.is_ours()
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)
             with terminal.left_as_it_was():
                 asyncio.run(_run(pair, caught))
@@ -168,7 +168,7 @@ def check_sides(setup: Setup) -> None:
     from hapnet.assembly.user_device import load_class
     from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 
-    if setup.params.hardware == "simulated":
+    if is_simulated(setup.params.hardware):
         device_side(setup, DeviceEndpoint(device_session(setup, 1)), time.monotonic_ns, lambda sample: None)
     else:
         load_class(setup.params.hardware)

@@ -11,12 +11,11 @@ from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from netem.groups import Without
 
 
 def simulate(
     *,
-    model: Annotated[ModelOptions, Without("hardware")],
+    model: ModelOptions,
     seed: flags.Seed = 0,
     links: LinkOptions,
     params: ParamsOptions,

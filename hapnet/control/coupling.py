@@ -34,6 +34,8 @@ from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.equation import equation
 from hapnet.records.record import Reals
 
+Made = TypeVar("Made")
+
 
 class ForceParts(NamedTuple):
     """What a device's force is made of [N]. Spring and damper add up to it, unless a limit took something off."""
@@ -163,6 +165,10 @@ class Ends:
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
         """The device's end, before its first tick."""
         return servo
+
+    def arm(self, arm: Made) -> Made:
+        """A simulated arm, before its first tick."""
+        return arm
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
         """The world's end, before its first step, which `mass` makes among `contacts`."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from hapnet.control.contact_equations import Answer
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import DeviceCoupling, Ends, WorldCoupling
+from hapnet.control.coupling import DeviceCoupling, Ends, Made, WorldCoupling
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
@@ -16,27 +16,33 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings.spec import CouplingSpec
-from hapnet.kernel import bound, progress, servo_end, sources, world_end
+from hapnet.kernel import arm_end, bound, progress, servo_end, sources, world_end
+from hapnet.kernel.arm_end import ArmEnd, CompiledArm
 from hapnet.kernel.kinds import OF_SET_POSITIONS
 from hapnet.kernel.servo_end import CompiledServo, ServoEnd
 from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
+from hapnet.params import is_arm
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records import machine_code
-from hapnet.records.record import AXES
+from hapnet.records.record import AXES, Record
 
-SERVO, WORLD = "servo", "world"
-"""The ends."""
+SERVO, WORLD, ARM = "servo", "world", "arm"
+"""The ends, and a simulated arm."""
+
+_COMPILED: dict[str, tuple[Any, type[Record]]] = {
+    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEnd), ARM: (arm_end, ArmEnd)
+}  # fmt: skip
 
 _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [VelocityPredictor, SmoothingFilter])
 
 
 @cache
 def make_ready(name: str) -> Any:
-    """The compiled function of an end, `SERVO` or `WORLD`; loads or makes the machine code, once in a process."""
-    module, kind = (servo_end, ServoEnd) if name == SERVO else (world_end, WorldEnd)
+    """The compiled function of one of them; loads or makes the machine code, once in a process."""
+    module, kind = _COMPILED[name]
     from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
 
     run: Any = entry(module.entry_of(f"{sources.digest()} {name}"), str(machine_code.directory()), OF_SET_POSITIONS)
@@ -48,12 +54,15 @@ def make_ready(name: str) -> Any:
     return run
 
 
-def missing(spec: CouplingSpec[Any], wanted: Iterable[str]) -> list[str]:
-    """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet."""
-    if spec.compiled is None or machine_code.no_compiler() is not None:
+def missing(spec: CouplingSpec[Any], wanted: Iterable[str], hardware: str) -> list[str]:
+    """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet;
+    beside the servo the `ARM`, if the device is one."""
+    if machine_code.no_compiler() is not None:
         return []
-    laws = dict(zip((SERVO, WORLD), spec.compiled, strict=True))
-    return [end for end in wanted if laws[end] is None and not sources.are_compiled(end)]
+    compiled = zip((SERVO, WORLD), spec.compiled or (), strict=False)
+    needed = {end for end, law in compiled if law is None} | ({ARM} if is_arm(hardware) else set())
+    asked = [end for one in wanted for end in ((one, ARM) if one == SERVO else (one,))]
+    return [end for end in asked if end in needed and not sources.are_compiled(end)]
 
 
 def ends() -> Ends:
@@ -61,8 +70,21 @@ def ends() -> Ends:
     return CompiledEnds() if machine_code.no_compiler() is None else Ends()
 
 
-class CompiledEnds(Ends):
-    """Makes ends of set-positions into compiled ones; those of other laws stay Python's."""
+class CompiledArms(Ends):
+    """Makes the ticks of a simulated arm compiled ones, and leaves all else as it is."""
+
+    def arm(self, arm: Made) -> Made:
+        """The same arm, whose ticks are compiled from now on."""
+        made: Any = arm
+        array, end = bound.memory(ArmEnd)
+        bound.bind(end.arm, made.arm)
+        made.__class__ = CompiledArm
+        made.runs(array, end, make_ready(ARM))
+        return arm
+
+
+class CompiledEnds(CompiledArms):
+    """Makes ends of set-positions into compiled ones too; those of other laws stay Python's."""
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
         """The same servo, whose ticks are compiled from now on, if that is possible."""

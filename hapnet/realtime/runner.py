@@ -24,6 +24,7 @@ from hapnet.assembly.links import link_profile
 from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.params import is_simulated
 from hapnet.realtime.account_reporter import AccountReporter
 from hapnet.realtime.controller_choice import control_of
 from hapnet.realtime.controllers import Control, ControlCallbacks
@@ -342,7 +343,7 @@ class RealtimeSide:
 
     def _require_live_hand(self) -> None:
         params = self.setup.params
-        if self.role != "device" or params.operator != LIVE or params.hardware != "simulated":
+        if self.role != "device" or params.operator != LIVE or not is_simulated(params.hardware):
             raise InvalidParameter("operator", params.operator, f"{LIVE}, on a device's side with a simulated device")
 
     def report(self, name: str, value: Signal) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Followed, Impedance
 from hapnet.recording.mcap import is_mcap, read_recording
@@ -101,7 +101,7 @@ def left_out(recording: Recording) -> list[tuple[int, int]]:
     found = set[tuple[int, int]]()
     if times[0] - origin_ns > LATE_NS + 2 * spacing_ns:
         found.add((origin_ns, int(times[0])))
-    if own.get("params", {}).get("hardware", "simulated") != "simulated":
+    if not is_simulated(own.get("params", {}).get("hardware", "simulated")):
         return sorted(found)  # a real hand keeps moving during a pause
     gaps = np.diff(times)
     for event in recording.events:

@@ -12,7 +12,7 @@ from hapnet.assembly.build import LIVE
 from hapnet.assembly.springs import without_rule
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import flatten
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 from hapnet.recording.samples import Recording
 from hapnet.summary.structure import read
 from hapnet.summary.words import get, known
@@ -60,7 +60,7 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
         if live:  # the command line cannot ask for a live hand, and such a run has no end
             asked = params.set({"operator": default.operator, "duration_s": default.duration_s})
             found.append(Command("The same settings, with your own hand", _line("play", recording, asked)))
-        if params.hardware == "simulated" and not live:
+        if is_simulated(params.hardware) and not live:
             servo = params.device.servo if virtual or params.device.servo != "auto" else "sampled"
             what = "The same, to the last digit" if virtual else "The same settings in virtual time"
             found.append(Command(what, _line("simulate", recording, params.set({"device.servo": servo}))))

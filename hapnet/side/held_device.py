@@ -54,6 +54,7 @@ def live(side: HeldDevice, hand: Hand | None, periods: int) -> None:
     side.hand_work = 0.0
     for _ in range(periods):
         side.hand_work += advance(side.plant, hand)
+    copy(side.plant.dof, side.plant.state.torque, side.servo.held)  # an arm's motors may have cut it
     ledgers.put_in(side.hand, side.hand_work)
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hapnet.assembly.build import Setup
+from hapnet.control.coupling import Ends
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
@@ -30,6 +31,9 @@ class NotCompiledError(Exception):
 
 _WORTH_TICKS = 200_000
 """The reference takes as long for so many ticks as compiling the kernel takes, once for all processes."""
+
+_WORTH_ARM_TICKS = 5_000
+"""The same for an arm."""
 
 _ticks: Counter[str] = Counter()
 
@@ -77,6 +81,16 @@ def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
             make_ready(kind)
 
 
+def arm_ends(params: Params) -> Ends:
+    """What compiles the ticks of the simulated arm, where that pays; the rest of such a run is the reference's."""
+    from hapnet.kernel import real_time  # here, since it imports every end
+
+    ticks = round(params.duration_s * params.device.servo_hz)
+    if no_compiler() is None and (ticks >= _WORTH_ARM_TICKS or sources.are_compiled(real_time.ARM)):
+        return real_time.CompiledArms()
+    return Ends()
+
+
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
     """Why the kernel does not run this; None: it does.
 
@@ -100,6 +114,8 @@ def why_not(setup: Setup) -> str | None:
 
 def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
+    if params.hardware != "simulated":
+        yield f"the device {params.hardware}"
     if kind_of(params) is None:
         before = "the stages before " if known(params.coupling) and params.rendering == "hapnet" else ""
         yield f"{before}the coupling {params.coupling}"

@@ -1,0 +1,53 @@
+"""A tick of a simulated arm as one compiled call, in real time and in virtual time; its record stays Python's too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+from hapnet.checks import Vector
+from hapnet.plant.arms import motion
+from hapnet.plant.arms.device import SimulatedArm
+from hapnet.plant.arms.motion import Arm
+from hapnet.records.equation import equation
+from hapnet.records.record import AXES, FloatRows, Record
+
+
+class ArmEnd(Record):
+    """The arm, and the hand's reference at a tick's begin and end [m]. work : of the hand in it [J]."""
+
+    arm: Arm
+    path: Annotated[FloatRows, (2, AXES)]
+    work: float
+
+
+@equation
+def tick(end: ArmEnd) -> None:
+    """A tick of the arm."""
+    end.work = motion.tick(end.arm, end.path, 0)
+
+
+def entry_of(sources: str) -> Callable[[Sequence[ArmEnd]], bool]:
+    """The function that compiled code is entered by. sources : their digest."""
+
+    def run(ends: Sequence[ArmEnd]) -> bool:
+        """Make a tick."""
+        if sources is not None:
+            tick(ends[0])
+        return True
+
+    return run
+
+
+class CompiledArm(SimulatedArm):
+    """A `SimulatedArm` whose ticks are compiled."""
+
+    def runs(self, array: Any, end: Any, run: Any) -> None:
+        """array, end : the end's memory. run : the compiled tick."""
+        self._array, self._end, self._run = array, end, run
+
+    def _tick(self, begin: Vector, end: Vector) -> float:
+        self._end.path[0][:], self._end.path[1][:] = begin, end
+        self._run(self._array)
+        work: float = self._end.work
+        return work

@@ -1,0 +1,58 @@
+"""An arm's record from its table: stops and brakes by rule."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hapnet.plant.arms import motion
+from hapnet.plant.arms.chain import matrices
+from hapnet.plant.arms.motion import Arm
+from hapnet.plant.arms.table import ArmTable, chain_of
+from hapnet.plant.operator import Impedance
+
+STOP_HZ = 40.0
+"""On its stop a joint swings so fast, with the arm at home: stiff beside a hand, and slow beside a step."""
+
+STOP_LOSS_SPRAD = 0.5
+"""Damping of a stop beside its stiffness [s/rad]: a joint that comes at 1 rad/s leaves at two thirds of that."""
+
+SLIP_RADPS = 0.01
+"""Below this rate friction is nearly that of a damper."""
+
+BRAKES_AT = 0.1
+"""A drive brakes with its motor's whole torque at a rate above the greatest by this share."""
+
+
+def arm_of(table: ArmTable, hand: Impedance, period: float, steps: int, *, compensated: bool = True) -> Arm:
+    """The arm at rest at home, its tip in a hand.
+
+    period : of a tick [s]; steps : in a tick. compensated : do the motors carry the arm's weight?
+    """
+    arm = Arm()
+    bare = chain_of(table)
+    arm.chain = chain_of(table, hand.mass)
+    arm.n = n = bare.n
+    arm.period, arm.steps, arm.h = period, steps, period / steps
+    arm.compensated, arm.slip = int(compensated), SLIP_RADPS
+    arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping
+    home = list(table.home)
+    matrices(bare, home, [0.0] * n)
+    inertias = np.diagonal(bare.inertia)[:n].tolist()
+    swing = 2.0 * math.pi * STOP_HZ
+    for i, joint in enumerate(table.joints):
+        arm.damping[i], arm.friction[i] = joint.damping, joint.friction
+        arm.lower[i], arm.upper[i], arm.effort[i], arm.speed[i] = joint.lower, joint.upper, joint.effort, joint.speed
+        arm.stop_stiffness[i] = inertias[i] * swing * swing
+        arm.stop_damping[i] = STOP_LOSS_SPRAD * arm.stop_stiffness[i]
+        if joint.speed < math.inf:
+            torque = joint.effort if joint.effort < math.inf else joint.speed * inertias[i] * swing
+            arm.brake[i] = torque / (BRAKES_AT * joint.speed)
+    arm.has_limits = int(any(joint.effort < math.inf for joint in table.joints))
+    arm.q[:n] = home
+    motion.look(arm)
+    for r in range(3):
+        arm.chain.tip.arms[0][r] -= arm.x[r]
+    motion.look(arm)
+    return arm

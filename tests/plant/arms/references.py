@@ -1,0 +1,64 @@
+"""Arms to compare with: random tables, and the same arm in MuJoCo."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.plant.arms.table import ArmTable, Joint, rotation_of
+
+
+def vector(values: Array) -> Vector:
+    return tuple(values.tolist())
+
+
+def random_arm(rng: np.random.Generator, n: int) -> ArmTable:
+    """An arm of n joints with frames, axes and bodies that have nothing special."""
+    joints = []
+    for i in range(n):
+        turn = rotation_of(vector(rng.uniform(-math.pi, math.pi, 3)))
+        squares = rng.uniform(0.5, 1.5, 3)  # of the body's extents, so the moments are a body's
+        inertia = 1e-3 * turn @ np.diag(squares.sum() - squares) @ turn.T
+        inertia = (inertia + inertia.T) / 2
+        joints.append(
+            Joint(
+                f"j{i}",
+                vector(rng.uniform(-0.2, 0.2, 3)),
+                vector(rng.uniform(-math.pi, math.pi, 3)),
+                vector(rng.normal(size=3)),
+                float(rng.uniform(0.1, 0.5)),
+                vector(rng.uniform(-0.1, 0.1, 3)),
+                tuple(map(vector, inertia)),  # type: ignore[arg-type]
+            )
+        )
+    return ArmTable(f"random{n}", tuple(joints), vector(rng.uniform(-0.2, 0.2, 3)), (0.0,) * n)
+
+
+def in_mujoco(table: ArmTable) -> tuple[Any, Any]:
+    """MuJoCo's model of the arm, with a site at its tip, and its data."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.option.gravity = table.gamma
+    body = spec.worldbody
+    for joint in table.joints:
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, rotation_of(joint.rpy).ravel())
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = joint.inertia
+        body = body.add_body(
+            name=joint.name,
+            pos=joint.xyz,
+            quat=quat,
+            mass=joint.mass,
+            ipos=joint.centre,
+            fullinertia=(xx, yy, zz, xy, xz, yz),
+            explicitinertial=True,
+        )
+        body.add_joint(name=joint.name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=joint.axis)
+    body.add_site(name="tip", pos=table.tip)
+    model = spec.compile()
+    return model, mujoco.MjData(model)
