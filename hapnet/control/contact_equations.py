@@ -361,7 +361,7 @@ def depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> f
     along = 0.0
     for i in range(n):
         along += one.normal[i] * (place[i] - model.shifted[i])
-    return along - now(one, model.age)
+    return along - (now(one, model.age) - one.raised)
 
 
 @equation

@@ -63,7 +63,7 @@ class ContactPlane(Record):
         return withdrawn(self, reported, len(reported), len(self.normal), position, reach_m)
 
     def now(self, age: float) -> float:
-        """The plane's offset now [m]: a moving one goes on for a while."""
+        """The plane's offset now, without its grain [m]: a moving one goes on for a while."""
         return now(self, age)
 
 
@@ -93,7 +93,7 @@ def see_from(one: ContactPlane, n: int, compliance: FloatRows, place: Reals, age
         seen.foot[i] = one.foot[i] + moved * one.normal[i]
     deep = see_tangent(n, one.normal, seen.foot, one.bends, place, seen.normal)
     seen.offset = dot(n, seen.normal, place) - deep
-    seen.stiffness, seen.velocity, seen.raised = one.stiffness, 0.0, 0.0
+    seen.stiffness, seen.velocity, seen.raised = one.stiffness, 0.0, one.raised
     seen.friction, seen.grip = one.friction, one.grip
     understand(seen, n, compliance)
 
@@ -126,8 +126,8 @@ def depth(one: ContactPlane, n: int, position: Reals) -> float:
 def now(one: ContactPlane, age: float) -> float:
     """`ContactPlane.now`."""
     if one.velocity == 0.0:
-        return one.offset - one.raised
-    return one.offset - one.raised + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
+        return one.offset
+    return one.offset + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
 
 
 @equation

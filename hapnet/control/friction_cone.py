@@ -177,7 +177,7 @@ def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s:
             along = 0.0
             for i in range(n):
                 along += one.normal[i] * (s[i] - shift[i])
-            force = max(0.0, known + (along - now(one, age) - known / one.stiffness) / one.softness)
+            force = max(0.0, known + (along - (now(one, age) - one.raised) - known / one.stiffness) / one.softness)
             if force != known:
                 forces[k] = force
                 for i in range(n):

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
+from hapnet.control.contact_equations import share
 from hapnet.control.contact_model import ContactModel
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane, checked
+from hapnet.mechanics.spring import Spring
 from hapnet.params import Params
 from hapnet.plant.worlds.grain_file import read_grain
 from hapnet.plant.worlds.rigid import rigid
@@ -25,7 +27,7 @@ from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage
 from hapnet.wire.messages import decode
 from hapnet.wire.stream import PositionStream
-from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, model, reported
+from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
 from tests.control.test_local_friction import slack_of
 from tests.support.grains import SWEEP, asked, line, slid
 from tests.support.rubbing import FACE_M, K, run
@@ -72,9 +74,9 @@ def test_a_recorded_grain_is_straight_between_its_samples() -> None:
     grain = Grain.of([0.0, 1e-3, -0.5e-3, 0.25e-3], 0.008, (0.0, 2.0, 0.0))
     assert grain.wave == pytest.approx((0.0, 125.0, 0.0))
     heights = np.interp(np.linspace(0, 4, 41), range(5), [0.0, 1e-3, -0.5e-3, 0.25e-3, 0.0])
-    for share, height in zip(np.linspace(0, 1, 41), heights, strict=True):
+    for way, height in zip(np.linspace(0, 1, 41), heights, strict=True):
         for period in (-3, 0, 1):
-            assert grain.at((0.3, 0.008 * (share + period), 0.1)) == pytest.approx(height, abs=1e-3 / 254 + 1e-9)
+            assert grain.at((0.3, 0.008 * (way + period), 0.1)) == pytest.approx(height, abs=1e-3 / 254 + 1e-9)
 
 
 def test_it_sticks_slips_and_sticks_again() -> None:
@@ -118,9 +120,67 @@ def test_a_snap_attracts_from_its_reach_and_gives_no_energy_on_a_closed_way() ->
     way = np.concatenate([np.linspace(-0.006, -0.0002, 400), np.linspace(-0.0002, -0.006, 400)])
     forces = [spring_N(m, (float(x), 0.0, 0.0))[0] for x in way]
     for x, force in zip(way, forces, strict=True):
-        share = -x / 0.004
-        assert force == pytest.approx(8.0 * share * (1 - share) if share < 1 else 0.0, abs=1e-9)
+        gap = -x / 0.004
+        assert force == pytest.approx(8.0 * gap * (1 - gap) if gap < 1 else 0.0, abs=1e-9)
     assert max(forces) == pytest.approx(2.0, rel=1e-3)
+
+
+def test_viscosity_leaves_a_push_alone_and_counts_as_the_planes_force() -> None:
+    thick, plain = in_touch(Effects(viscosity=4.0)), in_touch(Effects())
+    spring, parts, added = Spring(K, 3), [0.0] * 3, [0.0] * 3
+    for k in range(100):
+        x = (-0.001 + 1e-4 * k, 1e-4 * k, 0.0)
+        y, without = thick.step(TICK, x), plain.step(TICK, x)
+        assert y[0] == pytest.approx(without[0], abs=1e-12)
+    assert y[1] < without[1] - 1e-4
+    share(thick, spring, x, y, parts, added)
+    assert parts == pytest.approx([K * (b - a) for a, b in zip(x, y, strict=True)])
+    assert added == [0.0] * 3
+
+
+LIFT = Grain((0.0, 0.0, 0.0), 1e-3, bytes([127, 127]))
+"""1 mm, everywhere."""
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_on_a_ball_a_grain_is_a_larger_ball(mu: float) -> None:
+    """Its plane was told 5 mm aside."""
+    told, place = (-0.001, 0.0, 0.0), (DEEP, 0.005, 0.0)
+    lifted, larger = model(told), model(told)
+    for m, radius, effects in ((lifted, 0.03, Effects(grain=LIFT)), (larger, 0.031, None)):
+        plane = Plane.of_ball(told, (0.03, 0.0, 0.0), radius, K_WALL)._replace(friction=mu, effects=effects)
+        m.receive(reported((plane,), told), 0.0, 0.0)
+    assert after(lifted, place, 0.1) == pytest.approx(after(larger, place, 0.1), abs=1e-6)
+
+
+def test_a_ball_attracts_from_where_it_is_seen_now() -> None:
+    told, place = (-0.001, 0.0, 0.0), (-0.001, 0.006, 0.0)
+    m = model(told)
+    plane = Plane.of_ball(told, (0.03, 0.0, 0.0), 0.03, K_WALL)._replace(effects=Effects(snap_N=2.0, snap_m=0.004))
+    m.receive(reported((plane,), told), 0.0, 0.0)
+    gap = (math.hypot(0.031, 0.006) - 0.03) / 0.004
+    after(m, place, 0.1)
+    assert math.hypot(*spring_N(m, place)) == pytest.approx(8.0 * gap * (1.0 - gap), rel=1e-3)
+
+
+def test_a_plane_that_moves_takes_its_grain_along() -> None:
+    found = []
+    for offset, effects in ((0.0, Effects(grain=LIFT)), (-1e-3, None)):
+        m = model((-0.001, 0.0, 0.0))
+        plane = Plane((1.0, 0.0, 0.0), offset, K_WALL, 10.0, velocity_mps=-0.05, effects=effects)
+        m.receive(reported((plane,), (-0.001, 0.0, 0.0)), 0.0, 0.0)
+        found.append(after(m, (DEEP, 0.0, 0.0), 0.1))
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
+    assert found[1][0] == pytest.approx(DEEP - SOFT * (DEEP + 1e-3 + 0.05 * 0.099), rel=1e-9)
+
+
+def test_compiled_servos_ask_python_for_y() -> None:
+    m = in_touch(Effects(viscosity=1.0))
+    m.step(TICK, (0.0, 0.0, 0.0))
+    assert not m.goes_on
+    m.receive(reported((face(None),), (-0.001, 0.0, 0.0)), 0.1, 0.0)
+    m.step(TICK, (0.0, 0.0, 0.0))
+    assert m.goes_on
 
 
 # -- whole runs --------------------------------------------------------------------------------------------------------
@@ -151,10 +211,10 @@ def test_over_4g_a_saw_has_the_teeth_of_its_cones() -> None:
 def test_over_4g_drag_and_attraction_are_those_of_the_proxy_as_the_hand_feels_them() -> None:
     felt = run("plane?viscosity=5&snap=2,5mm", "4g", seconds=2.0)
     assert -felt.rub()[1000:1200] == pytest.approx(5.0 * 0.05 * K / K_WORLD, rel=0.02)
-    share = (FACE_M - felt.x[:, 0]) / 0.005
-    near = (share > 0.0) & (share < 1.0)
+    gap = (FACE_M - felt.x[:, 0]) / 0.005
+    near = (gap > 0.0) & (gap < 1.0)
     assert near.sum() > 50
-    drag = felt.force[near, 0] - 8.0 * share[near] * (1.0 - share[near]) * K / K_WORLD
+    drag = felt.force[near, 0] - 8.0 * gap[near] * (1.0 - gap[near]) * K / K_WORLD
     assert np.sqrt(np.mean(drag**2)) <= 0.02  # of 0.4 N: the rest is the dampers'
     assert slack_of(felt.summary) >= -1e-12
 
@@ -194,6 +254,7 @@ WRONG = [
     ALL._replace(snap_N=math.inf),
     ALL._replace(snap_m=0.2),
     ALL._replace(grain=SINE._replace(height_m=0.2)),
+    ALL._replace(grain=SINE._replace(height_m=-1e-3)),
     ALL._replace(grain=SINE._replace(height_m=math.nan)),
     ALL._replace(grain=SINE._replace(wave=(0.0, 0.0))),
     ALL._replace(grain=SINE._replace(wave=(0.0, math.nan, 0.0))),
