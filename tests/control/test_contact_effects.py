@@ -153,10 +153,21 @@ def test_on_a_ball_a_grain_is_a_larger_ball(mu: float) -> None:
     assert after(lifted, place, 0.1) == pytest.approx(after(larger, place, 0.1), abs=1e-6)
 
 
-def test_a_ball_attracts_from_where_it_is_seen_now() -> None:
+def test_a_ball_sticks_too() -> None:
+    told = (-0.001, 0.0, 0.0)
+    m = model(told)
+    plane = Plane.of_ball(told, (0.03, 0.0, 0.0), 0.03, K_WALL)._replace(effects=Effects(sticking=0.8))
+    m.receive(reported((plane,), told), 0.0, 0.0)
+    after(m, (DEEP, 0.0, 0.0), 0.02)
+    assert abs(after(m, (DEEP, 0.002, 0.0), 0.02)[1]) <= 2e-4  # 0.23 times the push; without it 1.7 mm
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_ball_attracts_from_where_it_is_seen_now(mu: float) -> None:
     told, place = (-0.001, 0.0, 0.0), (-0.001, 0.006, 0.0)
     m = model(told)
-    plane = Plane.of_ball(told, (0.03, 0.0, 0.0), 0.03, K_WALL)._replace(effects=Effects(snap_N=2.0, snap_m=0.004))
+    ball = Plane.of_ball(told, (0.03, 0.0, 0.0), 0.03, K_WALL)
+    plane = ball._replace(friction=mu, effects=Effects(snap_N=2.0, snap_m=0.004))
     m.receive(reported((plane,), told), 0.0, 0.0)
     gap = (math.hypot(0.031, 0.006) - 0.03) / 0.004
     after(m, place, 0.1)
