@@ -80,7 +80,9 @@ class Params:
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"
     )
-    hardware: str = _p("simulated", "the device: simulated, omni, a name (`hapnet devices`), or module:Class")
+    hardware: str = _p(
+        "simulated", "simulated, omni, arm:FILE.urdf?tip=LINK, a name (`hapnet devices`) or module:Class"
+    )
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
     rendering: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, "
                    "with the other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip

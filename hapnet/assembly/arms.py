@@ -1,11 +1,15 @@
-"""Simulated arms by their names: ``omni``, and ``arm:FILE.urdf?tip=LINK``."""
+"""Simulated arms by their names: ``omni``, and ``arm:FILE.urdf?tip=LINK&base=LINK&home=0,0.5,...``."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from hapnet import checks
 from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, is_arm
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.table import ArmTable, apparent_masses, felt_damping
+from hapnet.plant.arms.urdf import table_from
 
 _DEFAULTS = DeviceParams()
 
@@ -20,7 +24,19 @@ def table_of(hardware: str) -> ArmTable:
         if behind:
             raise InvalidParameter("hardware", hardware, "omni, which takes no options")
         return omni()
-    raise InvalidParameter("hardware", hardware, "omni")
+    file, _, options = behind.partition("?")
+    given = dict(part.partition("=")[::2] for part in options.split("&") if part)
+    if not file or not given.keys() <= {"tip", "base", "home"}:
+        raise InvalidParameter(
+            "hardware", hardware, "arm:FILE.urdf?tip=LINK, also with &base=LINK and &home=RAD,RAD,..."
+        )
+    try:
+        text = Path(file).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InvalidParameter("hardware", hardware, f"a URDF file that can be read ({why})") from None
+    home = checks.vector("home", given["home"].split(",")) if "home" in given else ()
+    return table_from(text, Path(file).name, given.get("tip", ""), given.get("base", ""), home)
 
 
 def with_arm(params: Params) -> Params:

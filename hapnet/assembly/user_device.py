@@ -31,7 +31,8 @@ from hapnet.side.force_limiter import ForceLimiter
 
 def allowed() -> str:
     """What can be given as a device, as text."""
-    return f"simulated, omni, {', '.join(known())}, or module:Class with dof, force_limit, resolution, read and apply"
+    named = ", ".join(("simulated", *ARMS, *known()))
+    return f"{named}, or module:Class with dof, force_limit, resolution, read and apply"
 
 
 def load_class(name: str) -> Callable[..., Any]:

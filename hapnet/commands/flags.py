@@ -40,7 +40,7 @@ Hardware = Annotated[
     typer.Option(
         "--device",
         metavar="NAME[:OPTIONS]|MODULE:CLASS",
-        help="A real device (`hapnet devices`), your own, or an arm (omni), instead of the simulated mass.",
+        help="A real device (`hapnet devices`), your own, or an arm (omni, arm:FILE.urdf), not a simulated mass.",
         autocompletion=complete.devices,
     ),
 ]

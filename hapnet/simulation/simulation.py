@@ -80,7 +80,9 @@ class Simulation:
     ) -> None:
         if not is_simulated(params.hardware):
             raise InvalidParameter(
-                "hardware", params.hardware, "simulated or omni: a real device does not run in virtual time"
+                "hardware",
+                params.hardware,
+                "simulated, omni or arm:FILE.urdf: a real device does not run in virtual time",
             )
         self.seed = seed
         if params.operator == LIVE:

@@ -1,0 +1,130 @@
+"""URDF: the same arm as MuJoCo loads, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapnet.assembly.arms import table_of
+from hapnet.errors import InvalidParameter
+from hapnet.params import Params
+from hapnet.plant.arms.chain import difference, gravity, matrices
+from hapnet.plant.arms.table import chain_of
+from hapnet.plant.arms.urdf import table_from
+from hapnet.simulation.simulation import Simulation
+
+
+def body(mass: float, xyz: str, rpy: str = "0.3 -0.2 0.5") -> str:
+    return (
+        f'<inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/>'
+        f'<inertia ixx="{1e-3 * mass}" iyy="{1.4e-3 * mass}" izz="{0.9e-3 * mass}" ixy="{1e-4 * mass}" ixz="0" '
+        f'iyz="{-2e-4 * mass}"/></inertial>'
+    )
+
+
+ARM = f"""<robot name="test">
+<link name="base"/> <link name="plate">{body(3.0, "0 0 0")}</link>
+<link name="upper">{body(0.8, "0.02 0.1 0")}</link> <link name="motor">{body(0.3, "0 0 0.01")}</link>
+<link name="fore">{body(0.5, "0 0.08 0.01")}</link> <link name="jaw">{body(0.1, "0 0.02 0")}</link>
+<link name="hand">{body(0.2, "0.01 0 0.02")}</link> <link name="tip"/>
+<joint name="bolted" type="fixed"><parent link="base"/><child link="plate"/>
+  <origin xyz="0 0 0.1" rpy="0 0 0.4"/></joint>
+<joint name="shoulder" type="revolute"><parent link="plate"/><child link="upper"/>
+  <origin xyz="0 0.01 0.05" rpy="1 0 0"/>
+  <axis xyz="0 0.6 0.8"/><limit lower="-1.5" upper="2" effort="7" velocity="3"/>
+  <dynamics damping="0.1" friction="0.02"/></joint>
+<joint name="screwed" type="fixed"><parent link="upper"/><child link="motor"/>
+  <origin xyz="0 0.2 0" rpy="0 1.5707963267948966 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="motor"/><child link="fore"/>
+  <origin xyz="0.03 0 0"/><axis xyz="1 0 0"/></joint>
+<joint name="grip" type="prismatic"><parent link="fore"/><child link="jaw"/>
+  <origin xyz="0 0.15 0"/><axis xyz="1 0 0"/>
+  <limit lower="0" upper="0.1" effort="1" velocity="1"/></joint>
+<joint name="wrist" type="revolute"><parent link="fore"/><child link="hand"/><origin xyz="0 0.16 0" rpy="0 0 -0.7"/>
+  <limit lower="-1" upper="1" effort="0" velocity="0"/></joint>
+<joint name="end" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0.01 0.05 0"/></joint>
+</robot>"""
+
+
+def test_the_arm_is_mujocos() -> None:
+    """Fixed links are carried, and a jaw as it is at 0; M, C q' + g and the tip within 1e-9 at 200 states."""
+    import mujoco
+
+    table = table_from(ARM, "test.urdf", "tip")
+    extra = '<mujoco><compiler fusestatic="false"/></mujoco>'
+    model = mujoco.MjModel.from_xml_string(ARM.replace('<robot name="test">', f'<robot name="test">{extra}'))
+    data = mujoco.MjData(model)
+    where = [model.joint(joint.name).id for joint in table.joints]
+    chain, g, whole = chain_of(table), [0.0] * 3, np.zeros((4, 4))
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        q, v = rng.uniform(-3.0, 3.0, 3), rng.normal(size=3)
+        data.qpos[:], data.qvel[:] = 0.0, 0.0
+        data.qpos[where], data.qvel[where] = q, v
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, whole)
+        matrices(chain, q.tolist(), v.tolist())
+        gravity(chain, q.tolist(), q.tolist(), g)
+        difference(chain, chain.tip, q.tolist(), q.tolist())
+        inertia, coriolis = (np.array(matrix)[:3, :3] for matrix in (chain.inertia, chain.coriolis))
+        np.testing.assert_allclose(inertia, whole[np.ix_(where, where)], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(coriolis @ v + g, data.qfrc_bias[where], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(chain.tip.begin, data.body("tip").xpos, rtol=0.0, atol=1e-9)
+
+
+def test_limits_and_home() -> None:
+    """An effort or a velocity of 0 is none; home is the middle between the stops, or what is asked for."""
+    shoulder, elbow, wrist = table_from(ARM, "test.urdf", "tip").joints
+    assert (shoulder.lower, shoulder.upper, shoulder.effort, shoulder.speed) == (-1.5, 2.0, 7.0, 3.0)
+    assert (shoulder.damping, shoulder.friction) == (0.1, 0.02)
+    assert (elbow.lower, elbow.upper, elbow.effort) == (-math.inf, math.inf, math.inf)
+    assert (wrist.effort, wrist.speed, wrist.axis) == (math.inf, math.inf, (1.0, 0.0, 0.0))
+    assert table_from(ARM, "test.urdf", "tip").home == (0.25, 0.0, 0.0)
+    assert table_from(ARM, "test.urdf", "tip", home=(0.1, 0.2, 0.3)).home == (0.1, 0.2, 0.3)
+    assert [joint.name for joint in table_from(ARM, "test.urdf", "tip", "motor").joints] == ["elbow", "wrist"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "tip", "message"),
+    [
+        ("", "", "", "the tip of test.urdf is ''"),
+        ("", "", "nose", "the tip of test.urdf is 'nose'; allowed: .tip=LINK of fore"),
+        ("", "", "jaw", "the type of test.urdf's joint grip is 'prismatic'"),
+        ("", "", "plate", "the tip of test.urdf is 'plate'; allowed: a link that a joint moves"),
+        ("</robot>", "", "tip", "URDF .no element found"),
+        ("robot", "sdf", "tip", "whose root is <robot>"),
+        ('effort="7"', 'effort="much"', "tip", "effort in test.urdf is 'much'"),
+        ('xyz="0 0.6 0.8"', 'xyz="0 0.6"', "tip", "xyz in test.urdf is '0 0.6'; allowed: three numbers"),
+        ('<parent link="fore"/><child link="hand"/>', '<parent link="arm"/><child link="hand"/>', "tip", "is 'arm'"),
+        (body(0.2, "0.01 0 0.02"), "", "tip", "the link of test.urdf's joint wrist is 'hand'; allowed: .*<inertial>"),
+    ],
+)
+def test_what_is_no_arm_is_refused(old: str, new: str, tip: str, message: str) -> None:
+    with pytest.raises(InvalidParameter, match=message):
+        table_from(ARM.replace(old, new) if old else ARM, "test.urdf", tip)
+
+
+def test_joints_that_go_round_are_refused() -> None:
+    ring = '<robot name="r"><link name="a"/><link name="b"/>' + "".join(
+        f'<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/></joint>' for a, b in ("ab", "ba")
+    )
+    with pytest.raises(InvalidParameter, match="go round"):
+        table_from(ring + "</robot>", "ring.urdf", "a")
+
+
+def test_a_run_with_an_arm_from_a_file(tmp_path: Path) -> None:
+    """Three hinges in a hand, over 4g: passive; the options behind the file's name."""
+    file = tmp_path / "test.urdf"
+    file.write_text(ARM)
+    params = Params().set(
+        {"hardware": f"arm:{file}?tip=tip&home=0.3,1.2,0.2", "duration_s": 0.4, "link.up": "4g", "link.down": "4g",
+         "device.substeps": 1, "scene": "free", "operator": "rest"}
+    )  # fmt: skip
+    result = Simulation(params, 1).run()
+    assert result.summary["verdict"]["passive"] is True
+    for words in ("arm:", f"arm:{file}?top=tip", f"arm:{tmp_path / 'none.urdf'}?tip=tip", f"arm:{file}?tip=tip&home=a"):
+        with pytest.raises(InvalidParameter):
+            table_of(words)
