@@ -8,7 +8,6 @@ step, the device's tick. In each of the first two the device's side comes before
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,7 @@ from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.params import Params, as_params, is_arm, is_simulated
+from hapnet.params import Params, as_params, is_simulated
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
 from hapnet.side.device import DeviceSide, Write
@@ -87,9 +86,7 @@ class Simulation:
         self.seed = seed
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
-        self.setup: Setup = setup or prepare(params, "continuous")
-        if is_arm(self.setup.params.hardware):
-            self.setup = replace(self.setup, ends=coverage.arm_ends(self.setup.params))
+        self.setup: Setup = coverage.with_arm(setup or prepare(params, "continuous"))
         self._motion_only = motion_only
         self._begin()
         watched = type(self) is not Simulation and "_run" in vars(type(self))

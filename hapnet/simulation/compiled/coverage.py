@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from hapnet.assembly.build import Setup
-from hapnet.control.coupling import Ends
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
-from hapnet.params import Params
+from hapnet.params import Params, is_arm
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.rigid import RigidScene, describes
 from hapnet.plant.worlds.scene import Scene
@@ -81,14 +81,16 @@ def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
             make_ready(kind)
 
 
-def arm_ends(params: Params) -> Ends:
-    """What compiles the ticks of the simulated arm, where that pays; the rest of such a run is the reference's."""
+def with_arm(setup: Setup) -> Setup:
+    """The setup, with a simulated arm's ticks compiled where that pays; the rest of such a run is the reference's."""
+    params = setup.params
+    if not is_arm(params.hardware) or no_compiler() is not None:
+        return setup
     from hapnet.kernel import real_time  # here, since it imports every end
 
-    ticks = round(params.duration_s * params.device.servo_hz)
-    if no_compiler() is None and (ticks >= _WORTH_ARM_TICKS or sources.are_compiled(real_time.ARM)):
-        return real_time.CompiledArms()
-    return Ends()
+    worth = round(params.duration_s * params.device.servo_hz) >= _WORTH_ARM_TICKS
+    compiles = worth or sources.are_compiled(real_time.ARM)
+    return replace(setup, ends=real_time.CompiledArms()) if compiles else setup
 
 
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
