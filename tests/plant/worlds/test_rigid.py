@@ -20,6 +20,7 @@ from hapnet.plant.worlds.registry import make_scene
 from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.rigid_step import ANCHOR_CEILING_J
+from hapnet.plant.worlds.secant import Secant
 from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Near, Shape, Sphere
 from hapnet.simulation.simulation import Simulation
 from tests.metrics.test_contact import random_spd
@@ -313,3 +314,12 @@ def test_a_scene_needs_a_free_start() -> None:
     assert scene.towards((0.01, 0.0, 0.0)) == (0.01, 0.0, 0.0)
     assert scene.towards((0.1, 0.0, 0.0)) == pytest.approx((0.02, 0.0, 0.0), abs=1e-4)
     assert scene.contacts.penetration(scene.towards((0.1, 0.0, 0.0))) == 0.0
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.01, 0.02])
+def test_a_step_through_a_ball_meets_the_plane_where_it_goes_in(aside: float) -> None:
+    """The ray and the sphere, by Pythagoras; the way in is found to a hundredth of the step."""
+    secant = Secant(Sphere(CENTRE, 0.03), 3000.0, 10.0, 0.0)
+    assert secant.meets((0.0, 0.0, aside), (0.12, 0.0, 0.0), 0.12)
+    normal = math.sqrt(0.03**2 - aside**2) / 0.03, 0.0, -aside / 0.03
+    assert secant.normal == pytest.approx(normal, abs=0.04)
