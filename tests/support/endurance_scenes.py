@@ -35,8 +35,8 @@ def _bracket(directory: Path) -> dict[str, object]:
 
 
 def _moving(directory: Path) -> dict[str, object]:
-    """A wall that moves by 3 mm within half a second, to and fro, every four seconds."""
-    changes = [f"at {2 + 4 * k}s: shift {(-3, 3)[k % 2]}mm over 500ms" for k in range(900)]
+    """A wall that moves by 3 mm within half a second, to and fro, every four seconds for ten minutes."""
+    changes = [f"at {2 + 4 * k}s: shift {(-3, 3)[k % 2]}mm over 500ms" for k in range(150)]
     return {"scene": "moving", "world.wall.timeline": "; ".join(changes)}
 
 
