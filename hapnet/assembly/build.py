@@ -38,6 +38,7 @@ from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
+from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
@@ -172,6 +173,10 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = spec.tune(params, delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))
+    if isinstance(scene, RigidScene) and scene.has_effects and not spec.staged(params):
+        warnings.append(
+            f"{params.coupling} with rendering {params.rendering} has no contact model: effects are not felt"
+        )
     timelines = (link_timeline("up", params), link_timeline("down", params))
     return Setup(params, scene, servo, harvest, spec, tuning, up, down, *timelines, tuple(warnings))
 

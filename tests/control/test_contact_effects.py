@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import msgpack
 import numpy as np
 import pytest
 
+from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.control.contact_equations import share
 from hapnet.control.contact_model import ContactModel
+from hapnet.control.contact_plane import ContactPlane
+from hapnet.control.coupling import Proxy
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params
-from hapnet.plant.worlds.grain_file import read_grain
-from hapnet.plant.worlds.rigid import rigid
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import HalfSpace
+from hapnet.realtime.servo_pipe import kind_of, sample_of
 from hapnet.simulation.compiled.coverage import why_not
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage
@@ -235,6 +236,16 @@ def test_compiled_code_says_that_it_does_not_run_effects() -> None:
     assert why_not(Simulation(params, 1).setup) == "effects of a surface"
 
 
+@pytest.mark.parametrize(("coupling", "rendering", "says"), [
+    ("pspm", "auto", False), ("pspm", "paper", True), ("wave", "auto", True), ("popc", "paper", True),
+])  # fmt: skip
+def test_a_run_that_cannot_render_them_says_so(coupling: str, rendering: str, says: bool) -> None:
+    chosen = Params().set({"scene": "plane?viscosity=1", "coupling": coupling, "rendering": rendering})
+    assert any("effects are not felt" in one for one in prepare(chosen).warnings) is says
+    plain = chosen.set({"scene": "plane"})
+    assert not any("effects" in one for one in prepare(plain).warnings)
+
+
 # -- what is sent ------------------------------------------------------------------------------------------------------
 
 
@@ -256,6 +267,16 @@ def test_a_peer_of_before_feels_the_plane_alone() -> None:
     assert new.more is not None
     assert new._replace(more=None) == old
     assert Plane.all_of(new.planes, None, None, new.more["effects"]) == (face(ALL),)
+
+
+def test_a_servo_in_a_process_of_its_own_gets_them() -> None:
+    proxy = reported((face(ALL, 0.3),), (0.0, 0.0, 0.0))
+    kind, values = msgpack.unpackb(msgpack.packb((kind_of(proxy), proxy)), use_list=False)
+    came = sample_of(kind, values)
+    assert isinstance(came, Proxy)
+    assert came.planes is not None
+    compliance = [[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)]
+    assert ContactPlane(came.planes[0], compliance, came.position).effects == ALL
 
 
 WRONG = [
@@ -303,63 +324,6 @@ def test_effects_of_no_surface_are_dropped(frame: object) -> None:
 )  # fmt: skip
 def test_what_is_no_effect_is_dropped(effects: object) -> None:
     assert rejected(acting(effects)).kind == "type"
-
-
-# -- words and files ---------------------------------------------------------------------------------------------------
-
-
-def test_words_of_a_scene() -> None:
-    text = "plane?grain=0.2mm,2mm&grain_along=0,0,1&stick=0.5&viscosity=2&snap=1,5mm"
-    (solid,) = rigid(text).contacts.solids
-    assert solid.effects == ALL._replace(grain=Grain.sine(2e-4, 2e-3, (0.0, 0.0, 1.0)))
-    (plain,) = rigid("plane?viscosity=0").contacts.solids
-    assert plain.effects is None
-
-
-def written(path: Path, text: str) -> str:
-    path.write_text(text)
-    return str(path)
-
-
-def test_a_recorded_grain_is_read(tmp_path: Path) -> None:
-    rows = "distance_m,height_m\n0,0\n0.001,0.0002\n0.002,-0.0001\n0.003,0\n"
-    grain = read_grain(written(tmp_path / "g.csv", rows), (0.0, 0.0, 3.0))
-    assert grain == Grain.of([0.0, 2e-4, -1e-4, 0.0], 0.004, (0.0, 0.0, 1.0))
-    (solid,) = rigid(f"plane?grain={tmp_path}/g.csv").contacts.solids
-    assert solid.effects is not None
-    assert solid.effects.grain == grain._replace(wave=(0.0, grain.wave[2], 0.0))
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", "not empty"),
-        ("0,0\n1,1\n", "first line is distance_m,height_m"),
-        ("distance_m,height_m\n0,0\n", "2 to 256 rows"),
-        ("distance_m,height_m\n" + "".join(f"{i},0\n" for i in range(257)), "2 to 256 rows"),
-        ("distance_m,height_m\n0,0\n1,x\n", "two finite numbers"),
-        ("distance_m,height_m\n0,0\n1,2,3\n", "two finite numbers"),
-        ("distance_m,height_m\n0,0\n1,nan\n", "two finite numbers"),
-        ("distance_m,height_m\n0,0\n1,0\n3,0\n", "evenly spaced"),
-        ("distance_m,height_m\n1,0\n2,0\n", "evenly spaced"),
-        ("distance_m,height_m\n0,0\n0,0\n", "evenly spaced"),
-        ("distance_m,height_m\n0,0\n1,0.5\n", "0 to 0.1"),
-        ("distance_m,height_m\n0,0\n0.000001,0.0005\n", r"within \+-100000"),
-    ],
-)
-def test_a_grain_that_is_wrong_is_refused_in_one_line(text: str, says: str, tmp_path: Path) -> None:
-    with pytest.raises(InvalidParameter, match=says) as refused:
-        rigid(f"plane?grain={written(tmp_path / 'g.csv', text)}")
-    assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    "words", ["grain=1,2mm", "grain=0.1mm", "grain=0.1mm,0mm", "grain_along=1,0,0", "snap=1", "snap=1,5", "stick=-1",
-              "viscosity=x", "snap=1000,1mm", "grain=gone.csv"],
-)  # fmt: skip
-def test_words_that_are_wrong_are_refused(words: str) -> None:
-    with pytest.raises(InvalidParameter):
-        rigid(f"plane?{words}")
 
 
 # -- lies --------------------------------------------------------------------------------------------------------------

@@ -70,6 +70,11 @@ class RigidScene(WorldDefaults):
         self.start: Vector = self._empty.start
         self.contacts.require_outside(self.start)
 
+    @property
+    def has_effects(self) -> bool:
+        """Has any surface effects, which the device renders?"""
+        return any(solid.effects is not None for solid in self.contacts.solids)
+
     def next_step_s(self, rng: np.random.Generator) -> float:
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return self._empty.next_step_s(rng)

@@ -141,7 +141,7 @@ def _of_scene(setup: Setup) -> Iterator[str]:
             yield f"a scene with {len(scene.contacts.secants)} solids"
         elif not scene.contacts.have_formulas:
             yield "a mesh, a field, a layer, or a user's shape or friction"
-        elif any(solid.effects is not None for solid in scene.contacts.solids):
+        elif scene.has_effects:
             yield "effects of a surface"
     elif type(scene) is not Scene or type(scene.contacts) is not Contacts:
         yield f"the scene {setup.params.scene}"
