@@ -25,6 +25,7 @@ def devices(json_to: flags.Json = None) -> int:
         )
         for rule in rules:
             words.print(f"  {rule}", style="dim", markup=False)
+    words.print("simulated arms: --device omni, or arm:FILE.urdf?tip=LINK", markup=False)
     words.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
     output.write_json(rows, json_to)
     return 0

@@ -16,7 +16,7 @@ from hapnet.couplings.registry import coupling, jointly_passive
 from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
 from hapnet.param_values import flatten
-from hapnet.params import Params
+from hapnet.params import Params, is_arm, is_simulated
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
@@ -88,7 +88,7 @@ def read_original(files: Sequence[Path]) -> Original:
                 notes += about
     asked |= {
         "operator": operator,
-        "hardware": "simulated",
+        "hardware": hardware if is_arm(hardware := str(asked.get("hardware"))) else "simulated",
         "duration_s": _duration_s(recording, asked.get("duration_s") if simulated else None),
     }
     if not simulated and asked.get("device.servo") == "auto":
@@ -200,7 +200,7 @@ def _link(
 def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str, str]:
     """The operator that generates the hand again, or else follows its recorded motion; and a text that says which."""
     operator, recorded = str(asked.get("operator")), str(file.resolve())
-    if (hardware := asked.get("hardware", "simulated")) != "simulated":
+    if not is_simulated(hardware := str(asked.get("hardware", "simulated"))):
         why = f"the device was {hardware}"
     elif begins_late(device):
         why = "the recording begins in the middle of its session"

@@ -33,6 +33,7 @@ from tests.support.replays import here as here
         {"scene": "box", "operator": "sine", "device__servo": "sampled", "device__resolution_m": 5.5e-5},
         {"scene": "paper", "operator": "hand.csv", "device__stiffness": (100.0, 100.0, 150.0)},
         {"scene": "free", "operator": "rest", "operator_hand__start_m": 0.01},
+        {"hardware": "omni", "device__substeps": 1},
         {"operator": "own_hand:Smooth", "link__up_timeline": "at 0.4s: down; at 0.8s: up"},
     ],
     ids=lambda changes: "-".join(str(value) for value in changes.values() if isinstance(value, str)) or "default",
