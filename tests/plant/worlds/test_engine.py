@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given as for_each
+from hypothesis import settings
 from hypothesis import strategies as st
 
 from hapnet import Engine, EngineWorld, HapnetError, Params, Plane, Sphere, cli
+from hapnet.plant.worlds.engine_account import CEILING_J, EngineAccount
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.simulation.simulation import Result, Simulation
 from tests.support import engines
@@ -58,7 +60,7 @@ def test_it_is_passive_whatever_the_engine_does(name: str, index: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("index", range(3, 23))
+@pytest.mark.parametrize("index", range(3, 11))
 @pytest.mark.parametrize("name", [*HONEST, *LIARS])
 def test_it_is_passive_over_random_links(name: str, index: int) -> None:
     check(over_a_link(name, index))
@@ -158,10 +160,70 @@ def test_without_its_energy_it_gives_back_no_more_than_it_got() -> None:
     works = np.cumsum([-mass.step(0.001, (0.0,)).work_J for _ in range(50)])
     assert works.min() >= 0.0
     world, mass = made(Bare())
-    works = np.cumsum([-mass.step(0.001, (0.02 if k < 20 else 0.0,)).work_J for k in range(60)])
-    assert works.max() > 1e-3
+    works = np.cumsum([-mass.step(0.001, (-0.15 if k < 20 else 0.1,)).work_J for k in range(60)])
     assert works.min() >= 0.0
-    assert works.max() - works[-1] > 0.3 * works.max()  # what was put in came back
+    assert works.max() - works[-1] > 2.0 * CEILING_J  # what was put in comes back, however much
+
+
+class Given(Bead):
+    """A bead that gets `extra_J` of kinetic energy in its next substep, and a motor that works where it is pushed."""
+
+    extra_J, stubborn = 0.0, False
+
+    def slow(self, factor: float) -> None:
+        if not self.stubborn or self.v == 1.0:
+            super().slow(factor)
+
+    def substep(self, dt: float, force: Any) -> float:
+        self.x += dt * self.v
+        self.v = float(np.sqrt(self.v**2 + 2.0 * self.extra_J / M))
+        return 1e-3 if force[0] else 0.0
+
+
+def given(v: float, extra_J: float) -> tuple[Given, EngineAccount]:
+    bead = Given()
+    bead.v, bead.extra_J = v, extra_J
+    return bead, EngineWorld(bead).account
+
+
+def test_a_debt_is_paid_to_the_joule_by_what_moves() -> None:
+    bead, account = given(1.0, 2e-3)
+    assert account.substep(0.001, (0.0,), 1.0) == ((0.0,), 0.0)
+    assert bead.v == pytest.approx(1.0, rel=1e-12)
+    assert account.observed == pytest.approx((2e-3, 2e-3, 0, 0.0, 0))
+    assert account.energy_J == pytest.approx(0.5 * M, rel=1e-12)
+
+
+def test_what_nothing_can_pay_for_is_made_again_from_rest_and_then_not_at_all() -> None:
+    """1 J a substep comes from nowhere, whatever the bead does: it stops, and what it had counts as dissipated."""
+    bead, account = given(1.0, 1.0)
+    bead.stubborn = True
+    assert account.substep(0.001, (2.0,), 1.0) == ((0.0,), 0.0)
+    assert (bead.x, bead.v) == (0.0, 0.0)
+    assert account.supplied_J == 0.0
+    assert account.undone == 2
+    assert account.undone_J == account.account_J == pytest.approx(0.5 * M, rel=1e-12)
+
+
+def test_of_a_substep_that_was_made_again_only_the_second_counts() -> None:
+    _, account = given(1.0, 0.0)
+    assert account.substep(0.001, (1.0,), 1e-6) == ((0.0,), 0.0)  # it would do 1 mJ, and its motor too
+    assert account.supplied_J == 0.0
+    assert account.undone == 1
+    assert account.substep(0.001, (1.0,), 1e-2)[1] == pytest.approx(1e-3)
+    assert account.supplied_J == 1e-3
+    assert account.account_J == pytest.approx(2e-3)
+
+
+def test_of_what_was_dissipated_no_more_than_a_ceiling_is_kept() -> None:
+    """A hand's work of 30 mJ a substep is lost three times; then 1 J is made: all but 50 mJ of it is a debt."""
+    bead, account = given(1.0, 0.0)
+    for _ in range(3):
+        account.substep(0.001, (30.0,), 1.0)
+    assert account.account_J == CEILING_J
+    bead.extra_J = 1.0
+    account.substep(0.001, (0.0,), 1.0)
+    assert account.observed.given_J == account.observed.paid_J == pytest.approx(1.0 - CEILING_J, rel=1e-9)
 
 
 def test_a_motor_has_a_port_of_its_own() -> None:
@@ -278,7 +340,7 @@ number = st.floats(-999.0, 999.0)
 
 
 @settings(max_examples=150, deadline=None)
-@given(
+@for_each(
     tape=st.lists(st.tuples(number, number, st.floats(0.0, 1e3), number, number), min_size=8, max_size=40),
     goals=st.lists(st.tuples(number, st.floats(1e-4, 0.3), st.floats(0.0, 1.0)), min_size=1, max_size=12),
     knows=st.booleans(),
