@@ -4,8 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
+from hapnet import EngineWorld
+
 M, K, AT = 0.05, 2000.0, 0.01
 """The bead's mass [kg], the wall's stiffness [N/m] and place [m]."""
+
+HONEST = ["Bare", "Bead", "Coupled", "Driven"]
+LIARS = ["Pump", "Modest", "Jumps", "Hurries", "Light", "Strong", "Against"]
+K_PROXY, B_PROXY = 500.0, 14.0
+
+
+def scene(name: str) -> str:
+    return f"tests.support.engines:{name}"
+
+
+def made(engine: Any) -> tuple[EngineWorld, Any]:
+    world = EngineWorld(engine)
+    return world, world.proxy(M, B_PROXY, K_PROXY)
 
 
 class Bare:
