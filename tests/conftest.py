@@ -87,7 +87,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     from hapnet.simulation.compiled.run import make_ready  # here: it loads numba
 
     if WORKER == 0:
-        for end in real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD)):
+        for end in real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD), "omni"):
             real_time.make_ready(end)
     found = {kind.name: kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None}
     kinds = [found[name] for name in sorted(found)]

@@ -54,7 +54,7 @@ def make_ready(name: str) -> Any:
     return run
 
 
-def missing(spec: CouplingSpec[Any], wanted: Iterable[str], hardware: str) -> list[str]:
+def missing(spec: CouplingSpec[Any], wanted: Iterable[str], hardware: str = "simulated") -> list[str]:
     """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet;
     beside the servo the `ARM`, if the device is one."""
     if machine_code.no_compiler() is not None:
