@@ -253,14 +253,14 @@ class EngineAccount:
 
     def _vector(self, method: str) -> Vector:
         found = self._numbers(method, self.ask(method), self.dof)
-        if any(not abs(number) < _FARTHEST for number in found):
+        if not inner(found, found) < _FARTHEST**2:
             raise self._diverged(f"its {method} is {list(found)}")
         return found
 
     def _numbers(self, method: str, given: Any, count: int) -> Vector:
         """What a method of the engine gave, as floats: `count` of them."""
         try:
-            found = tuple([float(number) for number in given])
+            found = tuple(map(float, given))
         except (TypeError, ValueError):
             found = ()
         if len(found) != count:

@@ -74,7 +74,7 @@ class EngineMass(Mass):
         self._tells = isinstance(account.engine, CoupledEngine)
         self._pushed: Vector = (0.0,) * account.dof
         """Acceleration that all but the coupling gave the proxy in the last substep [m/s^2]."""
-        self._gains_of: tuple[float, bytes] = (0.0, b"")
+        self._gains_of: tuple[float, object] = (0.0, None)
         self._inverse_mass = self._stiffness
         self._known_gains = self._stiffness, self._stiffness
 
@@ -145,9 +145,9 @@ class EngineMass(Mass):
     def _gains(self, h: float) -> tuple[Product, Product]:
         """The force's dependence on the spring's length and on the velocity, in a substep of `h` [s]."""
         own = self._account.ask("inverse_mass")
-        known = self._lightness if own is None else _matrix("inverse_mass", own, self._account.dof)
-        key = h, known.tobytes()
+        key = h, own if own is None or isinstance(own, float) else np.asarray(own).tobytes()
         if key != self._gains_of:
+            known = self._lightness if own is None else _matrix("inverse_mass", own, self._account.dof)
             B, K = self._B, self._K
             gain = np.linalg.inv(np.eye(self._account.dof) + (h * B + h * h * K) @ known)
             self._inverse_mass, self._gains_of = _product(known), key

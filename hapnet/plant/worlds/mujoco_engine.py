@@ -124,10 +124,10 @@ class MujocoEngine(Engine):
             return tuple(self._qvel.tolist())
         return tuple((self._rows() @ self._data.qvel).tolist())
 
-    def inverse_mass(self) -> Array:
+    def inverse_mass(self) -> float | Array:
         """How the proxy's velocity answers to an impulse [1/kg], without contacts: (n, n)."""
         if self._dofs:
-            return np.eye(self.dof) / float(self._model.body_mass[self.found.body])
+            return 1.0 / float(self._model.body_mass[self.found.body])
         rows = np.array(self._rows())
         solved = np.zeros_like(rows)
         self._engine.mj_solveM(self._model, self._data, solved, rows)
