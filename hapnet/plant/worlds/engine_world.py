@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import ceil, inf
 from operator import add, mul, neg, sub
 from typing import cast
@@ -207,7 +208,7 @@ class EngineWorld(WorldDefaults, Surroundings):
     def picture(self) -> Picture | None:
         own: Picture | None = self.account.ask("picture")
         shapes = () if own else self.account.ask("shapes")
-        return ShapesPicture(shapes, self.engine.poses, self.planes) if shapes else own
+        return ShapesPicture(shapes, partial(self.account.ask, "poses"), self.planes) if shapes else own
 
     def steps_between(self, min_s: float, max_s: float) -> bool:
         if not self._has_steps:
