@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,6 +22,7 @@ from hapnet.couplings.registry import coupling
 from hapnet.kernel import real_time, sources
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
+from hapnet.records.machine_code import directory
 from hapnet.simulation.compiled.coverage import kind_of, no_compiler
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -79,22 +82,37 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Before many tests each kind of scenario is compiled, so that no single one of them takes as long as that.
 
-    Each worker begins with others, and finds the rest compiled.
+    Each worker begins with others, leaves out what another one compiles just now, and waits for that in the end.
     """
     many = sum(item.get_closest_marker("quick") is None for item in session.items) > 1000
     if not many or session.config.option.collectonly or no_compiler() is not None:
         return
     from hapnet.simulation.compiled.run import make_ready  # here: it loads numba
 
-    if WORKER == 0:
-        for end in real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD), "omni"):
-            real_time.make_ready(end)
-    found = {kind.name: kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None}
-    kinds = [found[name] for name in sorted(found)]
-    first = len(kinds) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    for kind in (*kinds[first:], *kinds[:first]):
-        if not sources.are_compiled(kind.name):
-            make_ready(kind)
+    kinds = [kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None]
+    kinds += [kind._replace(solid=True) for name in ("pspm", "tdpa") if (kind := kind_of(Params(coupling=name)))]
+    makers: dict[str, Callable[[], object]] = {kind.name: partial(make_ready, kind) for kind in kinds}
+    ends = real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD), "omni")
+    makers |= {end: partial(real_time.make_ready, end) for end in ends}
+    names = sorted(makers)
+    first = len(names) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    for wait in (False, True):
+        for name in (*names[first:], *names[:first]):
+            with _only_here(name, wait) as here:
+                if here and not sources.are_compiled(name):
+                    makers[name]()
+
+
+@contextmanager
+def _only_here(name: str, wait: bool) -> Iterator[bool]:
+    """Whether no other process compiles this; wait : until none does."""
+    with (directory() / f"{name}.lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from hapnet.checks import Vector
@@ -27,16 +27,10 @@ def tick(end: ArmEnd) -> None:
     end.work = motion.tick(end.arm, end.path, 0)
 
 
-def entry_of(sources: str) -> Callable[[Sequence[ArmEnd]], bool]:
-    """The function that compiled code is entered by. sources : their digest."""
-
-    def run(ends: Sequence[ArmEnd]) -> bool:
-        """Make a tick."""
-        if sources is not None:
-            tick(ends[0])
-        return True
-
-    return run
+def enter(ends: Sequence[ArmEnd]) -> bool:
+    """Make a tick. Compiled code is entered by this."""
+    tick(ends[0])
+    return True
 
 
 class CompiledArm(SimulatedArm):

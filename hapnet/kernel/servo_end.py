@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from hapnet.checks import Vector
@@ -39,14 +39,9 @@ def tick(end: ServoEnd) -> int:
     return servos.tick(end.servo, end.coupling, end.model, end.dt, end.x, end.v, end.who)
 
 
-def entry_of(sources: str) -> Callable[[Sequence[ServoEnd]], int]:
-    """The function that compiled code is entered by. sources : their digest."""
-
-    def run(ends: Sequence[ServoEnd]) -> int:
-        """Make a tick, or the rest of it; returns what is to be done."""
-        return tick(ends[0]) if sources is not None else ASKS
-
-    return run
+def enter(ends: Sequence[ServoEnd]) -> int:
+    """Make a tick, or the rest of it; returns what is to be done. Compiled code is entered by this."""
+    return tick(ends[0])
 
 
 class CompiledServo(SampledServo):

@@ -5,7 +5,6 @@ A timer that is past due runs at the present time. Of what is due at the same na
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated
 
 from hapnet.control.two_port import TwoPort, on_device, on_world
@@ -195,11 +194,6 @@ def _impossible(scenario: Scenario) -> bool:
     return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.plant.model.coupling.unsolved > 0
 
 
-def entry_of(sources: str) -> Callable[[Scenario, int], int]:
-    """The function that compiled code is entered by. sources : their digest."""
-
-    def run(scenario: Scenario, until_ns: int) -> int:
-        """Run every event until `until_ns` [ns]; returns why it stopped."""
-        return _run(scenario, until_ns) if sources is not None else IMPOSSIBLE
-
-    return run
+def enter(scenario: Scenario, until_ns: int) -> int:
+    """Run every event until `until_ns` [ns]; returns why it stopped. Compiled code is entered by this."""
+    return _run(scenario, until_ns)

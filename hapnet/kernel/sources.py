@@ -30,6 +30,11 @@ def digest() -> str:
     return found.hexdigest()
 
 
+def name_of(kind: str) -> str:
+    """What the machine code of a kind is called: nothing else has this name, neither another kind nor other sources."""
+    return f"{kind}-{digest()[:16]}"
+
+
 def are_compiled(kind: str) -> bool:
     """Is there machine code of the present sources for this kind of scenario?"""
     try:

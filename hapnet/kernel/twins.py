@@ -30,17 +30,19 @@ _PARTS: set[str] = set()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def entry(function: F, cache: str, choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> F:
+def entry(function: F, name: str, cache: str, choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> F:
     """The compiled twin of the function through which all others are called: its machine code is kept in `cache`.
 
     choices : functions in whose place others are compiled.
 
-    The environment's `NUMBA_CACHE_DIR` goes before that. Numba looks only at the entry's own file to see whether its
-    cache is still valid. So the entry must be a closure that uses a digest of the sources, which changes with any of
-    them.
+    The environment's `NUMBA_CACHE_DIR` goes before that. Numba names its files after the function, and looks only at
+    the function's own file to see whether they are still valid. So `name` has to change with any of the sources, and
+    with the choices. And no two that differ may share files: if two processes add to them at the same time, one finds
+    the other's machine code under its own key.
     """
     assert isinstance(function, FunctionType)
     twin = _with_globals(function, _twins(choices)[function.__module__])
+    twin.__qualname__ = name
     given = _config.CACHE_DIR
     try:
         _config.CACHE_DIR = given or cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf
 from typing import Any
 
@@ -70,14 +70,9 @@ def run_end(end: WorldEnd) -> bool:
     return True
 
 
-def entry_of(sources: str) -> Callable[[Sequence[WorldEnd]], bool]:
-    """The function that compiled code is entered by. sources : their digest."""
-
-    def run(ends: Sequence[WorldEnd]) -> bool:
-        """Do what the end asks for; False: it cannot be done."""
-        return run_end(ends[0]) if sources is not None else False
-
-    return run
+def enter(ends: Sequence[WorldEnd]) -> bool:
+    """Do what the end asks for; False: it cannot be done. Compiled code is entered by this."""
+    return run_end(ends[0])
 
 
 class CompiledCoupling(SetPositionCoupling):

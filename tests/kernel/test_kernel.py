@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.kernel import sources, twins
 from hapnet.params import Params
-from hapnet.records import machine_code
+from hapnet.records import machine_code, vectors
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.support.kernel_cases import LOSSY, differences, kernel_case
@@ -198,6 +199,15 @@ def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.Monkey
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     sources.mark("one")  # as where nothing can be written
     assert not sources.are_compiled("one")
+
+
+def test_machine_code_of_two_kinds_shares_no_file(tmp_path: Path) -> None:
+    """Two processes that compile at the same time would each overwrite what the other one made."""
+    for name in ("one", "other"):
+        length = twins.entry(vectors.dot, name, str(tmp_path), {})
+        assert length(2, np.array([3.0, 4.0]), np.array([3.0, 4.0])) == 25.0
+    made = [path.name.split("-")[0] for path in tmp_path.rglob("*.nbi")]
+    assert sorted(made) == ["vectors.one", "vectors.other"]
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from hapnet.kernel.simulation import (
     UP,
     WORLD_TIMER,
     Scenario,
-    entry_of,
+    enter,
 )
 from hapnet.kernel.twins import as_one_unit, entry, reporting
 from hapnet.plant.device import TICKS, SimulatedDevice
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 @cache
 def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
-    run = entry(entry_of(f"{sources.digest()} {kind.name}"), str(machine_code.directory()), kind.choices())
+    run = entry(enter, sources.name_of(kind.name), str(machine_code.directory()), kind.choices())
     record = new(scenario(kind))
     with as_one_unit(), reporting(progress.reported.get()):
         run(bare(record), -1)  # nothing is due at that time
