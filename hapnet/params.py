@@ -60,6 +60,11 @@ def is_arm(hardware: str) -> bool:
     return hardware == "omni" or hardware.startswith(("omni:", "arm:"))
 
 
+def arm_file(hardware: str) -> str:
+    """The URDF file of ``arm:FILE.urdf?...``; empty for any other device."""
+    return hardware[4:].partition("?")[0] if hardware.startswith("arm:") else ""
+
+
 def is_simulated(hardware: str) -> bool:
     """Is the device of this name simulated: a point mass, or an arm?"""
     return hardware == "simulated" or is_arm(hardware)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from hapnet import checks
 from hapnet.errors import InvalidParameter
-from hapnet.params import DeviceParams, Params, is_arm
+from hapnet.params import DeviceParams, Params, arm_file, is_arm
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.table import ArmTable, apparent_masses, felt_damping
 from hapnet.plant.arms.urdf import table_from
@@ -24,16 +25,17 @@ def table_of(hardware: str) -> ArmTable:
         if behind:
             raise InvalidParameter("hardware", hardware, "omni, which takes no options")
         return omni()
-    file, _, options = behind.partition("?")
-    given = dict(part.partition("=")[::2] for part in options.split("&") if part)
-    if not file or not given.keys() <= {"tip", "base", "home"}:
+    file, options = arm_file(hardware), behind.partition("?")[2]
+    parts = [part.partition("=")[::2] for part in options.split("&") if part]
+    given = dict(parts)
+    if not file or len(given) < len(parts) or not given.keys() <= {"tip", "base", "home"}:
         raise InvalidParameter(
-            "hardware", hardware, "arm:FILE.urdf?tip=LINK, also with &base=LINK and &home=RAD,RAD,..."
+            "hardware", hardware, "arm:FILE.urdf?tip=LINK, also with &base=LINK and &home=RAD,RAD,..., each once"
         )
     try:
         text = Path(file).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
+        why = f"{error.strerror}: {Path(file).absolute()}" if isinstance(error, OSError) else error
         raise InvalidParameter("hardware", hardware, f"a URDF file that can be read ({why})") from None
     home = checks.vector("home", given["home"].split(",")) if "home" in given else ()
     return table_from(text, Path(file).name, given.get("tip", ""), given.get("base", ""), home)
@@ -53,6 +55,8 @@ def with_arm(params: Params) -> Params:
         if (value := getattr(device, name)) not in ("auto", plain):
             raise InvalidParameter(f"device.{name}", value, f"auto or {plain} with the device {params.hardware}")
     own = {"mass": min(apparent_masses(table)), "own_damping": felt_damping(table)}
+    if own["mass"] == math.inf:
+        raise InvalidParameter("hardware", params.hardware, "a tip that moves: at home no joint moves this one")
     for name, value in own.items():
         if (given := getattr(device, name)) not in (getattr(_DEFAULTS, name), value):
             raise InvalidParameter(

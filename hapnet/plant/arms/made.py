@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from hapnet.plant.arms import motion
-from hapnet.plant.arms.chain import matrices
 from hapnet.plant.arms.motion import Arm
-from hapnet.plant.arms.table import ArmTable, chain_of
+from hapnet.plant.arms.table import ArmTable, at_home, chain_of
 from hapnet.plant.operator import Impedance
 
 STOP_HZ = 40.0
@@ -31,15 +30,12 @@ def arm_of(table: ArmTable, hand: Impedance, period: float, steps: int, *, compe
     period : of a tick [s]; steps : in a tick. compensated : do the motors carry the arm's weight?
     """
     arm = Arm()
-    bare = chain_of(table)
     arm.chain = chain_of(table, hand.mass)
-    arm.n = n = bare.n
+    arm.n = n = arm.chain.n
     arm.period, arm.steps, arm.h = period, steps, period / steps
     arm.compensated, arm.slip = int(compensated), SLIP_RADPS
     arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping
-    home = list(table.home)
-    matrices(bare, home, [0.0] * n)
-    inertias = np.diagonal(bare.inertia)[:n].tolist()
+    inertias = np.diagonal(at_home(table)[1]).tolist()
     swing = 2.0 * math.pi * STOP_HZ
     for i, joint in enumerate(table.joints):
         arm.damping[i], arm.friction[i] = joint.damping, joint.friction
@@ -50,7 +46,7 @@ def arm_of(table: ArmTable, hand: Impedance, period: float, steps: int, *, compe
             torque = joint.effort if joint.effort < math.inf else joint.speed * inertias[i] * swing
             arm.brake[i] = torque / (BRAKES_AT * joint.speed)
     arm.has_limits = int(any(joint.effort < math.inf for joint in table.joints))
-    arm.q[:n] = home
+    arm.q[:n] = list(table.home)
     motion.look(arm)
     for r in range(3):
         arm.chain.tip.arms[0][r] -= arm.x[r]

@@ -15,6 +15,9 @@ from hapnet.records.vectors import added
 
 GRAVITY_MPS2 = 9.81
 
+_ROUNDING = 1e-13
+"""What is smaller beside the whole is 0."""
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -78,11 +81,15 @@ def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
 
     tip_mass : of what is fixed to the tip besides [kg].
 
-    Raises InvalidParameter: the table is of no arm that moves.
+    Raises InvalidParameter: the table is of no arm that moves, or its home is not within its stops.
     """
     n = len(table.joints)
     if not 1 <= n <= JOINTS:
         raise InvalidParameter(f"the joints of {table.name}", n, f"1 to {JOINTS}")
+    if len(table.home) != n:
+        raise InvalidParameter(f"home of {table.name}", table.home, f"{n} angles, one for each joint")
+    for joint, angle in zip(table.joints, table.home, strict=True):
+        _check_joint(table.name, joint, angle)
     chain = zero_chain(n)
     chain.tip_mass, chain.gamma[:] = tip_mass, table.gamma
     own = np.eye(3)  # how our frame of the link before is turned in that of the table
@@ -126,6 +133,22 @@ def _to_z(name: str, joint: Joint) -> Array:
     return np.stack([np.cross(y, z), y, z], axis=1)
 
 
+def _check_joint(name: str, joint: Joint, home: float) -> None:
+    """Raise InvalidParameter if a limit or a loss is none that takes energy, or if home is outside the stops."""
+    of = f"of {name}'s joint {joint.name}"
+    stops = f"{joint.lower:g} to {joint.upper:g} rad"
+    for what, value, allowed, holds in (
+        ("the lower stop", joint.lower, f"below the upper one, {joint.upper:g} rad", joint.lower < joint.upper),
+        ("the effort", joint.effort, "above 0 Nm", joint.effort > 0.0),
+        ("the speed", joint.speed, "above 0 rad/s", joint.speed > 0.0),
+        ("the damping", joint.damping, "a finite one, 0 or above", 0.0 <= joint.damping < math.inf),
+        ("the friction", joint.friction, "a finite one, 0 or above", 0.0 <= joint.friction < math.inf),
+        ("home", home, f"within its stops, {stops}", math.isfinite(home) and joint.lower <= home <= joint.upper),
+    ):
+        if not holds:
+            raise InvalidParameter(f"{what} {of}", value, allowed)
+
+
 def _check_body(name: str, joint: Joint, inertia: Array) -> None:
     """Raise InvalidParameter if the body's mass or moments of inertia are negative, or no numbers."""
     numbers = np.isfinite(inertia).all() and math.isfinite(joint.mass)
@@ -135,32 +158,47 @@ def _check_body(name: str, joint: Joint, inertia: Array) -> None:
 
 
 def home_of(joints: Sequence[Joint]) -> Vector:
-    """The middle between each joint's stops, 0 where there are none [rad]."""
+    """The middle between each joint's stops; where there are not two, as near to 0 as they allow [rad]."""
     return tuple(
-        0.5 * (joint.lower + joint.upper) if math.isfinite(joint.upper - joint.lower) else 0.0 for joint in joints
+        0.5 * (joint.lower + joint.upper)
+        if math.isfinite(joint.upper - joint.lower)
+        else min(max(0.0, joint.lower), joint.upper)
+        for joint in joints
     )
 
 
 def apparent_masses(table: ArmTable) -> Vector:
     """How heavy the tip is at home along the principal axes of ``(J M^-1 J')^-1`` [kg], ascending; infinite where the
     arm cannot move it."""
-    J, M = _at_home(table)
+    J, M = at_home(table)
     mobility = np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))
     return tuple([float(1.0 / one) if one > 1e-9 * mobility[-1] else math.inf for one in mobility[::-1]])
 
 
 def felt_damping(table: ArmTable) -> float:
-    """The least damping of the joints that is felt at the tip at home in any direction [Ns/m]."""
+    """The least damping of the joints that is felt at the tip at home in any direction [Ns/m]; infinite where the tip
+    does not move."""
     if not all(joint.damping > 0.0 for joint in table.joints):
         return 0.0
-    J, _ = _at_home(table)
+    J, _ = at_home(table)
     b = np.array([joint.damping for joint in table.joints])
-    return float(1.0 / np.linalg.eigvalsh((J / b) @ J.T)[-1])
+    return float(1.0 / most) if (most := np.linalg.eigvalsh((J / b) @ J.T)[-1]) > 0.0 else math.inf
 
 
-def _at_home(table: ArmTable) -> tuple[Array, Array]:
-    """J (3, n) and M (n, n) at home."""
+def at_home(table: ArmTable) -> tuple[Array, Array]:
+    """J (3, n) and M (n, n) at home. Raises InvalidParameter: as `chain_of`, or a joint turns nothing there."""
     chain, home = chain_of(table), list(table.home)
     matrices(chain, home, [0.0] * chain.n)
     difference(chain, chain.tip, home, home)
-    return np.array(chain.tip.columns)[: chain.n].T, np.array(chain.inertia)[: chain.n, : chain.n]
+    J, M = np.array(chain.tip.columns)[: chain.n].T, np.array(chain.inertia)[: chain.n, : chain.n]
+    if np.abs(J).max() <= _ROUNDING * max(table.reaches):
+        J[:] = 0.0
+    least, ways = np.linalg.eigh(M)
+    bodies = added(
+        [joint.mass * np.dot(joint.centre, joint.centre) + np.trace(joint.inertia) for joint in table.joints]
+    )
+    if not least[0] > _ROUNDING * max(least[-1], bodies):
+        joint = table.joints[int(np.argmax(np.abs(ways[:, 0])))]
+        name = f"the inertia that {table.name}'s joint {joint.name} turns at home [kg m^2]"
+        raise InvalidParameter(name, 0.0, "above 0, from an <inertia> or from a mass off the joint's axis")
+    return J, M

@@ -72,8 +72,6 @@ def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector
     if moving is None:
         raise InvalidParameter("the tip of " + name, tip, "a link that a joint moves")
     joints.append(robot.joint(moving, placed, body))
-    if home and len(home) != len(joints):
-        raise InvalidParameter(f"home of {name}", home, f"{len(joints)} angles, one for each joint")
     where: Vector = tuple(pose.place.tolist())
     return ArmTable(name, tuple(joints), where, home or home_of(joints))
 
@@ -91,7 +89,10 @@ class _Robot:
             raise InvalidParameter("the arm " + name, f"<{root.tag}>", "URDF, whose root is <robot> (is it xacro?)")
         self.links = {str(link.get("name")): link for link in root.findall("link")}
         self.joints = [joint for joint in root.findall("joint") if joint.find("child") is not None]
-        self.before = {self.child(joint): joint for joint in self.joints}
+        self.before: dict[str, ElementTree.Element] = {}
+        for joint in self.joints:
+            if self.before.setdefault(self.child(joint), joint) is not joint:
+                raise self._goes_round(self.child(joint))
         self.after: dict[str, list[ElementTree.Element]] = {link: [] for link in self.links}
         for joint in self.joints:
             for end in (self.parent(joint), self.child(joint)):
@@ -118,15 +119,20 @@ class _Robot:
         if base and base not in self.links:
             raise InvalidParameter(f"the base of {self.name}", base, "a link of the file", self.links)
         found: list[ElementTree.Element] = []
-        link = tip
-        while link in self.before and link != base:
+        link, whole = tip, -1
+        while link in self.before:
             if len(found) > len(self.joints):
-                raise InvalidParameter(f"the joints of {self.name}", tip, "a chain: these go round")
+                raise self._goes_round(tip)
             found.append(self.before[link])
             link = self.parent(found[-1])
-        if base and link != base:
+            if link == base:
+                whole = len(found)
+        if base and whole < 0:
             raise InvalidParameter(f"the base of {self.name}", base, f"a link before {tip}")
-        return found[::-1]
+        return found[::-1] if whole < 0 else found[:whole][::-1]
+
+    def _goes_round(self, link: str) -> InvalidParameter:
+        return InvalidParameter(f"the joints of {self.name}", link, "a chain: these go round")
 
     def origin(self, element: ElementTree.Element) -> _Pose:
         """An element's <origin>."""

@@ -115,7 +115,7 @@ def test_the_omni_feels_as_its_data_sheet_says() -> None:
 
 def test_felt_damping_by_hand() -> None:
     """One joint of 0.02 Nms/rad at 0.1 m: 2 Ns/m; with a joint that damps nothing: 0."""
-    joint = Joint("a", NONE, mass=1.0, damping=0.02)
+    joint = Joint("a", NONE, mass=1.0, centre=(0.1, 0.0, 0.0), damping=0.02)
     assert felt_damping(ArmTable("one", (joint,), (0.1, 0.0, 0.0), (0.0,))) == pytest.approx(2.0)
     free = Joint("b", (0.1, 0.0, 0.0), mass=1.0)
     assert felt_damping(ArmTable("two", (joint, free), (0.1, 0.0, 0.0), (0.0, 0.0))) == 0.0

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.assembly.arms import table_of
+from hapnet.assembly.arms import table_of, with_arm
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.arms.chain import difference, gravity, matrices
-from hapnet.plant.arms.table import chain_of
+from hapnet.plant.arms.table import apparent_masses, chain_of, felt_damping
 from hapnet.plant.arms.urdf import table_from
 from hapnet.simulation.simulation import Simulation
 
@@ -100,6 +100,7 @@ def test_limits_and_home() -> None:
         ('xyz="0 0.6 0.8"', 'xyz="0 0.6"', "tip", "xyz in test.urdf is '0 0.6'; allowed: three numbers"),
         ('<parent link="fore"/><child link="hand"/>', '<parent link="arm"/><child link="hand"/>', "tip", "is 'arm'"),
         (body(0.2, "0.01 0 0.02"), "", "tip", "the link of test.urdf's joint wrist is 'hand'; allowed: .*<inertial>"),
+        ('<child link="jaw"/>', '<child link="motor"/>', "tip", "is 'motor'; allowed: a chain: these go round"),
     ],
 )
 def test_what_is_no_arm_is_refused(old: str, new: str, tip: str, message: str) -> None:
@@ -115,6 +116,72 @@ def test_joints_that_go_round_are_refused() -> None:
         table_from(ring + "</robot>", "ring.urdf", "a")
 
 
+def test_a_loop_beside_the_chain_is_refused() -> None:
+    """Links that are fixed to one another, of which two have the same child; and a loop through the base."""
+    loop = "".join(
+        f'<link name="{b}"/><joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+        for a, b in ("hx", "xy", "yx")
+    ).replace('"h"', '"hand"')
+    with pytest.raises(InvalidParameter, match="go round"):
+        table_from(ARM.replace("</robot>", loop + "</robot>"), "test.urdf", "tip")
+    back = '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint></robot>'
+    with pytest.raises(InvalidParameter, match="go round"):
+        table_from(ARM.replace("</robot>", back), "test.urdf", "tip", "plate")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "home", "message"),
+    [
+        ('velocity="3"', 'velocity="-3"', (), "the speed of test.urdf's joint shoulder is -3.0; allowed: above 0"),
+        ('effort="7"', 'effort="-7"', (), "the effort of test.urdf's joint shoulder is -7.0; allowed: above 0"),
+        (
+            'lower="-1.5"',
+            'lower="2.5"',
+            (),
+            "the lower stop of test.urdf's joint shoulder is 2.5; allowed: below .* 2",
+        ),
+        ('lower="-1.5"', 'lower="inf"', (), "the lower stop of test.urdf's joint shoulder is inf"),
+        ('damping="0.1"', 'damping="-0.5"', (), "the damping of test.urdf's joint shoulder is -0.5; allowed: a finite"),
+        ('damping="0.1"', 'damping="inf"', (), "the damping of test.urdf's joint shoulder is inf; allowed: a finite"),
+        ('friction="0.02"', 'friction="-1"', (), "the friction of test.urdf's joint shoulder is -1.0; allowed: a fin"),
+        ("", "", (9.0, 0.0, 0.0), "home of test.urdf's joint shoulder is 9.0; allowed: within its stops, -1.5 to 2"),
+        ("", "", (0.0, math.inf, 0.0), "home of test.urdf's joint elbow is inf"),
+        ("", "", (0.0, 0.0), "home of test.urdf is .0.0, 0.0.; allowed: 3 angles"),
+    ],
+)
+def test_what_would_make_energy_is_refused(old: str, new: str, home: tuple[float, ...], message: str) -> None:
+    """In the table, so of any arm, whatever it was read from."""
+    text = ARM.replace(old, new, 1) if old else ARM
+    with pytest.raises(InvalidParameter, match=message):
+        chain_of(table_from(text, "test.urdf", "tip", home=home))
+
+
+ONE = """<robot name="one"><link name="base"/><link name="arm"><inertial>{}<mass value="0.2"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0.6 0.8"/>
+<limit lower="0.5" effort="5" velocity="3"/><dynamics damping="0.1"/></joint>
+<link name="tip"/><joint name="end" type="fixed"><parent link="arm"/><child link="tip"/>
+<origin xyz="{}"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("centre", ["", '<origin xyz="0 0.3 0.4"/>'])
+def test_a_mass_on_its_joints_axis_is_refused(centre: str) -> None:
+    with pytest.raises(InvalidParameter, match=r"the inertia that one\.urdf's joint hinge turns at home"):
+        apparent_masses(table_from(ONE.format(centre, "0.1 0 0"), "one.urdf"))
+
+
+@pytest.mark.parametrize("tip", ["0 0 0", "0 0.06 0.08"])
+def test_a_tip_on_its_joints_axis_is_refused(tmp_path: Path, tip: str) -> None:
+    """No joint moves it, so its mass is infinite; 0.1 m beside the axis 0.2 kg are 0.2 kg, and 0.1 Nms/rad 10 Ns/m."""
+    off = '<origin xyz="0.1 0 0"/>'
+    fixed, moved = (table_from(ONE.format(off, place), "one.urdf") for place in (tip, "0.1 0 0"))
+    assert (apparent_masses(fixed), felt_damping(fixed)) == ((math.inf,) * 3, math.inf)
+    assert (apparent_masses(moved)[0], felt_damping(moved)) == pytest.approx((0.2, 10.0))
+    assert fixed.home == (0.5,)  # there is one stop: as near to 0 as that allows
+    (tmp_path / "one.urdf").write_text(ONE.format(off, tip))
+    with pytest.raises(InvalidParameter, match="allowed: a tip that moves"):
+        with_arm(Params().set({"hardware": f"arm:{tmp_path / 'one.urdf'}"}))
+
+
 def test_a_run_with_an_arm_from_a_file(tmp_path: Path) -> None:
     """Three hinges in a hand, over 4g: passive; the options behind the file's name."""
     file = tmp_path / "test.urdf"
@@ -125,6 +192,7 @@ def test_a_run_with_an_arm_from_a_file(tmp_path: Path) -> None:
     )  # fmt: skip
     result = Simulation(params, 1).run()
     assert result.summary["verdict"]["passive"] is True
-    for words in ("arm:", f"arm:{file}?top=tip", f"arm:{tmp_path / 'none.urdf'}?tip=tip", f"arm:{file}?tip=tip&home=a"):
+    for words in ("arm:", f"arm:{file}?top=tip", f"arm:{tmp_path / 'none.urdf'}?tip=tip", f"arm:{file}?tip=tip&home=a",
+                  f"arm:{file}?tip=tip&tip=hand"):  # fmt: skip
         with pytest.raises(InvalidParameter):
             table_of(words)
