@@ -11,6 +11,7 @@ from hapnet.params import DeviceParams, Params, arm_file, is_arm
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.table import ArmTable, apparent_masses, felt_damping
 from hapnet.plant.arms.urdf import table_from
+from hapnet.records.machine_code import no_compiler
 
 _DEFAULTS = DeviceParams()
 
@@ -63,3 +64,11 @@ def with_arm(params: Params) -> Params:
                 f"device.{name}", given, f"left out with the device {params.hardware}: its links have it"
             )
     return params.set({"dof": 3, **{f"device.{name}": value for name, value in own.items()}})
+
+
+def real_time_warnings(params: Params) -> tuple[str, ...]:
+    """What the user of a device's side is told before control starts."""
+    why = no_compiler()
+    if why is None or not is_arm(params.hardware) or params.device.substeps == 1:
+        return ()
+    return (f"{why}: at 1 kHz an arm needs the extra fast, or --set device.substeps=1",)

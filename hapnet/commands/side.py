@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import cast, get_args
 
 from hapnet import checks
+from hapnet.assembly.arms import real_time_warnings
 from hapnet.assembly.build import LIVE, prepare
 from hapnet.commands import known_devices, output
 from hapnet.commands.console import run_console
@@ -85,6 +86,8 @@ def _main(
     if params.operator == LIVE and CONSOLE not in os.environ:
         raise InvalidParameter("operator", LIVE, f"any other: only hapnet play has the page that leads {LIVE}")
     warnings = setup.warnings + zenoh_warnings(settings)
+    if role == "device":
+        warnings += real_time_warnings(setup.params)
     check_target(given.log_to, given.json_to)
     record = given.record or (None if directory is None else directory / f"{role}.mcap")
     words = None if given.log_to == "-" else output.console(given.json_to)

@@ -10,6 +10,7 @@ from typing import Any
 
 from hapnet.assembly.build import Setup
 from hapnet.errors import RecordingError
+from hapnet.params import arm_file
 from hapnet.recording.drawing import Drawing
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.mcap import RecordingWriter, preload
@@ -163,6 +164,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
     return {
         "params": setup.params.as_dict(),
         "operator_sha256": fingerprint(setup.params.operator),
+        "hardware_sha256": fingerprint(arm_file(setup.params.hardware)),
         "seed": seed,
         "role": role,
         "clock": _boot_id(),

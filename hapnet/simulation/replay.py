@@ -16,7 +16,7 @@ from hapnet.couplings.registry import coupling, jointly_passive
 from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
 from hapnet.param_values import flatten
-from hapnet.params import Params, is_arm, is_simulated
+from hapnet.params import Params, arm_file, is_arm, is_simulated
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
@@ -86,6 +86,11 @@ def read_original(files: Sequence[Path]) -> Original:
                 changes, about = _link(recording, part, direction, asked)
                 asked |= changes
                 notes += about
+    if (then := device.meta.get("hardware_sha256")) is not None:
+        file = arm_file(str(asked.get("hardware")))
+        if fingerprint(file) not in (then, None):
+            notes.append(f"{file} has changed since: the replay has the arm that it describes now")
+            asked = {name: value for name, value in asked.items() if name not in ("device.mass", "device.own_damping")}
     asked |= {
         "operator": operator,
         "hardware": hardware if is_arm(hardware := str(asked.get("hardware"))) else "simulated",

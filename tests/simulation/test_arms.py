@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hapnet.assembly.arms import real_time_warnings
 from hapnet.kernel import real_time
 from hapnet.kernel.real_time import CompiledArms
 from hapnet.params import Params
@@ -42,6 +43,18 @@ def test_runs_over_4g(changes: dict[str, Any]) -> None:
         true_slack = result.device.true_slack
         assert true_slack is not None
         assert true_slack >= -1e-13 - (result.device.quantisation or 0.0)
+
+
+def test_an_arm_without_the_compiler_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Params().set({"hardware": "omni"})
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    (line,) = real_time_warnings(arm)
+    assert "the extra fast" in line
+    assert "--set device.substeps=1" in line
+    assert real_time_warnings(Params()) == real_time_warnings(arm.set({"device.substeps": 1})) == ()
+    monkeypatch.delenv("NUMBA_DISABLE_JIT")
+    monkeypatch.setattr("hapnet.records.machine_code.find_spec", lambda name: name)
+    assert real_time_warnings(arm) == ()
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from hapnet.recording.mcap import RecordingWriter, read_recording, save
 from hapnet.recording.samples import Recording
 from hapnet.simulation.replay import compare, read_original
 from hapnet.simulation.simulation import simulate
+from tests.plant.arms.test_urdf import ARM
 from tests.support.replays import QUICK, recorded, replayed, rewritten, with_meta, with_params
 from tests.support.replays import here as here
 
@@ -241,6 +242,19 @@ def test_a_file_that_has_changed_is_not_read_again(tmp_path: Path) -> None:
     assert "hand.csv has changed or is missing" in original.hand
     _, compared = replayed(tmp_path / "a.mcap")
     assert 0.0 < compared["max_position_difference_m"] < 1e-4
+
+
+def test_of_an_arm_whose_file_has_changed_a_note_says_so(tmp_path: Path) -> None:
+    """The replay has the arm of now: its masses are not those of then, and the motion is another."""
+    (tmp_path / "arm.urdf").write_text(ARM, "utf-8")
+    arm = "arm:arm.urdf?tip=tip&home=0.3,1.2,0.2"
+    recorded(tmp_path / "a.mcap", hardware=arm, device__substeps=1, scene="free", operator="sine", duration_s=0.5)
+    assert read_original([tmp_path / "a.mcap"]).notes == ()
+    assert replayed(tmp_path / "a.mcap")[1]["identical"] is True
+    (tmp_path / "arm.urdf").write_text(ARM.replace('mass value="0.5"', 'mass value="0.9"'), "utf-8")
+    (note,) = read_original([tmp_path / "a.mcap"]).notes
+    assert note.startswith("arm.urdf has changed since")
+    assert replayed(tmp_path / "a.mcap")[1]["identical"] is False
 
 
 def test_of_a_person_with_a_real_device_the_positions_are_followed(tmp_path: Path) -> None:
