@@ -11,7 +11,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from hapnet import Cuboid, Params, Plane, Sphere, simulate
+from hapnet import Cuboid, HapnetError, Params, Plane, Sphere, simulate
 
 Vector = tuple[float, ...]
 
@@ -29,7 +29,11 @@ class Boxes:
     substep_s = 0.001
 
     def __init__(self) -> None:
-        self._engine: Any = import_module("pybullet_utils.bullet_client").BulletClient(import_module("pybullet").DIRECT)
+        try:
+            direct = import_module("pybullet").DIRECT
+        except ModuleNotFoundError:
+            raise HapnetError("this world needs PyBullet: pip install pybullet") from None
+        self._engine: Any = import_module("pybullet_utils.bullet_client").BulletClient(direct)
         engine = self._engine
         engine.setGravity(0.0, 0.0, -GRAVITY)
         engine.setPhysicsEngineParameter(deterministicOverlappingPairs=1)

@@ -25,7 +25,7 @@ class Engine(Protocol):
     """A physics engine with a proxy in it, a body that the hand holds."""
 
     substep_s: float = 0.001
-    """The longest substep [s]. A step of the world is made of as many equal ones as it takes."""
+    """The longest substep, 10 us or more [s]. A step of the world is made of as many equal ones as it takes."""
 
     warnings: tuple[str, ...] = ()
     """What somebody who runs it should know."""
@@ -90,7 +90,7 @@ class Engine(Protocol):
         return 0.0
 
     def contact_force(self) -> Sequence[float] | None:
-        """Of all contacts on the proxy, now (n,) [N]. None: not known."""
+        """Of all contacts on the proxy, now (n,) [N], up to 1e6 N. None: not known."""
         return None
 
     def planes(self, position: Vector, reach_m: float) -> Sequence[Plane] | None:

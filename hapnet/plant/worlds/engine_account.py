@@ -37,7 +37,10 @@ _MOST_J = 1e15
 """An engine with more energy than this has failed [J]."""
 
 _FARTHEST = 1e3
-"""A proxy that is farther away [m], or faster [m/s], has failed."""
+"""A proxy that is farther away or deeper [m], or faster [m/s], has failed."""
+
+_MOST_N = 1e6
+"""A contact force above this [N] cannot be sent: it is the protocol's limit of coordinates."""
 
 _ROUNDING = 1e-14
 """A debt of this share of the energy [J] is rounding."""
@@ -47,6 +50,18 @@ _SAME = 1e-9
 
 Coupling = Callable[[Vector, Vector], Vector]
 """The coupling's force of a substep from x_k to x_{k+1} [m], by (13) [N]."""
+
+
+class EngineFailed(HapnetError):
+    """The engine of `scene` gave what it may not, or raised something; `why` says what."""
+
+    def __init__(self, scene: str, why: str) -> None:
+        self.why: str = " ".join(why.split())  # an array takes several lines
+        self.scene: str = scene
+        super().__init__(f"the scene {scene} failed: {self.why}")
+
+    def __reduce__(self) -> tuple[type[EngineFailed], tuple[str, str]]:
+        return type(self), (self.scene, self.why)
 
 
 class EngineAccount:
@@ -67,7 +82,7 @@ class EngineAccount:
         self.account_J: float = 0.0
         self.undone: int = 0
         self.undone_J: float = 0.0
-        self._name = name
+        self.name: str = name
         self.dof: int = self._axes()
         self._saved: Any = None
         self._substeps, self._touch = 0, list[float]()
@@ -116,15 +131,25 @@ class EngineAccount:
     @property
     def depth(self) -> float:
         """As `Engine.depth`."""
-        return float(self.ask("depth"))
+        given = self.ask("depth")
+        (depth,) = self._numbers("depth", (given,), 1)
+        if not abs(depth) < _FARTHEST:
+            raise self.failed(f"depth() gave {given!r:.80}; allowed: numbers below {_FARTHEST:g} m")
+        return depth
 
     @property
     def contact_force(self) -> Vector | None:
         """Of all contacts on the proxy, the mean over this step's substeps [N]; None: not known."""
         if (now := self.ask("contact_force")) is None:
             return None
-        count = max(1, self._substeps)
-        return tuple([f / count for f in self._touch or (0.0,) * len(now)])
+        now, count = self._numbers("contact_force", now, self.dof), max(1, self._substeps)
+        mean = tuple([f / count for f in self._touch or (0.0,) * self.dof])
+        for force in (now, mean):
+            if not inner(force, force) <= _MOST_N**2:  # nor is NaN
+                raise self._diverged(
+                    f"contact_force() gave {list(force)}; allowed: finite numbers, up to {_MOST_N:g} N"
+                )
+        return mean
 
     def begin(self) -> None:
         """A step begins."""
@@ -173,7 +198,8 @@ class EngineAccount:
             _, supplied = self._advance("substep", h, none)
         self._substeps += 1
         if self._settle(work, supplied):
-            if (touch := self.ask("contact_force")) is not None:
+            if (given := self.ask("contact_force")) is not None:
+                touch = self._numbers("contact_force", given, self.dof)
                 self._touch = list(map(add, self._touch, touch)) if self._touch else list(touch)
         else:
             self._return(at_rest=True)
@@ -261,7 +287,7 @@ class EngineAccount:
         """What a method of the engine gave, as floats: `count` of them."""
         try:
             found = tuple(map(float, given))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             found = ()
         if len(found) != count:
             raise self.failed(f"{method}() gave {given!r:.80}, not {count} numbers")
@@ -272,4 +298,4 @@ class EngineAccount:
 
     def failed(self, why: str) -> HapnetError:
         """The error in one line."""
-        return HapnetError(f"the scene {self._name} failed: {why}")
+        return EngineFailed(self.name, why)

@@ -39,7 +39,7 @@ from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surrounding
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.completed import Completed, lacking
 from hapnet.plant.worlds.engine import CoupledEngine, Engine
-from hapnet.plant.worlds.engine_account import EngineAccount
+from hapnet.plant.worlds.engine_account import EngineAccount, EngineFailed
 from hapnet.plant.worlds.observed_world import contact_planes
 from hapnet.plant.worlds.picture import Picture
 from hapnet.plant.worlds.protocol import WorldDefaults
@@ -49,6 +49,12 @@ from hapnet.records.vectors import inner
 
 MAX_S = 0.25
 """So much is simulated in one step at most: where steps take longer, the world is slower than time."""
+
+SHORTEST_S = 1e-5
+"""Of an engine's substeps: with shorter ones a step of the world takes far longer than it lasts."""
+
+_LIGHTEST = 1e12
+"""The greatest inverse mass of a proxy [1/kg]."""
 
 Product = Callable[[Sequence[float]], list[float]]
 
@@ -146,14 +152,29 @@ class EngineMass(Mass):
     def _gains(self, h: float) -> tuple[Product, Product]:
         """The force's dependence on the spring's length and on the velocity, in a substep of `h` [s]."""
         own = self._account.ask("inverse_mass")
-        key = h, own if own is None or isinstance(own, float) else np.asarray(own).tobytes()
+        known = None if own is None or isinstance(own, float) else self._inverse_of(own)
+        key = h, own if known is None else known.tobytes()
         if key != self._gains_of:
-            known = self._lightness if own is None else _matrix("inverse_mass", own, self._account.dof)
+            if known is None:
+                known = self._lightness if own is None else self._inverse_of(own)
             B, K = self._B, self._K
             gain = np.linalg.inv(np.eye(self._account.dof) + (h * B + h * h * K) @ known)
             self._inverse_mass, self._gains_of = _product(known), key
             self._known_gains = _product(gain @ K), _product(gain @ (B + h * K))
         return self._known_gains
+
+    def _inverse_of(self, own: ArrayLike) -> Array:
+        """W (n, n) [1/kg], from what the engine gave."""
+        dof = self._account.dof
+        try:
+            known = _matrix("inverse_mass", own, dof)
+        except (TypeError, ValueError, OverflowError):
+            known = np.full((dof, dof), np.nan)
+        numbers = known.ravel().tolist()
+        if not (inner(numbers, numbers) < _LIGHTEST**2 and min(numbers[:: dof + 1]) >= 0.0):
+            allowed = f"one number, {dof} or {dof} x {dof}, from 0 to {_LIGHTEST:g} per kg on the diagonal"
+            raise self._account.failed(f"inverse_mass() gave {own!r:.80}; allowed: {allowed}")
+        return known
 
     def _potential_J(self, x: Vector, set_position: Vector) -> float:
         e = tuple(map(sub, x, set_position))
@@ -180,13 +201,13 @@ class EngineWorld(WorldDefaults, Surroundings):
         self, engine: object, *, name: str = "own", min_s: float | None = None, max_s: float | None = None
     ) -> None:
         if missing := lacking(engine, Engine.__abstractmethods__):
-            raise HapnetError(f"the scene {name} failed: its engine has no {', '.join(missing)}")
+            raise EngineFailed(name, f"its engine has no {', '.join(missing)}")
         whole = engine if isinstance(engine, Engine) else cast(Engine, Completed(engine, Engine))
         self.name: str = name
         self.engine: Engine = whole
         self.account: EngineAccount = EngineAccount(whole, name)
-        if not (isinstance(whole.substep_s, int | float) and whole.substep_s > 0.0):
-            raise self.account.failed(f"its substep_s is {whole.substep_s!r}, not a positive number of seconds")
+        if not (isinstance(whole.substep_s, int | float) and whole.substep_s >= SHORTEST_S):
+            raise self.account.failed(f"its substep_s is {whole.substep_s!r}; allowed: {SHORTEST_S:g} s or more")
         self.dof = self.account.dof
         self._has_steps = min_s is not None or max_s is not None
         self._steps = Scene(name, self.dof, (), min_s or STEP_MIN_S, max_s or STEP_MAX_S)
@@ -269,7 +290,7 @@ class EngineWorld(WorldDefaults, Surroundings):
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """Those around the proxy where it is."""
         reported: Sequence[Plane] | None = self.account.ask("planes", tuple(position), reach_m)
-        return None if reported is None else contact_planes(self.name, reported, self.dof)
+        return None if reported is None else contact_planes(self.account.name, reported, self.dof)
 
 
 def _product(matrix: Array) -> Product:

@@ -39,7 +39,9 @@ def mujoco_world(
 
     Raises InvalidParameter.
     """
-    return EngineWorld(MujocoEngine(scene, checked_dof(dof)), name="mujoco", min_s=step_min_s, max_s=step_max_s)
+    world = EngineWorld(MujocoEngine(scene, checked_dof(dof)), name=scene, min_s=step_min_s, max_s=step_max_s)
+    world.name = "mujoco"
+    return world
 
 
 class MujocoEngine(Engine):

@@ -28,6 +28,7 @@ from hapnet.loading import failure, load
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.completed import Completed, lacking
+from hapnet.plant.worlds.engine_account import EngineFailed
 from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.plant.worlds.field_picture import StillPicture, surface
 from hapnet.plant.worlds.force_world import ForceWorld
@@ -85,10 +86,14 @@ def made(build: Callable[..., object], name: str, parameters: Mapping[str, objec
         scene = build(**parameters)
         if not is_world(scene) and not lacking(scene, ("step",)):
             scene = SteppedWorld(cast(Stepping, scene), dof=parameters.get("dof", 1), name=name.rpartition(":")[2])
+        if not is_world(scene) and hasattr(scene, "substep") and not isinstance(scene, type):
+            scene = EngineWorld(scene, name=name.rpartition(":")[2])
+    except EngineFailed as error:
+        raise EngineFailed(name, error.why) from error
     except BaseException as error:  # see `loading.failure`
         raise InvalidParameter("scene", name, f"a scene that can be built ({failure(error)})") from error
-    if not is_world(scene) and hasattr(scene, "substep") and not isinstance(scene, type):
-        scene = EngineWorld(scene, name=name.rpartition(":")[2])
+    if isinstance(scene, EngineWorld):
+        scene.account.name = name
     if not is_world(scene):
         allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)

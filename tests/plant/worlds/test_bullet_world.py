@@ -12,6 +12,8 @@ from hapnet import EngineWorld, Plane, simulate
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet")
 
+pytestmark = pytest.mark.slow  # CI has PyBullet for the slow tests
+
 K_PROXY = 500.0
 FACE = 0.03 - RADIUS
 """Where the ball's centre just touches the block [m]."""
@@ -22,7 +24,6 @@ def made() -> tuple[EngineWorld, Any]:
     return world, world.proxy(0.02, 14.0, K_PROXY)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("operator", ["press", "hand-6", "sine", "hand-3"])
 def test_over_4g_it_is_passive_and_nothing_is_undone(operator: str) -> None:
     link = {"link.up": "4g", "link.down": "4g", "duration_s": 6.0}
@@ -36,7 +37,6 @@ def test_over_4g_it_is_passive_and_nothing_is_undone(operator: str) -> None:
     assert np.abs(world["contact_force_N"]).max() > 1.0  # it is felt
 
 
-@pytest.mark.slow
 def test_what_it_makes_at_long_substeps_is_paid_or_undone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over the table with substeps of 5 ms its contacts give out energy; the world does not."""
     monkeypatch.setattr(Boxes, "substep_s", 0.005)

@@ -121,7 +121,7 @@ def test_what_mujoco_gives_up_in_the_middle_of_a_run_is_one_line(
     scene = model(tmp_path / "m.xml", boxes, more='<size memory="60K"/>') + "?at=0,0,0.03"
     assert cli.main(["simulate", "--scene", scene, "--duration", "2", "--no-files"]) != 0
     complaint = capsys.readouterr().err
-    assert "the scene mujoco failed: " in complaint
+    assert f"the scene {scene} failed: " in complaint
     assert "Traceback" not in complaint
 
 
