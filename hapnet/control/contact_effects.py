@@ -16,6 +16,9 @@ from hapnet.mechanics.spring import Spring
 from hapnet.records.record import Floats, Reals
 from hapnet.records.vectors import dot, inner, times
 
+FULL_DRAG_M = 5e-4
+"""From this depth of the device the drag is whole [m]: it neither begins nor ends with a jump."""
+
 
 def lift(model: ContactState, x: Reals) -> None:
     """Each plane is as high as its grain: where the proxy rested before if that sticks, else at x [m]."""
@@ -25,8 +28,8 @@ def lift(model: ContactState, x: Reals) -> None:
         one.raised = grain.at(place) if grain else 0.0
 
 
-def act(model: ContactState, n: int, x: Reals, y: Floats) -> Vector:
-    """Add attraction and drag to y [m], once it is known where the proxy rests. Returns what of y - x grains make."""
+def pull(model: ContactState, n: int, x: Reals) -> tuple[Floats, Floats]:
+    """What attraction and drag add to y, and what of y - x grains make [m], once it is known where the proxy rests."""
     moved, by_grain, v = [0.0] * n, [0.0] * n, model.velocity.velocity
     seen = model.rubbing.seen if model.rubbing.rubs else model.seen if model.bends else model.planes
     for one, plane in zip(model.planes, seen, strict=False):  # the surface, and what it is from where the proxy is
@@ -35,13 +38,23 @@ def act(model: ContactState, n: int, x: Reals, y: Floats) -> Vector:
         push = effects.attraction(-depth_now(model, plane, n, x))
         for i in range(n):
             moved[i] += push * plane.response[i]
-        if not depth_now(model, plane, n, model.s) > 0.0:
-            continue
+        deep = depth_now(model, plane, n, model.s)
+        if deep > 0.0:
+            deep *= plane.stiffness * plane.softness  # the device's
+            for i in range(n):
+                by_grain[i] -= one.raised / plane.softness * plane.response[i]
+        # Without its grain: the drag does not come and go with each wave.
+        c = effects.viscosity * min(max(0.0, deep - one.raised) / FULL_DRAG_M, 1.0)
         along, drag = dot(n, v, plane.normal), [0.0] * n
-        times(n, model.compliance, [effects.viscosity * (v[i] - along * plane.normal[i]) for i in range(n)], drag)
+        times(n, model.compliance, [c * (v[i] - along * plane.normal[i]) for i in range(n)], drag)
         for i in range(n):
             moved[i] -= drag[i]
-            by_grain[i] -= one.raised / plane.softness * plane.response[i]
+    return moved, by_grain
+
+
+def act(model: ContactState, n: int, x: Reals, y: Floats) -> Vector:
+    """Add attraction and drag to y [m]. Returns what of y - x grains make."""
+    moved, by_grain = pull(model, n, x)
     for made in (y, model.made_s, model.made_before, model.made_y):
         for i in range(n):
             made[i] += moved[i]

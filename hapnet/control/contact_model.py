@@ -30,11 +30,12 @@ Five rules keep the model true:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import add
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_effects import act, grain_force, lift
+from hapnet.control.contact_effects import act, grain_force, lift, pull
 from hapnet.control.contact_equations import Answer, ContactState, fade, step
 from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
@@ -194,6 +195,8 @@ class ContactModel(ContactState):
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
         """Find y."""
         if self._reports:
+            if self.acts:
+                lift(self, x)
             respond_among_surfaces(self, n, dt, x, y)
             if self.acts:
                 self._by_grain = act(self, n, x, y)
@@ -209,10 +212,12 @@ class ContactModel(ContactState):
         y[:] = damped
 
     def look(self, n: int, x: Vector) -> None:
-        """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
+        """Find where the proxy rests for the device at x [m], and what effects add: y but for lead and fading."""
         if self._reports:
             if self.acts:
                 lift(self, x)
             look_at_surfaces(self, n, x)
+            if self.acts:
+                self.s[:] = map(add, self.s, pull(self, n, x)[0])
         else:
             self.s[:] = self._softened(x, self._self_motion.at(x))

@@ -78,7 +78,7 @@ def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: 
     rubbing, before, fading = model.rubbing, model.before, model.fading
     friction_cone.agree(rubbing, n, dt)
     copy(n, rubbing.place, before)
-    look(model, n, x)
+    look_at_surfaces(model, n, x)
     copy(n, model.s, rubbing.place)
     if rubbing.rubs and not model.acts and not model.answer.pending:
         for i in range(n):

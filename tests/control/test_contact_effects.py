@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapnet.assembly.build import prepare
-from hapnet.checks import Vector
+from hapnet.checks import Vector, wrong_effects
 from hapnet.control.contact_equations import share
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.contact_plane import ContactPlane
@@ -137,6 +137,58 @@ def test_viscosity_leaves_a_push_alone_and_counts_as_the_planes_force() -> None:
     share(thick, spring, x, y, parts, added)
     assert parts == pytest.approx([K * (b - a) for a, b in zip(x, y, strict=True)])
     assert added == [0.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("effects", "mu", "x", "speed", "felt"),
+    [
+        (Effects(snap_N=2.0, snap_m=0.04), 0.0, -0.02, 0.0, (2.0, 0.0, 0.0)),
+        (Effects(snap_N=2.0, snap_m=0.04), 0.3, -0.02, 0.0, (2.0, 0.0, 0.0)),
+        (Effects(viscosity=8.0), 0.0, DEEP, 0.1, (-PUSH_N, -0.8, 0.0)),
+    ],
+)
+def test_effects_come_and_go_with_their_planes_over_some_milliseconds(
+    effects: Effects, mu: float, x: float, speed: float, felt: Vector
+) -> None:
+    """No tick shows more than a fifth of the change."""
+    m, place, way = model((x, 0.0, 0.0)), np.array([x, 0.0, 0.0]), np.array([0.0, speed * TICK, 0.0])
+    without = (0.0, 0.0, 0.0) if x < 0.0 else (-PUSH_N, 0.0, 0.0)
+    for told, start, end in ((None, None, without), (effects, without, felt), (None, felt, without)):
+        m.receive(reported((face(told, mu),), tuple(place), tuple(-np.array(without))), 0.0, 0.0)
+        forces = []
+        for _ in range(200):
+            place = place + way
+            forces.append(spring_N(m, tuple(place.tolist())))
+        if start is not None:
+            jump = np.linalg.norm(np.subtract(end, start))
+            assert np.linalg.norm(forces[0] - start) <= 0.2 * jump
+            assert np.linalg.norm(np.diff(forces, axis=0), axis=1).max() <= 0.2 * jump
+        assert forces[-1] == pytest.approx(end, abs=0.01)
+
+
+def test_effects_that_are_sent_anew_do_not_lag() -> None:
+    """A message each tick about the same surface changes nothing."""
+    once, anew = (in_touch(Effects(2.0, 0.0, 2.0, 0.004, SINE), start=-0.006) for _ in range(2))
+    for k in range(200):
+        x = (-0.006 + 8e-5 * k, 1e-4 * k, 0.0)
+        if x[0] < -0.0005:  # before the world's proxy has a force of its own
+            anew.receive(reported((face(Effects(2.0, 0.0, 2.0, 0.004, SINE)),), x), 1e-3 * k, 0.0)
+        assert anew.step(TICK, x) == pytest.approx(once.step(TICK, x), abs=1e-9)
+
+
+@pytest.mark.parametrize("height", [0.0, 3e-4])
+def test_drag_begins_and_ends_without_a_jump(height: float) -> None:
+    """It grows in proportion to the depth up to 0.5 mm, over the middle of a grain."""
+    grain = Grain.sine(height, 1e-3, (0.0, 1.0, 0.0)) if height else None
+    m, speed, y = in_touch(Effects(viscosity=20.0, grain=grain)), 0.1, 0.0
+    for _ in range(200):
+        y += speed * TICK
+        m.step(TICK, (-0.001, y, 0.0))
+    depths = np.concatenate([np.linspace(-0.001, 0.001, 200), np.linspace(0.001, -0.001, 200)])
+    for deep in depths:
+        y += speed * TICK
+        drag = -spring_N(m, (float(deep), y, 0.0))[1]
+        assert drag == pytest.approx(20.0 * speed * min(max(0.0, deep) / 5e-4, 1.0), abs=1e-3)
 
 
 LIFT = Grain((0.0, 0.0, 0.0), 1e-3, bytes([127, 127]))
@@ -302,6 +354,12 @@ def test_effects_that_a_device_would_drop_are_refused(wrong: Effects) -> None:
         checked([face(wrong)], 3)
     with pytest.raises(InvalidParameter, match="effects"):
         Solid(HalfSpace((1.0, 0.0, 0.0), 0.01), effects=wrong)
+
+
+def test_a_wave_of_thousands_of_numbers_is_refused_with_few_words() -> None:
+    wave = ALL._replace(grain=SINE._replace(wave=(1.0 / 3.0,) * 7000))
+    assert wrong_effects(wave, 3) == "a grain's wave of 7000 numbers; allowed: 3"
+    assert len(str(rejected(acting([wave])))) < 200
 
 
 def acting(effects: object) -> list[object]:
