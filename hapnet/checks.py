@@ -162,7 +162,9 @@ def wrong_effects(effects: Sequence[Any], dof: int) -> str:
     if grain is None:
         return ""
     wave, height, shape = grain
-    if len(wave) != dof or not all(abs(part) <= MOST_WAVES_PER_M for part in wave):
+    if len(wave) != dof:
+        return f"a grain's wave of {len(wave)} numbers; allowed: {dof}"
+    if not all(abs(part) <= MOST_WAVES_PER_M for part in wave):
         return f"a grain's wave {wave}; allowed: {dof} numbers within +-{MOST_WAVES_PER_M:g} 1/m"
     if not 0.0 <= height <= MOST_HEIGHT_M:
         return f"a grain's height of {height} m; allowed: 0 to {MOST_HEIGHT_M:g}"

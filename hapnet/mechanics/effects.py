@@ -30,11 +30,11 @@ class Grain(NamedTuple):
         """
         size = math.hypot(*along)
         wave = tuple([part / size / length_m if size > 0.0 < length_m else math.nan for part in along])
+        if not all(map(math.isfinite, heights)):
+            lost = sum(not math.isfinite(one) for one in heights)
+            raise InvalidParameter("grain", f"{len(heights)} heights, {lost} of them not finite", "finite heights [m]")
         height = max(map(abs, heights), default=0.0)
-        scale = GRAIN_FULL / height if height > 0.0 else 0.0
-        if not (math.isfinite(height) and all(map(math.isfinite, heights))):
-            raise InvalidParameter("grain", heights, "finite heights [m]")
-        grain = cls(wave, height, bytes([round(scale * one) % 256 for one in heights]))
+        grain = cls(wave, height, bytes([round(GRAIN_FULL * (one / (height or 1.0))) % 256 for one in heights]))
         if wrong := wrong_effects((0.0, 0.0, 0.0, 0.0, grain), len(along)):
             raise InvalidParameter("grain", f"{len(heights)} heights over {length_m:g} m", f"what is felt ({wrong})")
         return grain

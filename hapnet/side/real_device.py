@@ -272,6 +272,9 @@ class RealDeviceSide(SampledDeviceSide):
             level = "warning" if self._was_released else "info"
             self._write(Event(self._clock(), "dead-man", f"the dead-man switch is {state}", level))
         applied = self._send(permitted)
+        if isinstance(self.servo, SampledServo) and (model := self.servo.model) is not None:
+            grain = model.grain_force(self.servo.coupling.spring)
+            self.device.vibrate(grain if any(permitted) else (0.0,) * len(grain))
         if applied is None and (self._reports or permitted is not force):
             self.applied &= self._reports and self.device.knows_force
             return permitted
@@ -298,10 +301,7 @@ class RealDeviceSide(SampledDeviceSide):
             if wrong := self._agreement.wrong(dt, self.servo.force, self._reading[0]):
                 self.stop_force(now_ns, wrong)
                 release = True
-        message = super()._control(now_ns, release=release)
-        if isinstance(self.servo, SampledServo) and (model := self.servo.model) is not None:
-            self.device.vibrate(model.grain_force(self.servo.coupling.spring))
-        return message
+        return super()._control(now_ns, release=release)
 
     def _doubt(self, dt: float, moved: Vector) -> None:
         """Choose the force that the account counts for `dt` seconds in which the device `moved` [m].

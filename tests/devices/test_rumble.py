@@ -170,3 +170,6 @@ def test_a_driver_that_vibrates_is_told_at_each_tick() -> None:
     assert len(arm.felt) == 50
     assert arm.felt[:10] == [(0.0,)] * 10
     assert arm.felt[-1] == pytest.approx((-K * SOFT * 2e-4,), rel=1e-9)
+    side.stop_force(now_ns, "enough")
+    side.tick(now_ns + 2_000_000)
+    assert arm.felt[-1] == (0.0,)

@@ -25,7 +25,7 @@ def read_grain(file: str, along: tuple[float, ...]) -> Grain:
     Raises InvalidParameter.
     """
     require_file(file)
-    header, *rows = Path(file).read_text(encoding="utf-8", errors="replace").strip().split("\n")
+    header, *rows = Path(file).read_text(encoding="utf-8-sig", errors="replace").strip().split("\n")
     if header.strip() != _HEADER:
         raise InvalidParameter("grain", file, f"a file whose first line is {_HEADER}")
     try:

@@ -34,6 +34,24 @@ def test_a_recorded_grain_is_read(tmp_path: Path) -> None:
     assert solid.effects.grain == grain._replace(wave=(0.0, grain.wave[2], 0.0))
 
 
+def test_the_mark_with_which_some_editors_begin_a_file_is_no_part_of_it(tmp_path: Path) -> None:
+    rows = "\ufeffdistance_m,height_m\n0,0\n0.001,0.0002\n"
+    assert read_grain(written(tmp_path / "g.csv", rows), (0.0, 1.0, 0.0)).height_m == 2e-4
+
+
+@pytest.mark.parametrize("height", [1e-310, 5e-324, 1e-3])
+def test_the_highest_sample_is_whole_however_low_a_grain_is(height: float) -> None:
+    assert Grain.of([0.0, height, -height], 1e-3, (1.0,)).shape == bytes([0, 127, 129])
+
+
+@pytest.mark.parametrize("height", [float("nan"), float("inf")])
+def test_a_grain_that_is_not_finite_is_refused_with_a_count(height: float) -> None:
+    with pytest.raises(InvalidParameter, match="64 heights, 64 of them not finite"):
+        Grain.sine(height, 1e-3, (1.0,))
+    with pytest.raises(InvalidParameter, match="3 heights, 1 of them"):
+        Grain.of([0.0, height, 0.0], 1e-3, (1.0,))
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
