@@ -31,7 +31,7 @@ class Grain(NamedTuple):
         size = math.hypot(*along)
         wave = tuple([part / size / length_m if size > 0.0 < length_m else math.nan for part in along])
         if not all(map(math.isfinite, heights)):
-            lost = sum(not math.isfinite(one) for one in heights)
+            lost = len([one for one in heights if not math.isfinite(one)])
             raise InvalidParameter("grain", f"{len(heights)} heights, {lost} of them not finite", "finite heights [m]")
         height = max(map(abs, heights), default=0.0)
         grain = cls(wave, height, bytes([round(GRAIN_FULL * (one / (height or 1.0))) % 256 for one in heights]))
