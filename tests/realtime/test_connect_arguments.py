@@ -31,7 +31,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"listen": "here"}, "^listen is 'here'"),
     ({"zenoh": "peer"}, "^zenoh is 'peer'"),
     ({"zenoh": ZenohSettings(connect=(NOBODY,)), "listen": NOBODY}, "not beside zenoh"),
-    ({"device": 5}, "^device is 5; allowed: simulated, serial, "),
+    ({"device": 5}, "^device is 5; allowed: simulated, omni, "),
     ({"device": "nowhere:Arm"}, "^device is 'nowhere:Arm'; .*No module named"),
     ({"device": object}, "^device is <class 'object'>; "),
     ({"scene": 5}, "^scene is 5; allowed: a scene's name, a world, or what makes one"),
