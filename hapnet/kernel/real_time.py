@@ -45,7 +45,7 @@ def make_ready(name: str) -> Any:
     module, kind = _COMPILED[name]
     from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
 
-    run: Any = entry(module.enter, sources.name_of(name), str(machine_code.directory()), OF_SET_POSITIONS)
+    run: Any = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS)
     array, _ = bound.memory(kind)
     with as_one_unit(), reporting(progress.reported.get()):
         run(array)  # of no axes

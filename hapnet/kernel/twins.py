@@ -18,8 +18,8 @@ import numba
 
 from hapnet.kernel.progress import Reported
 from hapnet.records.equation import EQUATIONS
+from hapnet.records.machine_code import kept
 
-_config: Any = importlib.import_module("numba.core.config")
 _njit: Any = numba.njit
 
 _LEAN = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy"}
@@ -30,12 +30,12 @@ _PARTS: set[str] = set()
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def entry(function: F, name: str, cache: str, choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> F:
-    """The compiled twin of the function through which all others are called: its machine code is kept in `cache`.
+def entry(function: F, name: str, choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> F:
+    """The compiled twin of the function through which all others are called, whose machine code is kept.
 
     choices : functions in whose place others are compiled.
 
-    The environment's `NUMBA_CACHE_DIR` goes before that. Numba names its files after the function, and looks only at
+    Numba names its files after the function, and looks only at
     the function's own file to see whether they are still valid. So `name` has to change with any of the sources, and
     with the choices. And no two that differ may share files: if two processes add to them at the same time, one finds
     the other's machine code under its own key.
@@ -43,14 +43,11 @@ def entry(function: F, name: str, cache: str, choices: Mapping[Callable[..., Any
     assert isinstance(function, FunctionType)
     twin = _with_globals(function, _twins(choices)[function.__module__])
     twin.__qualname__ = name
-    given = _config.CACHE_DIR
     try:
-        _config.CACHE_DIR = given or cache
-        made: F = _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(twin)
+        with kept():
+            made: F = _njit(cache=True, no_cfunc_wrapper=True, error_model="numpy")(twin)
     except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
         made = _njit(no_cfunc_wrapper=True, error_model="numpy")(twin)
-    finally:
-        _config.CACHE_DIR = given
     return made
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -27,19 +27,31 @@ def no_compiler() -> str | None:
     return "NUMBA_DISABLE_JIT is set" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else None
 
 
+@contextmanager
+def kept() -> Iterator[None]:
+    """What numba compiles meanwhile it keeps in `directory()`, or not at all: else it would write beside the package.
+
+    What the environment asks of numba goes before that.
+    """
+    config: Any = import_module("numba.core.config")
+    folder, locators = config.CACHE_DIR, getattr(config, "CACHE_LOCATOR_CLASSES", "")
+    config.CACHE_DIR = folder or str(directory())
+    config.CACHE_LOCATOR_CLASSES = locators or "UserProvidedCacheLocator"
+    try:
+        yield
+    finally:
+        config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = folder, locators
+
+
 @cache
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function`, compiled when it is first called; itself where nothing can be compiled. It calls no other ones."""
     if no_compiler() is not None:
         return function
     numba: Any = import_module("numba")
-    config: Any = import_module("numba.core.config")
-    given = config.CACHE_DIR
     try:
-        config.CACHE_DIR = given or str(directory())
-        made: Callable[..., Any] = numba.njit(cache=True, error_model="numpy")(function)
+        with kept():
+            made: Callable[..., Any] = numba.njit(cache=True, error_model="numpy")(function)
     except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
         made = numba.njit(error_model="numpy")(function)
-    finally:
-        config.CACHE_DIR = given
     return made

@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -201,13 +202,27 @@ def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.Monkey
     assert not sources.are_compiled("one")
 
 
-def test_machine_code_of_two_kinds_shares_no_file(tmp_path: Path) -> None:
+def test_machine_code_of_two_kinds_shares_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Two processes that compile at the same time would each overwrite what the other one made."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name in ("one", "other"):
-        length = twins.entry(vectors.dot, name, str(tmp_path), {})
+        length = twins.entry(vectors.dot, name, {})
         assert length(2, np.array([3.0, 4.0]), np.array([3.0, 4.0])) == 25.0
     made = [path.name.split("-")[0] for path in tmp_path.rglob("*.nbi")]
     assert sorted(made) == ["vectors.one", "vectors.other"]
+
+
+@pytest.mark.parametrize("make", [machine_code.compiled, lambda function: twins.entry(function, "one", {})])
+def test_where_nothing_can_be_kept_nothing_is_written(
+    make: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba itself would write beside the package then."""
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    folder = Path(vectors.__file__).parent
+    before = set(folder.rglob("*.nb?"))
+    length = make(FunctionType(vectors.dot.__code__, vars(vectors), "dot"))
+    assert length(2, np.array([3.0, 4.0]), np.array([3.0, 4.0])) == 25.0
+    assert set(folder.rglob("*.nb?")) == before
 
 
 @pytest.mark.slow

@@ -32,7 +32,6 @@ from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
-from hapnet.records import machine_code
 from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import coverage, device, wire, world
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
 @cache
 def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
-    run = entry(enter, sources.name_of(kind.name), str(machine_code.directory()), kind.choices())
+    run = entry(enter, sources.name_of(kind.name), kind.choices())
     record = new(scenario(kind))
     with as_one_unit(), reporting(progress.reported.get()):
         run(bare(record), -1)  # nothing is due at that time
