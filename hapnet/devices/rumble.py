@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import struct
+import sys
 import time
 from collections.abc import Callable
 from glob import glob
@@ -15,10 +16,10 @@ from typing import Any
 
 from hapnet.checks import Vector
 
-try:
+if sys.platform == "win32":  # has no such files
+    ioctl: Any = None
+else:
     from fcntl import ioctl
-except ImportError:  # Windows has no such files
-    ioctl: Any = None  # type: ignore[no-redef]
 
 EVERY_S = 0.02
 """The motors need longer to change their speed."""

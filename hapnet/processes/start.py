@@ -128,6 +128,41 @@ def standing_still(pid: int) -> str:
     return f"stands still, stopped by a signal; ended after {limit_s:.0f} s unless it goes on (kill -CONT {pid})"
 
 
+class _Held(threading.local):
+    """Ctrl-C, held back from this thread while children start: from the first start's begin until the last one's end,
+    as starts of an event loop overlap, and end in any order."""
+
+    starts = 0
+
+    def begin(self) -> None:
+        """Hold it back, if that is not done yet."""
+        self.starts += 1
+        if self.starts > 1:
+            return
+        came: list[int] = []
+        main = threading.current_thread() is threading.main_thread()
+        self.came, self.handler = came, signal.getsignal(signal.SIGINT) if main else None
+        if callable(self.handler):
+            signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+        if sys.platform != "win32":
+            self.masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+    def end(self) -> None:
+        """Raise it, if it came, once nothing starts any more."""
+        self.starts -= 1
+        if self.starts:
+            return
+        if sys.platform != "win32":
+            signal.pthread_sigmask(signal.SIG_SETMASK, self.masked)
+        if callable(self.handler):
+            signal.signal(signal.SIGINT, self.handler)
+        if self.came:
+            signal.raise_signal(signal.SIGINT)
+
+
+_HELD = _Held()
+
+
 @contextmanager
 def for_children(*, one_thread: bool = False) -> Iterator[None]:
     """Processes started in this context leave Ctrl-C to their parent; with `one_thread` each computes with one.
@@ -137,13 +172,7 @@ def for_children(*, one_thread: bool = False) -> Iterator[None]:
     """
     before = {name: os.environ.get(name) for name in _THREADS if one_thread}
     os.environ.update(dict.fromkeys(before, "1"))
-    came: list[int] = []
-    handler = signal.getsignal(signal.SIGINT) if threading.current_thread() is threading.main_thread() else None
-    if callable(handler):
-        signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    masked: set[int | signal.Signals] = set()
-    if sys.platform != "win32":
-        masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    _HELD.begin()
     try:
         yield
     finally:
@@ -152,9 +181,4 @@ def for_children(*, one_thread: bool = False) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        if sys.platform != "win32":
-            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
-        if callable(handler):
-            signal.signal(signal.SIGINT, handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
+        _HELD.end()

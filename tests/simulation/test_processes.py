@@ -120,6 +120,20 @@ def test_ctrl_c_that_another_thread_receives_waits_until_a_process_has_started()
     assert signal.getsignal(signal.SIGINT) is handler
 
 
+def test_ctrl_c_comes_through_again_whichever_of_two_starts_ends_first() -> None:
+    """As on an event loop, which starts two programs at once."""
+    handler, blocked = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    one, other = for_children(), for_children()
+    for step in (one.__enter__, other.__enter__):
+        step()
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    one.__exit__(None, None, None)
+    assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    other.__exit__(None, None, None)
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == blocked
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
 @pytest.mark.slow
 def test_processes_that_do_not_start_are_an_error_not_a_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "_serve", os._exit)  # takes no such arguments: it fails
