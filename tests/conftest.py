@@ -40,7 +40,7 @@ _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio"
               "netem.zenoh_relay", "tests.faults", "tests.support.processes", "tests.view")  # fmt: skip
 _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
 _WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.simulation", "hapnet.study", "netem.cli")
-_VIRTUAL_TIME = ("tests.study", "tests.simulation.test_processes")
+_VIRTUAL_TIME = ("tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
 
 
 def pytest_configure() -> None:
