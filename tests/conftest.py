@@ -156,9 +156,12 @@ def mostly_slow(values: Iterable[object], first: int) -> list[Any]:
 
 @pytest.fixture(autouse=True)
 def _handlers_as_before() -> Iterator[None]:
-    """A test that leaves another handler of a signal would be the next one's failure."""
-    before = [signal.getsignal(number) for number in _SIGNALS]
+    """A test that leaves another handler of a signal, or blocks one, would be the next one's failure."""
+    before, blocked = [signal.getsignal(number) for number in _SIGNALS], signal.pthread_sigmask(signal.SIG_BLOCK, ())
     yield
+    left = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    assert left == blocked
     assert [signal.getsignal(number) for number in _SIGNALS] == before
 
 
