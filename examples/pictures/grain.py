@@ -5,6 +5,8 @@ python -m examples.pictures.grain --out DIR
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from examples.pictures.drawing import canvas, saved
@@ -47,7 +49,7 @@ class Hand:
 class AtWorldsRate(RigidContacts):
     """The world lifts the planes that it sends by the grain where its proxy is."""
 
-    def planes(self, position: Vector, reach_m: float) -> tuple[Plane, ...]:  # type: ignore[override]
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         high = GRAIN.at(position)
         return tuple([
             plane._replace(offset_m=plane.offset_m - high, effects=None) for plane in super().planes(position, reach_m)

@@ -35,10 +35,9 @@ def entry(function: F, name: str, choices: Mapping[Callable[..., Any], Callable[
 
     choices : functions in whose place others are compiled.
 
-    Numba names its files after the function, and looks only at
-    the function's own file to see whether they are still valid. So `name` has to change with any of the sources, and
-    with the choices. And no two that differ may share files: if two processes add to them at the same time, one finds
-    the other's machine code under its own key.
+    Numba names its files after the function, and looks only at the function's own file to see whether they are still
+    valid. So `name` has to change with any of the sources, and with the choices. And no two that differ may share
+    files: if two processes add to them at the same time, one finds the other's machine code under its own key.
     """
     assert isinstance(function, FunctionType)
     twin = _with_globals(function, _twins(choices)[function.__module__])

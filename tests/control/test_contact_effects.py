@@ -29,9 +29,8 @@ from hapnet.wire.messages import Proxy as ProxyMessage
 from hapnet.wire.messages import decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
-from tests.control.test_local_friction import slack_of
 from tests.support.grains import SWEEP, asked, line, slid
-from tests.support.rubbing import FACE_M, K, run
+from tests.support.rubbing import FACE_M, K, run, slack_of
 from tests.wire.test_messages import A, rejected
 
 DEEP = 0.01

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hapnet.checks import Array, Vector
+from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance
 from hapnet.simulation.simulation import Simulation
@@ -96,6 +97,31 @@ def run(
     return Felt(x, v, device["force_N"] + params.device.damping * v, result.summary)
 
 
+def lied_to(
+    planes: Callable[[Vector, float], tuple[Plane, ...]], link: str, *, seed: int, dof: int, coupling: str
+) -> Any:
+    """The summary of two seconds of a light hand in a world that sends these planes, whatever it is."""
+
+    def watch(simulation: Simulation) -> None:
+        contacts: Any = simulation.world.scene.contacts
+        contacts.planes = planes
+
+    hand = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+    more: dict[str, object] = {"coupling": coupling, "operator": "press", **hand}
+    return run("sphere", link, seconds=2.0, dof=dof, seed=seed, watch=watch, **more).summary
+
+
+def slack_of(summary: Any) -> float:
+    return float(min(summary[side]["ledger"]["slack_J"] for side in ("device", "world")))
+
+
+def check_no_energy(summary: Any) -> None:
+    """That whatever was sent has created no energy."""
+    assert slack_of(summary) >= -1e-12
+    assert summary["theorem"]["margin_J"] >= 0.0
+    assert summary["device"]["reservoir_min_J"] >= 0.0
+
+
 def smooth(simulation: Simulation) -> None:
     """Send planes as before: without friction."""
     contacts: Any = simulation.world.scene.contacts
@@ -119,7 +145,7 @@ def main() -> None:
                 before, felt = (run(f"plane?friction={mu}", link, steps_s=steps, watch=w) for w in (smooth, None))
                 (without, *_), (mean, minimum, most) = (rubbed(one, mu) for one in (before, felt))
                 p95 = np.percentile(felt.steps(), 95)
-                slack = min(felt.summary[side]["ledger"]["slack_J"] for side in ("device", "world"))
+                slack = slack_of(felt.summary)
                 print(
                     f"| {mu} | {link} | {1e3 * steps[0]:.0f} to {1e3 * steps[1]:.0f} | {without:.3f} | {mean:.3f} "
                     f"({minimum:.3f} to {most:.3f}) | {1e3 * p95:.1f} mN | {slack:.0e} J |"
