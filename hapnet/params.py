@@ -92,6 +92,7 @@ class Params:
     rendering: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, "
                    "with the other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
+    units: str = _p("auto", "of the axes: m or rad, for all or one for each as in m,m,rad; auto: the world's own")
     duration_s: float = _p(10.0, "duration from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples of the device per second [Hz]", _POSITIVE)
     telemetry_hz: float = _p(

@@ -6,11 +6,15 @@ import math
 from pathlib import Path
 
 from hapnet import checks
+from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, arm_file, is_arm
+from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.table import ArmTable, apparent_masses, felt_damping
 from hapnet.plant.arms.urdf import table_from
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Operator
 from hapnet.records.machine_code import no_compiler
 
 _DEFAULTS = DeviceParams()
@@ -64,6 +68,22 @@ def with_arm(params: Params) -> Params:
                 f"device.{name}", given, f"left out with the device {params.hardware}: its links have it"
             )
     return params.set({"dof": 3, **{f"device.{name}": value for name, value in own.items()}})
+
+
+def simulated_device(params: Params, hand: Operator) -> SimulatedDevice:
+    """The simulated device of these parameters in a hand. Raises InvalidParameter."""
+    device = params.device
+    period, limit = 1.0 / device.servo_hz, device.force_limit_N or None
+    if not is_arm(params.hardware):
+        return SimulatedDevice(
+            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
+            resolution=device.resolution_m, force_limit=limit,
+        )  # fmt: skip
+    with named_section("device"):
+        return SimulatedArm(
+            table_of(params.hardware), hand, period=period, substeps=device.substeps, resolution=device.resolution_m,
+            force_limit=limit,
+        )  # fmt: skip
 
 
 def real_time_warnings(params: Params) -> tuple[str, ...]:

@@ -9,13 +9,13 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from hapnet.assembly.arms import table_of, with_arm
+from hapnet.assembly.arms import simulated_device, with_arm
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import named_failures, named_section, require_parts
 from hapnet.assembly.springs import with_springs
-from hapnet.assembly.units import check_units
+from hapnet.assembly.units import check_units, with_units
 from hapnet.assembly.user_device import UserDevice, servo_rate
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
@@ -45,7 +45,8 @@ from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.wire.handshake import RESERVOIR, SHARED
+from hapnet.units import METRES, text_of, units_of
+from hapnet.wire.handshake import RESERVOIR, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session, SessionSettings
@@ -95,6 +96,11 @@ class Setup:
         return self.scene.dof
 
     @property
+    def units(self) -> str:
+        """Of the axes: `hapnet.units`."""
+        return text_of(units_of(self.scene.units, self.dof))
+
+    @property
     def tuned(self) -> dict[str, Any]:
         """The tuning by its fields' names, as recordings and summaries contain it."""
         return dataclasses.asdict(self.tuning)
@@ -128,6 +134,7 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 def _prepared(params: Params, default_servo: str) -> Setup:
     params = with_arm(params)
     scene, warnings = _scene(params)
+    params = with_units(params, scene)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
     params = _with_stages(with_springs(params), coupling(params.coupling))
@@ -217,22 +224,10 @@ def device_side(
     if not is_simulated(setup.params.hardware):
         return _user_device_side(setup, endpoint, clock, write)
     params = setup.params
-    device = params.device
-    period = 1.0 / device.servo_hz
     hand = setup.hand or operator(params, setup.scene)
-    limit = device.force_limit_N or None
-    if is_arm(params.hardware):
-        with named_section("device"):
-            arm = SimulatedArm(
-                table_of(params.hardware), hand, period=period, substeps=device.substeps,
-                resolution=device.resolution_m, force_limit=limit,
-            )  # fmt: skip
-        simulated: SimulatedDevice = setup.ends.arm(arm)
-    else:
-        simulated = SimulatedDevice(
-            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
-            resolution=device.resolution_m, force_limit=limit,
-        )  # fmt: skip
+    simulated = simulated_device(params, hand)
+    if isinstance(simulated, SimulatedArm):
+        simulated = setup.ends.arm(simulated)
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
     drive = dataclasses.replace(_drive(setup, clock, write), write_motion=write_motion)
@@ -265,7 +260,7 @@ def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
 def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
     """The side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
-    device = UserDevice(params.hardware, setup.dof, params.device)
+    device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
     device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
     device.check_damping(params.device.damping)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
@@ -365,6 +360,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
             "scene": setup.params.scene,
             "coupling": setup.params.coupling,
             RESERVOIR: side.ceiling_J,
+            **({} if setup.units == METRES else {UNITS: setup.units}),
             **({SHARED + "contact_model": True} if setup.coupling.staged(setup.params) else {}),
             **{SHARED + name: getattr(setup.tuning, name) for name in setup.coupling.shared},
         },

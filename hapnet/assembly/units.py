@@ -6,12 +6,26 @@ from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params, is_simulated
 from hapnet.plant.operating_range import in_millimetres
+from hapnet.plant.worlds.protocol import World
+from hapnet.units import METRES, text_of, units_of
 
 _PLACES = (
     "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
     "operator_hand.hover_m", "world.wall.position_m", "world.wall.half_width_m",
 )  # fmt: skip
 """Lengths that are comparable to the device's size in every run."""
+
+
+def with_units(params: Params, scene: World) -> Params:
+    """The parameters with the world's units, if an axis is none in metres.
+
+    Raises InvalidParameter: the parameters or the world name others.
+    """
+    of_world = units_of(scene.units, scene.dof, f"the units of the scene {params.scene}")
+    if params.units != "auto" and units_of(params.units, scene.dof) != of_world:
+        allowed = f"auto or {text_of(of_world)}: the scene {params.scene} sets its own"
+        raise InvalidParameter("units", params.units, allowed)
+    return params if set(of_world) == {METRES} else params.set({"units": text_of(of_world)})
 
 
 def check_units(params: Params, dof: int) -> None:

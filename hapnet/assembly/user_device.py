@@ -27,6 +27,7 @@ from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 from hapnet.side.force_limiter import ForceLimiter
+from hapnet.units import METRES, text_of, units_of
 
 
 def allowed() -> str:
@@ -112,13 +113,15 @@ THERMAL_S = 10.0
 class UserDevice:
     """The device `name`, made with ``dof`` and read once. `params` stand in for what it does not declare.
 
+    units : of the scene's axes; empty: whatever the device has.
+
     Its driver may fail at any time, and a NaN would become a force. So whatever it raises, and any reading that is not
     two times `dof` finite numbers, becomes one HapnetError that names the device.
 
     Raises InvalidParameter: the device lacks a part, or its first reading does not fit. HapnetError: it cannot be made.
     """
 
-    def __init__(self, name: str, dof: int, params: DeviceParams | None = None) -> None:
+    def __init__(self, name: str, dof: int, params: DeviceParams | None = None, units: str = "") -> None:
         self.name: str = name
         self.dof: int = dof
         make = load_class(name)
@@ -132,13 +135,13 @@ class UserDevice:
         self._reports_interval = self._can("interval")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
         try:
-            self._examine(params or DeviceParams(), params is not None)
+            self._examine(params or DeviceParams(), params is not None, units)
         except BaseException:
             with suppress(HapnetError):
                 self.close()
             raise
 
-    def _examine(self, params: DeviceParams, is_run: bool) -> None:
+    def _examine(self, params: DeviceParams, is_run: bool, units: str) -> None:
         """Check what the device declares, calibrate it and read it once; `is_run` : at the rate of `params`."""
         name, dof = self.name, self.dof
         missing = [
@@ -149,6 +152,7 @@ class UserDevice:
         if self.device.dof != dof:
             raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
         try:
+            own = text_of(units_of(getattr(self.device, "units", METRES), dof))
             self.force_limit: float | None = self._positive("force_limit")
             self.resolution: float = checks.non_negative("resolution", self.device.resolution)
             self.greatest_speed: float | None = self._positive("greatest_speed")
@@ -163,6 +167,8 @@ class UserDevice:
             self.rate_hz: float | None = self._positive("rate_hz")
         except InvalidParameter as error:
             raise InvalidParameter("hardware", name, f"a device whose limits are numbers ({error})") from error
+        if units not in ("", own):
+            raise InvalidParameter("hardware", name, f"a device with axes in {units}; this one's are in {own}")
         if is_run and self.rate_hz is not None and self.rate_hz < params.servo_hz * (1.0 - 1e-9):
             most = f"at most {self.rate_hz:g}, as this device: --servo-hz {math.floor(self.rate_hz)}"
             raise InvalidParameter("device.servo_hz", params.servo_hz, most)

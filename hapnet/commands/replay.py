@@ -11,6 +11,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.units import within
 from netem.groups import Without
 
 if TYPE_CHECKING:
@@ -79,8 +80,8 @@ def replay(
         output.write_json(summary, str(directory / "summary.json"))
     output.show_summary(words, summary, verbose=verbose)
     written.judge(summary, chosen, virtual=True)
-    words.print(table(compared))
-    words.print(verdict(compared))
+    words.print(table(compared, summary["units"]))
+    words.print(verdict(compared, summary["units"]))
     if not written.missing:
         output.show_files(words, (target.name, "figure.png", "replay.png", "summary.json"), directory)
     with written.part():
@@ -88,13 +89,13 @@ def replay(
     return written.code()
 
 
-def table(compared: dict[str, Any]) -> Table:
-    """Original and replay side by side, in readable units; - where a value is unknown."""
+def table(compared: dict[str, Any], units: str | None = None) -> Table:
+    """Original and replay side by side, in readable units, for axes in `units`; - where a value is unknown."""
     from rich import box
     from rich.table import Table
 
     result = Table("", "original", "replay", title="replay", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for label, unit, key, scale in (
+    for label, of_metres, key, scale in (
         ("energy that came out, most", "mJ", "energy_out_J", 1e3),
         ("margin at the end", "mJ", "margin_end_J", 1e3),
         ("device's half, minimum margin", "mJ", "device_margin_J", 1e3),
@@ -105,6 +106,7 @@ def table(compared: dict[str, Any]) -> Table:
         ("penetration, largest", "mm", "peak_penetration_m", 1e3),
         ("contacts", "", "contacts", None),
     ):
+        unit = within(units, of_metres)
         values = [compared[run][key] for run in ("original", "replay")]
         shown = ["-" if v is None else str(v) if scale is None else f"{v * scale:.4g}" for v in values]
         result.add_row(f"{label} \\[{unit}]" if unit else label, *shown)
@@ -113,11 +115,12 @@ def table(compared: dict[str, Any]) -> Table:
     return result
 
 
-def verdict(compared: dict[str, Any]) -> str:
+def verdict(compared: dict[str, Any], units: str | None = None) -> str:
     """In one line, how the replay compares with the original."""
     if compared["identical"]:
         return "the replay is identical to the original: every value of every sample that both have"
     most, rms = compared["max_position_difference_m"], compared["rms_position_difference_m"]
     if most is None:
         return "the replay differs from the original; their paths cannot be compared"
-    return f"the replay differs from the original: the device by {most * 1e3:.3g} mm at most, {rms * 1e3:.3g} mm rms"
+    errors = [f"{1e3 * error:.3g} {within(units, 'mm')}" for error in (most, rms)]
+    return f"the replay differs from the original: the device by {errors[0]} at most, {errors[1]} rms"

@@ -16,6 +16,7 @@ from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read
 from hapnet.summary.words import get, has_reservoirs, millijoule, verdict
+from hapnet.units import units_in, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,7 +84,7 @@ def _positions(panel: Axes, recording: Recording, axis: int) -> None:
         received = " (as received)" if _received(recording) else ""
         how = " (modulated)" if has_reservoirs(_coupling(recording)) else received
         _curve(panel, modulated, y, f"{name} set-position{how}", drawstyle="steps-post", **_THIRD)
-    panel.set_ylabel(f"position{_along(recording, axis)} [mm]")
+    panel.set_ylabel("position" + _along(recording, axis, "mm"))
 
 
 def _forces(panel: Axes, recording: Recording, axis: int) -> None:
@@ -94,7 +95,7 @@ def _forces(panel: Axes, recording: Recording, axis: int) -> None:
     if world is not None:
         y = world["contact_force_N"][:, axis]
         _curve(panel, world, y, "contact on the proxy", drawstyle="steps-post", **_WORLD)
-    panel.set_ylabel(f"force{_along(recording, axis)} [N]")
+    panel.set_ylabel("force" + _along(recording, axis, "N"))
 
 
 def _reservoirs(panel: Axes, recording: Recording) -> None:
@@ -150,8 +151,8 @@ def _path(panel: Axes, recording: Recording, plane: tuple[int, int]) -> None:
         path = path[:: _stride(world)]
         panel.plot(path[:, first], path[:, second], label=label, color=_WORLD["color"], linewidth=0.9)
     panel.set_aspect("equal", adjustable="datalim")
-    panel.set_xlabel(f"{'xyz'[first]} [mm]")
-    panel.set_ylabel(f"{'xyz'[second]} [mm]")
+    panel.set_xlabel(_along(recording, first, "mm").removeprefix(" along "))
+    panel.set_ylabel(_along(recording, second, "mm").removeprefix(" along "))
 
 
 def _curve(panel: Axes, columns: Columns, values: NDArray[np.float64], label: str, **style: Any) -> None:
@@ -238,10 +239,12 @@ def _stride(columns: Columns) -> int:
     return max(1, len(columns["time_s"]) // (2 * _POINTS))
 
 
-def _along(recording: Recording, axis: int) -> str:
+def _along(recording: Recording, axis: int, unit: str) -> str:
+    """Which axis it is, if there are several, and the unit: `unit` where the axis is in metres."""
     columns = recording.device if recording.device is not None else recording.world
     n = 1 if columns is None else columns["position_m"].shape[1]
-    return "" if n == 1 else f" along {'xyz'[axis] if n <= 3 else axis + 1}"
+    along = "" if n == 1 else f" along {'xyz'[axis] if n <= 3 else axis + 1}"
+    return f"{along} [{within(units_in(recording.meta, n)[axis], unit)}]"
 
 
 def _settings(recording: Recording) -> str:

@@ -125,8 +125,9 @@ class Figures:
         elapsed = None if origin_ns is None else (end_ns - origin_ns) * NANO
         summary = combine(
             own["device"], own["world"], links,
-            seed=self._seed, duration_s=elapsed, coupling=self._setup.params.coupling, tuning=self._setup.tuned,
-            felt=self._setup.felt, path=path.of_side(self._role, self._control.wire.session.path.figures()),
+            seed=self._seed, duration_s=elapsed, coupling=self._setup.params.coupling, units=self._setup.units,
+            tuning=self._setup.tuned, felt=self._setup.felt,
+            path=path.of_side(self._role, self._control.wire.session.path.figures()),
         )  # fmt: skip
         summary["motion"] = self.live.motion()
         summary["wall_clock"] = {"elapsed_s": (self._clock() - self._started_ns) * NANO}

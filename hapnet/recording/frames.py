@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.recording.samples import Columns, Recording, utc_less_clock_ns
+from hapnet.units import column, units_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -16,8 +17,8 @@ AXES = "xyz"
 def table(recording: Recording, side: str = "device") -> Columns:
     """One side's samples as columns of numbers, all of shape (N,), the first ``time_s``, the time since the start.
 
-    A vector is a column for each axis: ``position_m`` (N, 2) is ``position_m_x`` and ``position_m_y``. Where the
-    recording knows the real time, ``utc_ns`` says it.
+    A vector is a column for each axis: ``position_m`` (N, 2) is ``position_m_x`` and ``position_m_y``, or
+    ``position_rad_x`` where an axis is in radians. Where the recording knows the real time, ``utc_ns`` says it.
 
     Raises InvalidParameter: this side was not recorded.
     """
@@ -32,7 +33,8 @@ def table(recording: Recording, side: str = "device") -> Columns:
         if values.ndim == 1:
             found.setdefault(name, values)
         else:
-            found.update({f"{name}_{AXES[k] if k < 3 else k}": values[:, k] for k in range(values.shape[1])})
+            names = [column(name, unit) for unit in units_in(recording.meta, values.shape[1])]
+            found.update({f"{one}_{AXES[k] if k < 3 else k}": values[:, k] for k, one in enumerate(names)})
     return found
 
 

@@ -4,7 +4,8 @@ Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``
 and of a world that can be drawn ``/world/scene`` (`SceneSample`). Its parts are an attachment, ``drawing`` (`Drawing`).
 A sample's time is its message's log time, in nanoseconds of UTC: a `Sample` has its recording process's monotonic
 clock, and the settings say what UTC was at its origin. A simulation counts from 1970. The other fields are doubles, NaN
-where a value is unknown; a vector has one field per axis (``position_m`` is ``position_x_m``, ``position_y_m``, ...).
+where a value is unknown; a vector has one field per axis: ``position_m`` is ``position_x_m``, ``position_y_m``, ...,
+and ``position_x_rad`` where an axis is in radians.
 The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at the end
 (``hapnet.summary``); each is a JSON text under the key ``json``. For viewers only, each side's position is written as a
 ``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second.
@@ -76,6 +77,7 @@ class RecordingWriter:
         require("record", "a recording")
         self._path = Path(path)
         self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
+        self._meta = meta
         self._utc_ns = utc_less_clock_ns(meta)
         self._shown_ns: dict[type[Sample], int] = {}
         self._flushed_ns: int | None = None
@@ -154,7 +156,7 @@ class RecordingWriter:
 
     def _register(self, topic: str, sample: Sample | Shown) -> tuple[int, Callable[[Any], bytes]]:
         """The channel of all samples like this one, and the function that encodes them."""
-        schema = schemas.schema_for(sample)
+        schema = schemas.schema_for(sample, self._meta)
         schema_id: int = self._writer.register_schema(schema.name, "protobuf", schema.descriptor)
         channel: int = self._writer.register_channel(topic, "protobuf", schema_id)
         self._channels[topic] = (channel, schema.encode)

@@ -8,7 +8,7 @@ ignored.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
 from typing import Any
 
@@ -17,18 +17,19 @@ import numpy as np
 from hapnet.recording.drawing import SceneSample
 from hapnet.recording.foxglove import LEVELS, Schema, Shown, frame_schema, log_schema, message_class, pose_schema
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, Level, Sample, WorldSample
+from hapnet.units import METRES, RADIANS, column, units_in
 
 _PACKAGE = "hapnet"
 
 
-def schema_for(sample: Sample | Shown) -> Schema:
-    """The schema of this sample, and of all samples of its kind and number of axes."""
+def schema_for(sample: Sample | Shown, meta: Mapping[str, Any]) -> Schema:
+    """The schema of this sample, and of all samples of its kind and number of axes. `meta`: of the recording."""
     if isinstance(sample, Event):
         return log_schema()
     if isinstance(sample, Shown):
         return frame_schema() if sample.child else pose_schema()
     if isinstance(sample, DeviceSample | WorldSample):
-        return _sample_schema(type(sample), len(sample.position_m))
+        return _sample_schema(type(sample), units_in(meta, len(sample.position_m)))
     assert isinstance(sample, SceneSample), "a drawing is an attachment"
     return _scene_schema()
 
@@ -47,12 +48,12 @@ def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, 
     if kind is SceneSample:
         return lambda time_ns, data: _scene(time_ns, message.FromString(data))
     there = {field.name for field in message.DESCRIPTOR.fields}
-    n = 0
-    while _names("position_m", n + 1)[-1] in there:
-        n += 1
+    units: tuple[str, ...] = ()
+    while found := [unit for unit in (METRES, RADIANS) if _names("position_m", (*units, unit))[-1] in there]:
+        units += (found[0],)
     readers: list[Callable[[Any], Any]] = []
     for field in kind._fields[1:]:
-        names = _names(field, n)
+        names = _names(field, units)
         known = bool(names) and there.issuperset(names)
         readers.append(_reader(names, field in VECTORS) if known else lambda _: None)
 
@@ -69,18 +70,19 @@ def _reader(names: Sequence[str], vector: bool) -> Callable[[Any], Any]:
     return (lambda message: (get(message),)) if vector and len(names) == 1 else get
 
 
-def _names(field: str, n: int) -> Sequence[str]:
-    """The names of a sample's field in its message, for `n` axes: position_m becomes position_x_m and so on."""
+def _names(field: str, units: Sequence[str]) -> Sequence[str]:
+    """The names of a sample's field in its message, for axes in `units`: position_m becomes position_x_m and so on, or
+    position_x_rad."""
     if field not in VECTORS:
         return (field,)
-    stem, _, unit = field.rpartition("_")
-    return [f"{stem}_{'xyz'[axis] if axis < 3 else axis + 1}_{unit}" for axis in range(n)]
+    parts = [column(field, unit).rpartition("_") for unit in units]
+    return [f"{stem}_{'xyz'[axis] if axis < 3 else axis + 1}_{unit}" for axis, (stem, _, unit) in enumerate(parts)]
 
 
-def _sample_schema(kind: type[DeviceSample] | type[WorldSample], n: int) -> Schema:
+def _sample_schema(kind: type[DeviceSample] | type[WorldSample], units: Sequence[str]) -> Schema:
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 
-    names = [name for field in kind._fields[1:] for name in _names(field, n)]
+    names = [name for field in kind._fields[1:] for name in _names(field, units)]
     fields = [
         {"name": name, "number": number, "type": "TYPE_DOUBLE", "label": "LABEL_OPTIONAL"}
         for number, name in enumerate(names, 1)
@@ -91,7 +93,7 @@ def _sample_schema(kind: type[DeviceSample] | type[WorldSample], n: int) -> Sche
     file.message_type.add(name=name, field=fields)
     described = FileDescriptorSet(file=[file])
     message = message_class(f"{_PACKAGE}.{name}", described)
-    unknown = (math.nan,) * n
+    unknown = (math.nan,) * len(units)
 
     def encode(sample: DeviceSample | WorldSample) -> bytes:
         values: list[float] = []

@@ -34,6 +34,7 @@ from hapnet.summary.words import (
     tuning,
     verdict,
 )
+from hapnet.units import METRES, within
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -158,7 +159,7 @@ def sides(summary: Summary) -> Table:
     if jointly_passive(str(summary["coupling"])):
         untold |= _OF_ONE_PORT
     rows = tuple(row for row in _SIDES if row.label not in untold)
-    return Table("sides", SIDES, [*_rows(rows, [summary[side] for side in SIDES])])
+    return Table("sides", SIDES, [*_rows(rows, [summary[side] for side in SIDES], summary["units"])])
 
 
 def both_ports(summary: Summary) -> Table:
@@ -168,7 +169,7 @@ def both_ports(summary: Summary) -> Table:
 
 def environment(summary: Summary) -> Table:
     """How stiff its walls are felt, and its own account: below 0 it gave out energy that nobody had put in."""
-    return Table("environment", ("",), [*_rows(_ENVIRONMENT, [summary["environment"]])])
+    return Table("environment", ("",), [*_rows(_ENVIRONMENT, [summary["environment"]], summary["units"])])
 
 
 def energy(summary: Summary) -> Table:
@@ -202,19 +203,19 @@ def path(summary: Summary) -> Table:
 
 def motion(summary: Summary) -> Table:
     """How the proxy followed the hand."""
-    return Table("motion", ("",), [*_rows(_MOTION, [summary["motion"]])])
+    return Table("motion", ("",), [*_rows(_MOTION, [summary["motion"]], summary["units"])])
 
 
 def brief(summary: Summary) -> list[str]:
     """What matters most, one line each: tracking error, largest force, how stiff a wall is felt, path."""
-    moved = summary["motion"]
+    moved, length = summary["motion"], within(summary["units"], "mm")
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
     errors = {"free": moved["free_rms_m"], "in contact": moved["contact_rms_m"]}
-    reported = ", ".join(f"{milli(value)} mm {where}" for where, value in errors.items() if value is not None)
-    pushed = [] if force is None else [f"{number(force)} N"]
+    reported = ", ".join(f"{milli(value)} {length} {where}" for where, value in errors.items() if value is not None)
+    pushed = [] if force is None else [f"{number(force)} {within(summary['units'], 'N')}"]
     pushed += [f"{number(contacts)} contact{'s' * (contacts != 1)}"] if contacts else []
-    pushed += [f"{milli(depth)} mm deep at most"] if contacts and depth is not None else []
-    walls = felt(summary["environment"])
+    pushed += [f"{milli(depth)} {length} deep at most"] if contacts and depth is not None else []
+    walls = felt(summary["environment"], units=summary["units"])
     return [
         f"tracking error (rms): {reported or 'not known'}",
         f"largest force: {', '.join(pushed) or 'not known'}",
@@ -292,8 +293,11 @@ def _lost(found: Path) -> list[str | None]:
     ]
 
 
-def _rows(rows: tuple[_Row[Part], ...], columns: Sequence[Part | None]) -> Iterator[tuple[str, ...]]:
-    for label, unit, value_of, words in rows:
+def _rows(
+    rows: tuple[_Row[Part], ...], columns: Sequence[Part | None], units: str | None = METRES
+) -> Iterator[tuple[str, ...]]:
+    for label, of_metres, value_of, words in rows:
+        unit = within(units, of_metres)
         values = [None if column is None else value_of(column) for column in columns]
         if any(value is not None for value in values):
             yield (f"{label} [{unit}]" if unit else label, *map(words, values))

@@ -264,6 +264,7 @@ class Simulation:
             seed=self.seed,
             duration_s=params.duration_s,
             coupling=params.coupling,
+            units=self.setup.units,
             two_port_J=self.two_port.lowest,
             hand_two_port_J=self.hand.lowest,
             two_port_end_J=self.two_port.now,

@@ -16,6 +16,7 @@ from hapnet.recording.samples import Columns, Recording, join
 from hapnet.summary.run import combine, has_account, judged, merge, recorded_margins, unknown_device
 from hapnet.summary.structure import SIDES, Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
 from hapnet.summary.verdict import has_reservoirs
+from hapnet.units import METRES, text_of, units_in
 from hapnet.wire.messages import Role
 from netem import LinkStats
 
@@ -45,11 +46,17 @@ def from_recording(recording: Recording) -> Summary:
         seed=meta.get("seed"),
         duration_s=float(max(ends)) if ends else None,
         coupling=coupling,
+        units=_units(recording),
         tuning=tuning if isinstance(tuning, Mapping) else None,
         felt=felt if isinstance(felt, Mapping) else None,
         torn=[side for side in ("device", "world") if getattr(recording, side) is not None],
         **recorded_margins(recording),
     )
+
+
+def _units(recording: Recording) -> str:
+    columns = recording.device or recording.world
+    return text_of(units_in(recording.meta, columns["position_m"].shape[1])) if columns else METRES
 
 
 def _device_columns(columns: Columns, coupling_name: str) -> SidePart:

@@ -36,6 +36,7 @@ from hapnet.summary.structure import (
 from hapnet.summary.structure import SidePart as SidePart
 from hapnet.summary.structure import Summary as Summary
 from hapnet.summary.verdict import ROUNDING_J, START_S, excess_nJ, has_reservoirs, judge, restarted
+from hapnet.units import METRES
 from hapnet.versions import versions as versions
 from hapnet.wire import sums
 from hapnet.wire.session import Session
@@ -146,6 +147,7 @@ def combine(
     seed: int | None,
     duration_s: float | None,
     coupling: str | None,
+    units: str = METRES,
     two_port_J: float | None = None,
     two_port_end_J: float | None = None,
     two_port_later_J: float | None = None,
@@ -171,6 +173,8 @@ def combine(
 
     `early_J` is the most that was credited up and down before it was sent, as recorded on one clock. Then the sum of
     the halves bounds nothing, and `two_port_recorded_J`, the smallest recorded margin of both ports, counts.
+
+    `units` : of the axes, as `hapnet.units` has them.
 
     If a coupling is passive only jointly, both sides' minimum margins belong to different times, and their sum bounds
     nothing. Then `total_margin_J` counts: the smallest sum of both margins while both were recorded on one clock, at
@@ -220,6 +224,7 @@ def combine(
         "motion": unknown(Motion),
         "seed": seed,
         "duration_s": duration_s,
+        "units": units,
         "coupling": coupling,
         "tuning": dict(tuning or {}),
         "torn": list(torn),
@@ -268,6 +273,7 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
         seed=device["seed"] if seed is None else seed,
         duration_s=device["duration_s"],
         coupling=device["coupling"] or world["coupling"],
+        units=device.get("units") or world.get("units") or METRES,
         tuning=device.get("tuning"),
         felt=_felt(device.get("environment"), world.get("environment")),
         torn=[side for part in (device, world) for side in part.get("torn") or ()],

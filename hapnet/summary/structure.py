@@ -309,7 +309,10 @@ class Reported(TypedDict):
 
 
 class Summary(TypedDict):
-    """The summary of a run, in the order of its JSON."""
+    """The summary of a run, in the order of its JSON.
+
+    More than twenty attributes: one for each of its keys.
+    """
 
     verdict: Verdict
     theorem: Theorem
@@ -323,6 +326,7 @@ class Summary(TypedDict):
     motion: Motion
     seed: Count
     duration_s: Number
+    units: str | None
     coupling: str | None
     tuning: dict[str, Any]
     torn: list[Any]

@@ -9,6 +9,7 @@ from hapnet.summary.structure import Summary, Verdict
 from hapnet.summary.structure import known as known
 from hapnet.summary.verdict import DEFICIT_J, judge
 from hapnet.summary.verdict import has_reservoirs as has_reservoirs
+from hapnet.units import within
 
 _WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}
 _TEXT_LIMIT = 2000
@@ -50,18 +51,19 @@ def legible(value: Any) -> Any:
     return [legible(item) for item in value] if isinstance(value, list) else value
 
 
-def felt(environment: object, *, springs: bool = True) -> str | None:
+def felt(environment: object, *, springs: bool = True, units: str | None = None) -> str | None:
     """How stiff the wall is felt, and through which springs; None: there is none, or it is not known.
 
-    environment : of a summary, or what a side reported as `Felt`.
+    environment : of a summary, or what a side reported as `Felt`. units : of the axes.
     """
     wall, hand = (known(get(environment, name)) for name in ("stiffness_N_m", "felt_stiffness_N_m"))
     if wall is None or hand is None:
         return None
     reported = get(environment, "springs_N_m") if springs else None
     names = " and ".join(map(number, reported)) if isinstance(reported, list | tuple) else ""
-    through = f" through {'springs' if ' and ' in names else 'a spring'} of {names} N/m" if names else ""
-    return f"{number(wall)} N/m, felt as {number(hand)} N/m{through}"
+    unit = within(units, "N/m")
+    through = f" through {'springs' if ' and ' in names else 'a spring'} of {names} {unit}" if names else ""
+    return f"{number(wall)} {unit}, felt as {number(hand)} {unit}{through}"
 
 
 def tuning(summary: Summary) -> str | None:

@@ -37,13 +37,13 @@ def stacked(track: Track) -> Array:
     return np.stack([model, added, spring - model - added, damper], axis=1)
 
 
-def force_now(track: Track | None) -> list[tuple[str, str]]:
-    """The newest force and its parts, as names and values."""
+def force_now(track: Track | None, unit: str = "N") -> list[tuple[str, str]]:
+    """The newest force and its parts, as names and values in `unit`."""
     if track is None:
         return []
-    spring, damper, model, added = (_newtons(value) for value in parts_of(track)[-1])
+    spring, damper, model, added = (_value(value, unit) for value in parts_of(track)[-1])
     return [
-        ("force on the hand", _newtons(force_of(track)[-1])),
+        ("force on the hand", _value(force_of(track)[-1], unit)),
         ("spring K (y − x)", spring),
         ("– of it local contact model", model),
         ("– of it added damping", added),
@@ -51,5 +51,5 @@ def force_now(track: Track | None) -> list[tuple[str, str]]:
     ]
 
 
-def _newtons(value: float) -> str:
-    return f"{round(value, 2) + 0.0:.2f} N" if math.isfinite(value) else "not known"
+def _value(value: float, unit: str) -> str:
+    return f"{round(value, 2) + 0.0:.2f} {unit}" if math.isfinite(value) else "not known"

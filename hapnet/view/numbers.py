@@ -13,9 +13,10 @@ from hapnet.recording.telemetry import Status
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
 from hapnet.summary.words import felt
+from hapnet.units import within
 from hapnet.view.choices import label_of, words_of
 from hapnet.view.force import force_now
-from hapnet.view.history import Episode, Snapshot, coupled
+from hapnet.view.history import Episode, Snapshot, coupled, units
 from hapnet.view.scenes import scene_label
 
 _VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
@@ -59,10 +60,11 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
         ("min so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
         ("min after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
     ]
+    force = force_now(snapshot.device, within(units(snapshot), "N"))
     if recording:
         rows.append(("recording", PurePath(recording).name))
     about = device.about if device is not None else world.about if world is not None else {}
-    if walls := felt(about.get("felt"), springs=False):
+    if walls := felt(about.get("felt"), springs=False, units=units(snapshot)):
         rows.append(("wall", walls))
     what = " · ".join(scene_label(str(about[key])) for key in ("name", "scene") if about.get(key))
     label = label_of(*coupled(device or world))
@@ -74,7 +76,7 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
         f"{''.join(map(_trouble, troubles))}"
         f'<div style="opacity:.65">{html.escape(what)}</div><div class="hapnet-coupling">{html.escape(how)}</div>'
         f'{_past(snapshot.past)}<table style="width:100%">{_lines(rows)}</table>'
-        f'<table class="hapnet-force" style="width:100%">{_lines(force_now(snapshot.device))}</table></div>'
+        f'<table class="hapnet-force" style="width:100%">{_lines(force)}</table></div>'
     )
 
 

@@ -11,8 +11,9 @@ from viser import uplot
 
 from hapnet.checks import Array
 from hapnet.summary.verdict import has_reservoirs
+from hapnet.units import within
 from hapnet.view.force import STACK, force_of, stacked
-from hapnet.view.history import Snapshot, Track, coupled
+from hapnet.view.history import Snapshot, Track, coupled, units
 
 POINTS = 300
 """Points per curve."""
@@ -23,6 +24,8 @@ _MINIMUM = 1.0
 """The axis always goes up to this [N, mJ, mm]: otherwise mere rounding errors would fill a plot."""
 
 _HEADING, _FRAME = 150, 42  # pixels: of the panel above the plots, of a plot around its curves
+
+_FORCE, _DEPTH = "force on the hand [{}]", "depth in the wall [{}]"
 
 _OF_PARTS = dict(zip(STACK, ("#93c5fd", "#c4b5fd", "#86efac", "#fdba74"), strict=True))
 
@@ -44,10 +47,9 @@ class Plots:
         below = _curve("below 0", "transparent", fill="rgba(220, 38, 38, 0.45)")
         thin = [_curve(name, colour, width=1.0) for name, colour in (("device", _BLUE), ("world", _ORANGE))]
         parts = [_curve(name, "transparent", fill=colour) for name, colour in reversed(_OF_PARTS.items())]
-        title = "force on the hand [N]"
-        self._force = self._add(gui, title, *parts, *parts, _curve("force", _GREEN))
+        self._force = self._add(gui, _FORCE.format("N"), *parts, *parts, _curve("force", _GREEN))
         self._reservoirs = self._add(gui, "energy in the reservoirs [mJ]", device, world)
-        self._depth = self._add(gui, "depth in the wall [mm]", device, world)
+        self._depth = self._add(gui, _DEPTH.format("mm"), device, world)
         self._margin = self._add(gui, "passivity margin [mJ]", below, *thin, _curve("both", _INK))
 
     def fit(self, pixels: int) -> None:
@@ -57,7 +59,8 @@ class Plots:
 
     def update(self, snapshot: Snapshot, surfaces: Iterable[Mapping[str, Any]]) -> None:
         """Draw `snapshot`; `surfaces` are the scene's flat walls, at rest: only in them is the handle's depth known."""
-        device, world = snapshot.device, snapshot.world
+        device, world, axes = snapshot.device, snapshot.world, units(snapshot)
+        self._force.title, self._depth.title = _FORCE.format(within(axes, "N")), _DEPTH.format(within(axes, "mm"))
         first = max((track.time_s[0] for track in (device, world) if track is not None), default=-self._seconds)
         at = np.linspace(min(max(first, -self._seconds), -1e-3), 0.0, POINTS)
         halves = [1e3 * _held(track, "margin_J", at) for track in (device, world)]

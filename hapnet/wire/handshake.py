@@ -29,6 +29,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
+from hapnet.units import METRES
 from hapnet.wire.control_sender import ControlMessage, ControlSender
 from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
 from hapnet.wire.fields import MAX_TEXT
@@ -42,6 +43,8 @@ MAX_PEERS = 4096
 
 COUPLING = "coupling"
 """Entry of `about`: the coupling that a side runs. Both must run the same."""
+UNITS = "units"
+"""Entry of `about`: the units of a side's axes, as `hapnet.units` has them; absent: metres. Both must have the same."""
 SHARED = "shared."
 """An entry of `about` that begins so is a number of the coupling that must be equal on both sides."""
 
@@ -226,6 +229,9 @@ class Handshake:
         mine, theirs = me.about.get(COUPLING), peer.about.get(COUPLING)
         if mine is not None and theirs is not None and mine != theirs:
             return f"{peer.name} runs the coupling {theirs}, {me.name} runs {mine}"
+        units = peer.about.get(UNITS, METRES), me.about.get(UNITS, METRES)
+        if units[0] != units[1]:
+            return f"{peer.name} has axes in {units[0]}, {me.name} in {units[1]}: both must have the same"
         for key, value in me.about.items():
             if key.startswith(SHARED) and key in peer.about and value != peer.about[key]:
                 name = key.removeprefix(SHARED)

@@ -31,7 +31,7 @@ MOST_ATTRIBUTES = 20
 
 BASE = {
     "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema",
-    "loading", "versions",
+    "loading", "units", "versions",
 }  # fmt: skip
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base

@@ -18,6 +18,7 @@ from hapnet.checks import Array, Signal, Vector
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import Picture, at_rest
 from hapnet.plant.worlds.shapes import Shape
+from hapnet.units import METRES
 
 
 @runtime_checkable
@@ -29,6 +30,9 @@ class Engine(Protocol):
 
     warnings: tuple[str, ...] = ()
     """What somebody who runs it should know."""
+
+    units: str = METRES
+    """Of its axes: ``m``, ``rad``, or one for each as in ``m,m,rad``."""
 
     overlaps: int = 0
     """Pairs of bodies that begin inside one another."""

@@ -46,6 +46,7 @@ from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.shapes_picture import ShapesPicture
 from hapnet.records.vectors import inner
+from hapnet.units import METRES
 
 MAX_S = 0.25
 """So much is simulated in one step at most: where steps take longer, the world is slower than time."""
@@ -196,6 +197,7 @@ class EngineWorld(WorldDefaults, Surroundings):
 
     dof, moves_proxy = 1, True
     warnings: tuple[str, ...] = ()
+    units: str = METRES
 
     def __init__(
         self, engine: object, *, name: str = "own", min_s: float | None = None, max_s: float | None = None
@@ -212,6 +214,7 @@ class EngineWorld(WorldDefaults, Surroundings):
         self._has_steps = min_s is not None or max_s is not None
         self._steps = Scene(name, self.dof, (), min_s or STEP_MIN_S, max_s or STEP_MAX_S)
         self.start: Vector = self.account.position
+        self.units = whole.units
         self.warnings = tuple(whole.warnings)
         if not self.account.knows_energy:
             self.warnings += ("the engine does not say its energy: it can give back only what was put into it",)

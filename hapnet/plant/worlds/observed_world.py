@@ -16,6 +16,7 @@ from hapnet.plant.worlds.observer import Observer
 from hapnet.plant.worlds.protocol import Surface, WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.walls import check_number
+from hapnet.units import METRES
 
 
 class ObservedWorld(WorldDefaults, Surroundings):
@@ -25,13 +26,14 @@ class ObservedWorld(WorldDefaults, Surroundings):
     energy_J : what the forces may give out from the start, as a field does whose potential falls [J]. Without it they
         can give back only what was put in.
     min_s, max_s : range of the step time T_k [s]. start : where the proxy starts (n,) [m]; the origin by default.
-    surfaces : what plots draw.
+    surfaces : what plots draw. units : of the axes.
 
     Raises InvalidParameter.
     """
 
     dof: int = 1
     surfaces: tuple[Surface, ...] = ()
+    units: str = METRES
 
     def __init__(
         self,
@@ -43,13 +45,14 @@ class ObservedWorld(WorldDefaults, Surroundings):
         max_s: float = STEP_MAX_S,
         start: Sequence[float] = (),
         surfaces: tuple[Surface, ...] = (),
+        units: str = METRES,
     ) -> None:
         check_number("energy_J", energy_J, "zero or a positive number [J]", lambda energy: 0.0 <= energy < inf)
-        self._steps = Scene(name, dof, (), min_s, max_s, tuple(start))  # checks dof and the steps' range, draws them
+        self._steps = Scene(name, dof, (), min_s, max_s, tuple(start), units)  # it checks these, and draws the steps
         self.name: str = name
         self.dof = dof
         self.start: Vector = self._steps.start
-        self.surfaces = surfaces
+        self.surfaces, self.units = surfaces, units
         self._observer = Observer(energy_J)
 
     @property

@@ -73,8 +73,8 @@ def builder(name: str, allowed: str, known: Iterable[str]) -> Callable[..., obje
 def _force_world(
     force: Law, name: str, /, *, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
 ) -> ForceWorld:
-    had: Any = getattr(force, "energy_J", 0.0)  # an attribute of the function
-    return ForceWorld(force, dof=dof, name=name, energy_J=had, min_s=step_min_s, max_s=step_max_s)
+    own: dict[str, Any] = {part: getattr(force, part) for part in ("energy_J", "units") if hasattr(force, part)}
+    return ForceWorld(force, dof=dof, name=name, min_s=step_min_s, max_s=step_max_s, **own)
 
 
 def made(build: Callable[..., object], name: str, parameters: Mapping[str, object]) -> World:
@@ -131,7 +131,7 @@ class SteppedWorld(ObservedWorld):
     """
 
     def __init__(self, stepping: Stepping, **others: Any) -> None:
-        names = ("dof", "name", "energy_J", "min_s", "max_s", "start", "surfaces")
+        names = ("dof", "name", "energy_J", "min_s", "max_s", "start", "surfaces", "units")
         own = {name: getattr(stepping, name) for name in names if hasattr(stepping, name)}
         super().__init__(**{**others, **own})
         self._has_steps = bool({"min_s", "max_s"} & set(own))

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Signal, Vector
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.plant.worlds.picture import Picture
+from hapnet.units import METRES
 
 if TYPE_CHECKING:
     from hapnet.plant.worlds.walls import Wall
@@ -34,6 +35,11 @@ class WorldDefaults(Protocol):
 
     moves_proxy: bool = False
     """It integrates the proxy itself: only couplings with a spring at the world fit, and `proxy` gives the mass."""
+
+    @property
+    def units(self) -> str:
+        """Of its axes: ``m``, ``rad``, or one for each as in ``m,m,rad`` (`hapnet.units`)."""
+        return METRES
 
     @property
     def walls(self) -> tuple[Wall, ...]:

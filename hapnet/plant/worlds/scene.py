@@ -13,6 +13,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import WorldParams
 from hapnet.plant.worlds.protocol import Surface, WorldDefaults
 from hapnet.plant.worlds.walls import Contacts, Wall, check_number
+from hapnet.units import METRES, units_of
 
 _WORLD = WorldParams()
 STEP_MIN_S, STEP_MAX_S = _WORLD.step_min_s, _WORLD.step_max_s
@@ -29,6 +30,7 @@ class Scene(WorldDefaults):
     walls : see `hapnet.plant.worlds.walls`; none for free space.
     min_s, max_s : range of the step time T_k [s].
     start : (n,) where the virtual mass starts [m], outside every wall; the origin by default.
+    units : of the axes, as `hapnet.units` has them.
 
     Raises InvalidParameter.
     """
@@ -39,6 +41,7 @@ class Scene(WorldDefaults):
     min_s: float = STEP_MIN_S
     max_s: float = STEP_MAX_S
     start: Vector = ()
+    units: str = METRES
     contacts: Contacts = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -47,6 +50,7 @@ class Scene(WorldDefaults):
         check_number("step_min_s", self.min_s, "a positive, finite number of seconds", lambda t: 0.0 < t < inf)
         longer = f"{self.min_s} (step_min_s) or more seconds"
         check_number("step_max_s", self.max_s, longer, lambda t: self.min_s <= t < inf)
+        units_of(self.units, self.dof)
         start = checks.vector("start", self.start, self.dof) if len(self.start) else (0.0,) * self.dof
         contacts = Contacts(self.walls, self.dof)
         contacts.require_outside(start)
