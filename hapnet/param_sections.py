@@ -108,6 +108,10 @@ class OperatorParams:
         Range(at_least=0.0, at_most=100.0),
     )  # fmt: skip
     tremor_m: float = _p(0.0, "amplitude of its tremor, 8 to 12 Hz [m]", Range(at_least=0.0, at_most=0.01))
+    turn_rad: float = _p(
+        0.3, "of a pose: amplitude of each component of the hand's rotation [rad]", Range(at_least=0.0, at_most=3.0)
+    )
+    turn_hz: float = _p(0.25, "of a pose: frequency of the first of them [Hz]", _NOT_NEGATIVE)
     end_hold_s: float = _p(
         0.0,
         "the hand comes to rest and holds still for so long at the end of the run [s]; 0, or a short run: never",

@@ -15,6 +15,9 @@ from hapnet.plant.arms.table import ArmTable, apparent_masses, felt_damping
 from hapnet.plant.arms.urdf import table_from
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
+from hapnet.plant.poses.device import SimulatedHandle
+from hapnet.plant.poses.scene import ToolScene
+from hapnet.plant.worlds.protocol import World
 from hapnet.records.machine_code import no_compiler
 
 _DEFAULTS = DeviceParams()
@@ -70,10 +73,18 @@ def with_arm(params: Params) -> Params:
     return params.set({"dof": 3, **{f"device.{name}": value for name, value in own.items()}})
 
 
-def simulated_device(params: Params, hand: Operator) -> SimulatedDevice:
-    """The simulated device of these parameters in a hand. Raises InvalidParameter."""
+def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:
+    """The simulated device of these parameters in a hand: a mass, an arm, or a handle that turns, as the scene's tool.
+
+    Raises InvalidParameter.
+    """
     device = params.device
     period, limit = 1.0 / device.servo_hz, device.force_limit_N or None
+    if isinstance(scene, ToolScene) and not is_arm(params.hardware):
+        return SimulatedHandle(
+            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
+            resolution=device.resolution_m, force_limit=limit, arm_m=scene.arm_m,
+        )  # fmt: skip
     if not is_arm(params.hardware):
         return SimulatedDevice(
             hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,

@@ -30,6 +30,7 @@ from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
+from hapnet.mechanics.pose import DOF, is_pose
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
 from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.device import SimulatedDevice
@@ -148,6 +149,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     servo = device.servo
     if servo == "auto":
         acts_within = spec.continuous is not None and params.rendering == "paper" and not is_arm(params.hardware)
+        acts_within = acts_within and not is_pose(scene.dof)
         servo = default_servo if acts_within else "sampled"
     elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
@@ -225,7 +227,7 @@ def device_side(
         return _user_device_side(setup, endpoint, clock, write)
     params = setup.params
     hand = setup.hand or operator(params, setup.scene)
-    simulated = simulated_device(params, hand)
+    simulated = simulated_device(params, setup.scene, hand)
     if isinstance(simulated, SimulatedArm):
         simulated = setup.ends.arm(simulated)
     if simulated.dof != setup.dof:
@@ -394,7 +396,7 @@ def _scene(params: Params) -> tuple[World, list[str]]:
             warnings[keyword] = f"{name} is {shown}, but the scene {params.scene} does not read it"
     try:
         scene = make_scene(params.scene, **values)
-        if params.dof not in (0, scene.dof):
+        if params.dof not in (0, scene.dof, DOF if is_pose(scene.dof) else 0):
             raise InvalidParameter("dof", params.dof, f"0 or {scene.dof}: the scene {params.scene} sets its own")
         if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
             warnings = {keyword: one for keyword, one in warnings.items() if not keyword.startswith("step_")}

@@ -37,7 +37,7 @@ from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_effects import act, grain_force, lift, pull
 from hapnet.control.contact_equations import Answer, ContactState, fade, step
-from hapnet.control.contact_plane import ContactPlane
+from hapnet.control.contact_plane import ContactPlane, no_planes
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
 from hapnet.control.coupling import CouplingSample, Proxy, vector_of
 from hapnet.control.friction_cone import RubbingProxy, report
@@ -45,7 +45,7 @@ from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.mechanics.spring import Spring
 from hapnet.params import ContactModelParams
-from hapnet.records.record import PLANES, Floats, zero
+from hapnet.records.record import PLANES, Floats
 
 _DEFAULTS = ContactModelParams()
 
@@ -87,7 +87,7 @@ class ContactModel(ContactState):
         self.compliance, self.lead = [list(row) for row in compliance], [list(row) for row in lead]
         self.rubbing = RubbingProxy(self.compliance, position)
         self.is_isotropic = self.rubbing.is_isotropic
-        self.seen = [zero(ContactPlane) for _ in range(PLANES)]
+        self.seen = no_planes(self.compliance, len(position))
         self._self_motion = self_motion
         self.added = added
         self.velocity = FilteredVelocity(lead_s, len(position))

@@ -9,7 +9,7 @@ from hapnet.mechanics.curvature import FLAT, Bends, copy_bends, see_tangent
 from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, OfAxes, Reals, Record
+from hapnet.records.record import PLANES, FloatRows, OfAxes, Reals, Record
 from hapnet.records.vectors import copy, dot, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
@@ -65,6 +65,11 @@ class ContactPlane(Record):
     def now(self, age: float) -> float:
         """The plane's offset now, without its grain [m]: a moving one goes on for a while."""
         return now(self, age)
+
+
+def no_planes(compliance: FloatRows, n: int) -> list[ContactPlane]:
+    """Room for planes with n axes."""
+    return [ContactPlane(Plane((0.0,) * n, 0.0, 1.0, 0.0), compliance, (0.0,) * n) for _ in range(PLANES)]
 
 
 @equation

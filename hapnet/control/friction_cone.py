@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.checks import Vector
-from hapnet.control.contact_plane import SAME_COSINE, ContactPlane, now, see_from
+from hapnet.control.contact_plane import SAME_COSINE, ContactPlane, no_planes, now, see_from
 from hapnet.records.equation import equation
 from hapnet.records.record import (
     PLANES,
@@ -80,6 +80,12 @@ class RubbingProxy(Record):
 
     def __init__(self, compliance: FloatRows, position: Vector) -> None:
         super().__init__()
+        n = len(position)
+        self.worlds, self.away, self.wanted, self.yielded = ([0.0] * n for _ in range(4))
+        self.normals = [[0.0] * n for _ in range(PLANES)]
+        self.tractions = [[0.0] * n for _ in range(PLANES)]
+        self.before_tractions = [[0.0] * n for _ in range(PLANES)]
+        self.seen = no_planes(compliance, n)
         self.compliance = compliance
         self.give = max([added(map(abs, row)) for row in compliance])
         softest = compliance[0][0]

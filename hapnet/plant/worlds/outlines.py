@@ -8,6 +8,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.plant.worlds.field import FieldShape
+from hapnet.plant.worlds.hole import Hole
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_surface import Triangles
 from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, part
@@ -41,6 +42,8 @@ def outline(shape: Shape, around: Array, reach_m: float) -> Outline | None:
         return _sphere(shape)
     if isinstance(shape, Cuboid):
         return _cuboid(shape)
+    if isinstance(shape, Hole):
+        return shape.outline
     return _plane(shape, around, reach_m) if isinstance(shape, HalfSpace) else None
 
 

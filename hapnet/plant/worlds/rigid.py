@@ -21,6 +21,7 @@ from hapnet.loading import load
 from hapnet.plant.worlds.effects_words import EFFECTS_WORDS, effects_of
 from hapnet.plant.worlds.field import DistanceFunction, VoxelGrid
 from hapnet.plant.worlds.friction import Friction, FrictionTexture
+from hapnet.plant.worlds.hole import Hole
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_file import read_heights, read_mesh, require_file
 from hapnet.plant.worlds.mesh_parts import joined
@@ -116,7 +117,7 @@ def rigid(
 ) -> RigidScene:
     """The scene that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
     given = {"stiffness": stiffness, "damping": damping}
-    made = [_solids(part, given) for part in _parts(text)]
+    made = [solids_of(part, given) for part in parts_in(text)]
     solids, notes = [solid for found, _ in made for solid in found], [note for _, note in made]
     try:
         scene = RigidScene(text, dof, solids, step_min_s, step_max_s)
@@ -135,7 +136,7 @@ def builder(text: str) -> Callable[..., RigidScene] | None:
 
 def describes(text: str) -> bool:
     """Does the text describe a rigid scene?"""
-    return kind_of(_parts(text)[0])[0] in KINDS
+    return kind_of(parts_in(text)[0])[0] in KINDS
 
 
 def parts_of_words(scene: object) -> tuple[Part, ...]:
@@ -161,7 +162,7 @@ _MATERIAL = (
 )
 
 
-def _solids(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[str]]:
+def solids_of(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[str]]:
     """The solid and one for each layer below its surface, and what is to be said of it."""
     name, file, text = kind_of(spec)
     if name not in KINDS:
@@ -214,7 +215,8 @@ def _friction(properties: Properties) -> float | Friction:
     return FrictionTexture(mu, number, length)
 
 
-def _parts(text: str) -> list[str]:
+def parts_in(text: str) -> list[str]:
+    """The solids' texts."""
     return re.split(r"\s+\+\s+", text.strip())
 
 
@@ -247,6 +249,13 @@ def _plane(properties: Properties, file: str) -> HalfSpace:
     size = hypot(*normal) or 1.0
     at = properties.lengths("at", tuple([_FRONT_M * part / size for part in normal]))
     return HalfSpace(normal, added([n * x for n, x in zip(normal, at, strict=True)]) / size)
+
+
+def _hole(properties: Properties, file: str) -> Hole:
+    normal = properties.numbers("normal", (0.0, 0.0, -1.0))
+    size = hypot(*normal) or 1.0
+    at = properties.lengths("at", tuple([_FRONT_M * part / size for part in normal]))
+    return Hole(at, normal, properties.length("radius", 0.0052), properties.length("chamfer", 0.001))
 
 
 _SHARP = f"sharp={SHARP_DEG:g} (degrees between triangles that meet at an edge; 0: all do)"
@@ -331,6 +340,7 @@ KINDS: dict[str, Kind] = {
     "sdf": Kind(
         _sdf, f"(FILE) unit=mm and spacing=1mm, or iso=LEVEL of an image; at={_PLACE}; (module:function) at=X,Y,Z"
     ),
+    "hole": Kind(_hole, "radius=5.2mm, at=X,Y,Z (its mouth), normal=X,Y,Z (into it), chamfer=1mm"),
     "plane": Kind(_plane, "normal=X,Y,Z (into the solid), at=X,Y,Z (a point of it)"),
 }
 """The kinds of solids by name."""

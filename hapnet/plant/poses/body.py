@@ -1,0 +1,363 @@
+"""A step of a rigid body in the twelve coordinates of `hapnet.mechanics.pose`: exact in energy and in momentum.
+
+With the arms P_j, the mean velocity u of the point, the mean angular velocity w and the arms in the middle of the step,
+``Pm_j = (P_j(0) + P_j(1))/2``,
+
+    m (v1 - v0)/T = F,    (R1 I W1 - R0 I W0)/T = sum Pm_j x f_j,    w = R0 (W0 + W1)/2,    R1 = cay(T w) R0
+
+where W is the angular velocity in the body's axes, in which I is diagonal, and cay the Cayley transform, for which
+``P_j(1) - P_j(0) = T w x Pm_j`` holds exactly. As R1 w and R0 w are the same, w times the second equation is
+
+    (W1 . I W1 - W0 . I W0)/2 = T sum f_j . (w x Pm_j) = f . (x1 - x0)
+
+so a step makes and loses no energy whatever the force f (12,) is, and a free body keeps its angular momentum R I W
+(Simo, Wong, Int. J. Numer. Meth. Engng 31, 1991). A spring K and a damper B along the coordinates act at the middle:
+``f = push - K (xm - y) - B (x1 - x0)/T``. So do planes that touch points of the body: a point moves as the coordinates
+do, ``p = c + sum a_j P_j/l``, so a plane's law of its depth (`hapnet.plant.worlds.coupled`) is one of the coordinates.
+
+The point c is the centre of mass, and the arms lie along the principal axes. Newton's method finds u and w; a step in
+which it does not end is for the caller to halve.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Annotated
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose
+from hapnet.plant.worlds.coupled import eliminate
+from hapnet.plant.worlds.coupled import force as push_of
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Floats, Reals, Record
+
+MOST = 32
+"""The most planes in a step."""
+
+ROUNDS = 60
+"""Most rounds of a step; 3 to 5 are usual."""
+
+_NONE = 3e-16
+"""Changes below this share of the velocities are rounding."""
+
+_SLOW = 1e-6
+"""A velocity that is as good as none [m/s]."""
+
+_SMALL = 1e-9
+"""Changes below this share of the velocities shrink until rounding ends that: then the step is found."""
+
+
+class Touched(Record):
+    """Planes that points of the body touch.
+
+    places : a, the points in the body's axes [m]. normals : into the solid (3,), of any length. depths [m],
+    stiffnesses [N/m], dampings [Ns/m] : as in `hapnet.plant.worlds.coupled.Coupled`. drags : across the normals, of
+    friction [Ns/m]. pushes : along the normals, none above 0 [N]. speeds : of the points along them [m/s].
+    """
+
+    count: int
+    places: Annotated[FloatRows, (MOST, 3)]
+    normals: Annotated[FloatRows, (MOST, 3)]
+    depths: Annotated[Floats, (MOST,)]
+    stiffnesses: Annotated[Floats, (MOST,)]
+    dampings: Annotated[Floats, (MOST,)]
+    drags: Annotated[Floats, (MOST,)]
+    pushes: Annotated[Floats, (MOST,)]
+    speeds: Annotated[Floats, (MOST,)]
+
+
+class RigidBody(Record):
+    """A rigid body: its state, and what a step finds.
+
+    mass : m [kg]. inertia : I about the arms' axes [kg m^2]. arm_m : l. x : the coordinates [m].
+    velocity : of the point [m/s]. spin : W, in the body's axes [rad/s].
+
+    Attributes
+    ----------
+    v : velocity of the coordinates at x [m/s]. mean : their mean velocity in the last step [m/s].
+    middle : of the coordinates in it [m]. w : the mean angular velocity [rad/s]. rounds : of the last step.
+    """
+
+    mass: float
+    inertia: Of3
+    arm_m: float
+    x: OfPose
+    velocity: Of3
+    spin: Of3
+    v: OfPose
+    mean: OfPose
+    middle: OfPose
+    w: Of3
+    rounds: int
+    ends: OfPose
+    spun: Of3
+    begun: Of3
+    ended: Of3
+    rows: Annotated[FloatRows, (DOF, DOF + 1)]
+
+    def __init__(self, mass: float, inertia: Vector, x: Vector = (0.0,) * AXES, arm_m: float = ARM_M) -> None:
+        super().__init__()
+        self.mass = checks.positive("mass", mass)
+        self.inertia = [checks.positive("inertia", moment) for moment in checks.vector("inertia", inertia, 3)]
+        self.arm_m = checks.positive("arm_m", arm_m)
+        self.x, self.middle = list(checks.vector("position", x, AXES)), list(x)
+
+    @property
+    def kinetic(self) -> float:
+        """[J]"""
+        return kinetic(self)
+
+    @property
+    def momentum(self) -> Vector:
+        """Angular momentum about the point, in the world's axes [kg m^2/s]."""
+        out = [0.0] * 3
+        momentum(self, self.x, self.spin, out)
+        return tuple(out)
+
+
+@equation
+def kinetic(body: RigidBody) -> float:
+    """Kinetic energy [J]."""
+    twice = 0.0
+    for i in range(3):
+        twice += body.mass * body.velocity[i] * body.velocity[i] + body.inertia[i] * body.spin[i] * body.spin[i]
+    return 0.5 * twice
+
+
+@equation
+def arm(x: Reals, length: float, j: int) -> tuple[float, float, float]:
+    """The arm P_j at x [m]."""
+    i = 3 + 3 * j
+    return (
+        x[i] + (length if j == 0 else 0.0),
+        x[i + 1] + (length if j == 1 else 0.0),
+        x[i + 2] + (length if j == 2 else 0.0),
+    )
+
+
+@equation
+def momentum(body: RigidBody, x: Reals, spin: Reals, out: Floats) -> None:
+    """R I W."""
+    out[0] = out[1] = out[2] = 0.0
+    for j in range(3):
+        share = body.inertia[j] * spin[j] / body.arm_m
+        a, b, c = arm(x, body.arm_m, j)
+        out[0] = out[0] + share * a
+        out[1] = out[1] + share * b
+        out[2] = out[2] + share * c
+
+
+@equation
+def settle(body: RigidBody) -> None:
+    """`v` at the state."""
+    angular(body, body.spin, body.begun)
+    moving(body, body.x, body.velocity, body.begun, body.v)
+
+
+@equation
+def angular(body: RigidBody, spin: Reals, out: Floats) -> None:
+    """The angular velocity in the world's axes."""
+    out[0] = out[1] = out[2] = 0.0
+    for j in range(3):
+        share = spin[j] / body.arm_m
+        a, b, c = arm(body.x, body.arm_m, j)
+        out[0] = out[0] + share * a
+        out[1] = out[1] + share * b
+        out[2] = out[2] + share * c
+
+
+@equation
+def moving(body: RigidBody, x: Reals, u: Reals, w: Reals, out: Floats) -> None:
+    """The coordinates' velocity at x, with the velocity u of the point and the angular velocity w."""
+    for i in range(3):
+        out[i] = u[i]
+    for j in range(3):
+        a, b, c = arm(x, body.arm_m, j)
+        i = 3 + 3 * j
+        out[i] = w[1] * c - w[2] * b
+        out[i + 1] = w[2] * a - w[0] * c
+        out[i + 2] = w[0] * b - w[1] * a
+
+
+@equation
+def turn(body: RigidBody, dt: float, w: Reals) -> None:
+    """The arms in the middle of a step of `dt` with the mean angular velocity w into `middle`, at its end into `ends`:
+    ``Pm = (I - S(a))^-1 P = (P + a x P + a (a . P))/(1 + |a|^2)``, a = T w/2.
+    """
+    a0, a1, a2 = 0.5 * dt * w[0], 0.5 * dt * w[1], 0.5 * dt * w[2]
+    share = 1.0 / (1.0 + a0 * a0 + a1 * a1 + a2 * a2)
+    middle, ends, x, length = body.middle, body.ends, body.x, body.arm_m
+    for j in range(3):
+        p, q, r = arm(x, length, j)
+        along = a0 * p + a1 * q + a2 * r
+        i = 3 + 3 * j
+        # Pm - P, so that a body which does not turn stays where it is to the bit
+        d0 = share * ((a1 * r - a2 * q) + a0 * along - (a0 * a0 + a1 * a1 + a2 * a2) * p)
+        d1 = share * ((a2 * p - a0 * r) + a1 * along - (a0 * a0 + a1 * a1 + a2 * a2) * q)
+        d2 = share * ((a0 * q - a1 * p) + a2 * along - (a0 * a0 + a1 * a1 + a2 * a2) * r)
+        middle[i], middle[i + 1], middle[i + 2] = x[i] + d0, x[i + 1] + d1, x[i + 2] + d2
+        ends[i], ends[i + 1], ends[i + 2] = x[i] + 2.0 * d0, x[i + 1] + 2.0 * d1, x[i + 2] + 2.0 * d2
+
+
+@equation
+def place(body: RigidBody, a: Reals) -> tuple[float, float, float]:
+    """From the point c to the place `a` in the body's axes [m], in the middle of the step."""
+    x, y, z = 0.0, 0.0, 0.0
+    for j in range(3):
+        p, q, r = arm(body.middle, body.arm_m, j)
+        share = a[j] / body.arm_m
+        x, y, z = x + share * p, y + share * q, z + share * r
+    return x, y, z
+
+
+@equation
+def step(body: RigidBody, dt: float, push: Reals, stiffness: float, damping: float, y: Reals, planes: Touched) -> bool:
+    """Move the body by a step of `dt` [s]; false: it was not found, and the body is where it was.
+
+    push : constant force (12,) [N]. stiffness, damping, y : K [N/m], B [Ns/m] and set-position (12,) [m] of the spring.
+    """
+    u, w, rows = body.mean, body.w, body.rows
+    momentum(body, body.x, body.spin, body.begun)
+    angular(body, body.spin, w)
+    for i in range(3):
+        u[i] = body.velocity[i]
+    before, body.rounds = inf, 0
+    for _ in range(ROUNDS):
+        body.rounds += 1
+        turn(body, dt, w)
+        _balance(body, dt, push, stiffness, damping, y, planes)
+        eliminate(DOF, 1, rows)
+        change = size = 0.0
+        for i in range(3):
+            du, dw = rows[i][DOF] / rows[i][i], rows[3 + i][DOF] / rows[3 + i][3 + i]
+            u[i], w[i] = u[i] + du, w[i] + dw
+            change += du * du + body.arm_m * body.arm_m * dw * dw
+            size += u[i] * u[i] + body.arm_m * body.arm_m * w[i] * w[i]
+        if change <= _NONE * _NONE * size or (change >= before and change <= _SMALL * _SMALL * (size + _SLOW * _SLOW)):
+            _arrive(body, dt)
+            return True
+        before = change
+    return False
+
+
+@equation
+def _balance(
+    body: RigidBody, dt: float, push: Reals, stiffness: float, damping: float, y: Reals, planes: Touched
+) -> None:
+    """What is missing in the equations of u and w, and how it changes with both, for `eliminate`."""
+    x, u, w, rows, middle, reach = body.x, body.mean, body.w, body.rows, body.middle, body.arm_m
+    gain, half = 2.0 / dt, 0.5 * dt
+    for i in range(DOF):
+        for j in range(DOF + 1):
+            rows[i][j] = 0.0
+    for i in range(3):
+        rows[i][i] = gain * body.mass + damping + half * stiffness
+        pulled = stiffness * (y[i] - x[i] - half * u[i]) - damping * u[i]
+        rows[i][DOF] = gain * body.mass * (body.velocity[i] - u[i]) + push[i] + pulled
+    # R1 I W1, and R1 I R0' as its derivative by W1
+    for j in range(3):
+        p, q, r = arm(x, reach, j)
+        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / reach - body.spin[j]
+    body.ended[0] = body.ended[1] = body.ended[2] = 0.0
+    for j in range(3):
+        start, end, share = arm(x, reach, j), arm(body.ends, reach, j), body.inertia[j] / (reach * reach)
+        for i in range(3):
+            body.ended[i] = body.ended[i] + share * reach * body.spun[j] * end[i]
+            for k in range(3):
+                rows[3 + i][3 + k] = rows[3 + i][3 + k] + gain * share * end[i] * start[k]
+    for i in range(3):
+        rows[3 + i][DOF] = (body.begun[i] - body.ended[i]) / dt
+    _add_cross(rows, body.ended, -1.0)
+    # spring, damper and push on the arms: the torque sum Pm x f
+    for j in range(3):
+        rod, i = arm(middle, reach, j), 3 + 3 * j
+        f = (
+            push[i] + stiffness * (y[i] + (reach if j == 0 else 0.0)),
+            push[i + 1] + stiffness * (y[i + 1] + (reach if j == 1 else 0.0)),
+            push[i + 2] + stiffness * (y[i + 2] + (reach if j == 2 else 0.0)),
+        )
+        square = rod[0] * rod[0] + rod[1] * rod[1] + rod[2] * rod[2]
+        across = rod[0] * w[0] + rod[1] * w[1] + rod[2] * w[2]
+        along = half * (rod[0] * f[0] + rod[1] * f[1] + rod[2] * f[2]) + damping * square
+        torque = _cross(rod, f)
+        for k in range(3):
+            rows[3 + k][DOF] = rows[3 + k][DOF] + torque[k] - damping * (square * w[k] - across * rod[k])
+            rows[3 + k][3 + k] = rows[3 + k][3 + k] + along
+            for m in range(3):
+                rows[3 + k][3 + m] = rows[3 + k][3 + m] - rod[k] * (half * f[m] + damping * rod[m])
+    for k in range(planes.count):
+        _touch(body, planes, k, dt)
+
+
+@equation
+def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
+    """The part of a plane in `_balance`."""
+    rows, u, w, n = body.rows, body.mean, body.w, planes.normals[k]
+    r, half = place(body, planes.places[k]), 0.5 * dt
+    turned, moved = _cross(r, n), _cross(w, r)
+    speed = 0.0
+    for i in range(3):
+        speed += n[i] * (u[i] + moved[i])
+    f, rate = push_of(planes.stiffnesses[k], planes.dampings[k], planes.depths[k], speed, dt)
+    planes.pushes[k], planes.speeds[k], drag = f, speed, planes.drags[k]
+    square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
+    rate -= drag / square
+    force = (
+        f * n[0] - drag * (u[0] + moved[0] - speed * n[0] / square),
+        f * n[1] - drag * (u[1] + moved[1] - speed * n[1] / square),
+        f * n[2] - drag * (u[2] + moved[2] - speed * n[2] / square),
+    )
+    torque = _cross(r, force)
+    along = r[0] * force[0] + r[1] * force[1] + r[2] * force[2]
+    size = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    for i in range(3):
+        rows[i][DOF] = rows[i][DOF] + force[i]
+        rows[3 + i][DOF] = rows[3 + i][DOF] + torque[i]
+        rows[i][i] = rows[i][i] + drag
+        rows[3 + i][3 + i] = rows[3 + i][3 + i] + drag * size + half * along
+        for j in range(3):
+            rows[i][j] = rows[i][j] + rate * n[i] * n[j]
+            rows[i][3 + j] = rows[i][3 + j] + rate * n[i] * turned[j]
+            rows[3 + i][j] = rows[3 + i][j] + rate * turned[i] * n[j]
+            rows[3 + i][3 + j] = (
+                rows[3 + i][3 + j] + rate * turned[i] * turned[j] - r[i] * (drag * r[j] + half * force[j])
+            )
+    for i in range(3):  # the drag's cross terms
+        j, m = (i + 1) % 3, (i + 2) % 3
+        rows[i][3 + j] = rows[i][3 + j] + drag * r[m]
+        rows[i][3 + m] = rows[i][3 + m] - drag * r[j]
+        rows[3 + i][j] = rows[3 + i][j] - drag * r[m]
+        rows[3 + i][m] = rows[3 + i][m] + drag * r[j]
+
+
+@equation
+def _arrive(body: RigidBody, dt: float) -> None:
+    """The state at the step's end."""
+    x, u, w, reach = body.x, body.mean, body.w, body.arm_m
+    turn(body, dt, w)
+    for j in range(3):
+        p, q, r = arm(x, reach, j)
+        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / reach - body.spin[j]
+    for i in range(3):
+        body.middle[i] = x[i] + 0.5 * dt * u[i]
+        x[i] = x[i] + dt * u[i]
+        body.velocity[i] = 2.0 * u[i] - body.velocity[i]
+        body.spin[i] = body.spun[i]
+    for i in range(9):
+        x[3 + i] = body.ends[3 + i]
+    moving(body, body.middle, u, w, body.mean)
+    settle(body)
+
+
+@equation
+def _cross(a: Reals, b: Reals) -> tuple[float, float, float]:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@equation
+def _add_cross(rows: FloatRows, a: Reals, sign: float) -> None:
+    """Add S(a), with ``S(a) w = a x w``, to the part of the rows that belongs to w."""
+    rows[3][4], rows[3][5] = rows[3][4] - sign * a[2], rows[3][5] + sign * a[1]
+    rows[4][3], rows[4][5] = rows[4][3] + sign * a[2], rows[4][5] - sign * a[0]
+    rows[5][3], rows[5][4] = rows[5][3] - sign * a[1], rows[5][4] + sign * a[0]

@@ -1,0 +1,261 @@
+"""Contact of a rigid tool with rigid solids: the secant planes of `rigid_contacts`, one for each point that touches.
+
+A point p of the tool is linear in the pose's coordinates, so its plane is a plane there too, and the anchored energy of
+`hapnet.plant.worlds.rigid_contacts` holds as it stands: at an onset the depths are set to the true ones, whose energy
+the planes' energy and a small reservoir E_c must pay for, else all are scaled; what dampers and friction dissipate
+refills E_c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+from math import hypot, sqrt
+
+import numpy as np
+
+from hapnet.checks import MOST_PLANES, Vector
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Inverse, Surroundings
+from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.pose import AXES
+from hapnet.plant.poses.body import MOST, RigidBody, Touched, step
+from hapnet.plant.poses.tool import Tool
+from hapnet.plant.worlds.friction import coefficient, tangential
+from hapnet.plant.worlds.mesh_contact import secants_of
+from hapnet.plant.worlds.rigid_contacts import Solid
+from hapnet.plant.worlds.rigid_step import ANCHOR_CEILING_J
+from hapnet.plant.worlds.secant import GOOD_MPS, Secant, end_J, onset_J
+from hapnet.plant.worlds.shapes import triple
+from hapnet.records.record import zero
+from hapnet.records.vectors import added, dot
+
+CORRECTIONS = 4
+"""The most rounds in which secants are corrected; 1 is usual."""
+
+
+class State:
+    """Where a body is, so that it can begin again."""
+
+    def __init__(self, body: RigidBody) -> None:
+        self.v = list(body.v)
+        self._rest = list(body.x), list(body.velocity), list(body.spin)
+
+    def restore(self, body: RigidBody) -> None:
+        body.x[:], body.velocity[:], body.spin[:] = self._rest
+        body.v[:] = self.v
+
+
+class ToolContacts(Surroundings):
+    """The surroundings of a tool; they keep the state of one contact, so they belong to one tool.
+
+    tool, solids : what touches what. arm_m : the length of the pose's arms [m].
+    """
+
+    dof: int = AXES
+
+    def __init__(self, tool: Tool, solids: Sequence[Solid], arm_m: float) -> None:
+        self.tool, self.solids, self.arm_m = tool, tuple(solids), arm_m
+        self._planes: Touched = zero(Touched)
+        self._secants: list[tuple[Vector, Secant]] = [
+            (point, secant)
+            for point in tool.points
+            for solid in self.solids
+            for secant in chain(secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction))
+        ]
+        self._rubs = any(solid.friction for solid in self.solids)
+        self.energy_J: float = 0.0
+        """e + E_c after the last step."""
+        self.scale: float = 1.0
+        """s of the last onset; 1: its depths were the true ones."""
+        self.at: Vector = (0.0,) * AXES
+        """The tool's pose after the last step (12,) [m]."""
+
+    def place_of(self, x: Sequence[float], point: Vector) -> Vector:
+        """Where a point of the tool is, in the pose x (12,) [m]."""
+        return place(x, point, self.arm_m)
+
+    def require_outside(self, position: Sequence[float]) -> None:
+        for point, secant in self._secants:
+            distance = secant.shape.near(self.place_of(position, point)).distance_m
+            if distance < 0.0:
+                allowed = f"a pose in which no point of the tool is inside (one is {-distance:.3g} m deep)"
+                raise InvalidParameter("start", tuple(position), allowed)
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Sequence[float], list[float]]:
+        raise NotImplementedError("a tool is moved by its own mass")
+
+    def stored_J(self, position: Sequence[float]) -> float:
+        """Energy in the planes' springs and in the reservoir after the last step, wherever that ended."""
+        return self.energy_J
+
+    def penetration(self, position: Sequence[float]) -> float:
+        found = 0.0
+        for point, secant in self._secants:
+            x = self.place_of(position, point)
+            if not secant.farther_than(0.0, x):
+                found = max(found, -secant.near(x).distance_m)
+        return found
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
+        """The deepest planes, in the pose's coordinates: as they act on a body that stays rigid.
+
+        A plane with the normal n that touches at r from the pose's point has there the gradient ``(n, a_j n/l)``. Only
+        its part along rigid motions does work: ``(n, (r x n) x P_j/(2 l^2))``.
+        """
+        found = []
+        for point, secant in self._secants:
+            x = self.place_of(position, point)
+            if secant.farther_than(reach_m, x):
+                continue
+            distance, gradient = secant.near(x)
+            if distance <= reach_m and (size := hypot(*gradient)):
+                found.append((distance / size, point, tuple([-part / size for part in gradient]), secant))
+        found.sort(key=lambda one: one[0])
+        return tuple([self._plane(position, *one) for one in found[:MOST_PLANES]])
+
+    def _plane(self, x: Sequence[float], distance: float, point: Vector, n: Vector, secant: Secant) -> Plane:
+        arm_m = self.arm_m
+        arms = arm_m * np.eye(3) + np.reshape(np.asarray(x[3:], dtype=float), (3, 3))
+        r = np.asarray(point) @ arms / arm_m
+        N = np.concatenate([n, (np.cross(np.cross(r, n), arms) / (2.0 * arm_m * arm_m)).ravel()])
+        size = float(np.linalg.norm(N))
+        unit = tuple((N / size).tolist())
+        offset = dot(AXES, unit, x) + distance / size
+        return Plane(unit, offset, secant.stiffness * size * size, secant.damping * size * size)
+
+    # -- a step -------------------------------------------------------------------------------------------------------
+
+    def move(
+        self, body: RigidBody, dt: float, stiffness: float, damping: float, ybar: Vector
+    ) -> tuple[Vector, float] | None:
+        """Move the body by a step of `dt` [s] on its coupling, among the solids.
+
+        Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: the step was not found, and
+        nothing has changed.
+        """
+        state, planes = State(body), self._planes
+        start = [(point, secant, self.place_of(body.x, point)) for point, secant in self._secants]
+        planes.count = 0
+        if not step(body, dt, _STILL, stiffness, damping, ybar, planes):
+            return None
+        met: list[tuple[Vector, Secant, Vector]] = []
+        energy = self.energy_J
+        if not self._meet(body, start, met):
+            self.energy_J = min(energy, ANCHOR_CEILING_J)
+            return _STILL, 0.0
+        self._anchor(met)
+        for _ in range(1 + CORRECTIONS):
+            if not self._step(body, state, dt, stiffness, damping, ybar, met):
+                state.restore(body)
+                return None
+            wrong = False
+            for point, secant, x in met:
+                end = self.place_of(body.x, point)
+                wrong = secant.correct(x, _minus(end, x), end, dt * GOOD_MPS) or wrong
+            before = len(met)
+            if self._meet(body, start, met) and len(met) > before:
+                wrong = True
+            if not wrong:
+                break
+        force, work, held = [0.0] * AXES, 0.0, 0.0
+        for k, (point, secant, x) in enumerate(met):
+            delta = _minus(self.place_of(body.x, point), x)
+            held += end_J(secant, delta)
+            pushed = self._force(k, delta, dt)
+            work += dot(3, pushed, delta)
+            for i in range(3):
+                force[i] += pushed[i]
+                for j in range(3):
+                    force[3 + 3 * j + i] += point[j] / self.arm_m * pushed[i]
+        self.energy_J = min(max(held, self.energy_J - work), held + ANCHOR_CEILING_J)
+        return tuple(force), work
+
+    def _meet(
+        self, body: RigidBody, start: list[tuple[Vector, Secant, Vector]], met: list[tuple[Vector, Secant, Vector]]
+    ) -> bool:
+        """Which planes does the displacement meet that were not met yet? Is there any?"""
+        known = {id(secant) for _, secant, _ in met}
+        for point, secant, x in start:
+            if id(secant) in known or len(met) == MOST:
+                continue
+            delta = _minus(self.place_of(body.x, point), x)
+            if secant.meets(x, delta, hypot(*delta)):
+                met.append((point, secant, x))
+        return bool(met)
+
+    def _anchor(self, met: list[tuple[Vector, Secant, Vector]]) -> None:
+        """Scale the depths down if the energy for them is not there."""
+        true_J = added(onset_J(secant) for _, secant, _ in met)
+        self.scale = 1.0
+        if true_J > self.energy_J:
+            self.scale = sqrt(self.energy_J / true_J)
+            for _, secant, _ in met:
+                if secant.depth > 0.0:
+                    secant.depth *= self.scale
+
+    def _step(
+        self, body: RigidBody, state: State, dt: float, K: float, B: float, ybar: Vector,
+        met: list[tuple[Vector, Secant, Vector]],
+    ) -> bool:  # fmt: skip
+        """The step against these planes, first without friction, then with it."""
+        planes = self._planes
+        planes.count = len(met)
+        for k, (point, secant, _) in enumerate(met):
+            planes.places[k][:], planes.normals[k][:] = point, secant.normal
+            planes.depths[k], planes.stiffnesses[k] = secant.depth, secant.stiffness
+            planes.dampings[k], planes.drags[k] = secant.damping, 0.0
+        state.restore(body)
+        if not step(body, dt, _STILL, K, B, ybar, planes):
+            return False
+        if not self._rubs:
+            return True
+        resistance = 2.0 * body.mass / dt + B + 0.5 * K * dt
+        rubs = False
+        for k, (point, secant, x) in enumerate(met):
+            if planes.pushes[k] == 0.0 or not secant.friction > 0.0:
+                continue
+            normal = triple(planes.normals[k])
+            moved = _minus(self.place_of(body.x, point), x)
+            across = tangential((moved[0] / dt, moved[1] / dt, moved[2] / dt), normal)
+            begun = tangential(place(state.v, point, self.arm_m, home=False), normal)
+            size = hypot(*normal)
+            lever = hypot(*point) / self.arm_m
+            grip = -secant.friction * planes.pushes[k] * size
+            planes.drags[k] = coefficient(grip, hypot(*across), resistance / (1.0 + 0.5 * lever * lever), begun)
+            rubs = rubs or planes.drags[k] > 0.0
+        if not rubs:
+            return True
+        state.restore(body)
+        return step(body, dt, _STILL, K, B, ybar, planes)
+
+    def _force(self, k: int, delta: Vector, dt: float) -> Vector:
+        """What a plane did to its point in the step: push along the normal, and drag across [N]."""
+        planes = self._planes
+        n, drag = triple(planes.normals[k]), planes.drags[k]
+        across = tangential(delta, n) if drag else _STILL
+        return (
+            planes.pushes[k] * n[0] - drag * across[0] / dt,
+            planes.pushes[k] * n[1] - drag * across[1] / dt,
+            planes.pushes[k] * n[2] - drag * across[2] / dt,
+        )
+
+
+_STILL: Vector = (0.0,) * AXES
+
+
+def place(x: Sequence[float], point: Sequence[float], arm_m: float, *, home: bool = True) -> Vector:
+    """``c + sum a_j P_j/l`` of a place `point` in the body's axes [m]; `home` off: of velocities x."""
+    a, b, c = (part / arm_m for part in point)
+    p, q, r = point if home else (0.0, 0.0, 0.0)
+    return (
+        x[0] + p + a * x[3] + b * x[6] + c * x[9],
+        x[1] + q + a * x[4] + b * x[7] + c * x[10],
+        x[2] + r + a * x[5] + b * x[8] + c * x[11],
+    )
+
+
+def _minus(one: Vector, other: Vector) -> Vector:
+    return (one[0] - other[0], one[1] - other[1], one[2] - other[2])

@@ -1,0 +1,156 @@
+"""A handle of six degrees of freedom in a simulated hand: a device of the twelve coordinates of a pose."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from numpy.typing import ArrayLike
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.pose import ARM_M, AXES, OfPose
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Operator
+from hapnet.plant.poses import body as bodies
+from hapnet.plant.poses.body import RigidBody, Touched, kinetic, settle
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Reals, Record, zero
+
+
+class Handle(Record):
+    """A handle and the hand that holds it.
+
+    period, h : of a tick, and of a step [s]; steps : their number in a tick. own_damping : b [Ns/m].
+    hand_share : of the hand's mass in the body's. hand_stiffness [N/m], hand_damping [Ns/m] : K_h, B_h.
+
+    Attributes
+    ----------
+    held : the force that is held (12,) [N]. hand_force : mean in the last step (12,) [N], without that of its mass.
+    unsettled : steps that were not found, in which the handle rested where it was.
+    """
+
+    body: RigidBody
+    steps: int
+    period: float
+    h: float
+    own_damping: float
+    hand_share: float
+    hand_stiffness: float
+    hand_damping: float
+    held: OfPose
+    hand_force: OfPose
+    unsettled: int
+    aim: OfPose
+    push: OfPose
+    begun: OfPose
+    free: Touched
+
+
+@equation
+def tick(handle: Handle, path: Annotated[FloatRows, (2, AXES)]) -> float:
+    """One tick, while the hand's reference goes from path[0] to path[1] [m]. Returns the hand's work [J]."""
+    body, h, K, B, work = handle.body, handle.h, handle.hand_stiffness, handle.hand_damping, 0.0
+    for done in range(handle.steps):
+        share = (done + 0.5) / handle.steps
+        for i in range(AXES):
+            rate = (path[1][i] - path[0][i]) / handle.period
+            handle.aim[i] = path[0][i] + share * (path[1][i] - path[0][i])
+            handle.push[i] = handle.held[i] + B * rate
+            handle.begun[i] = body.x[i]
+        before = kinetic(body)
+        if not bodies.step(body, h, handle.push, K, B + handle.own_damping, handle.aim, handle.free):
+            handle.unsettled += 1
+            _rest(body)
+        for i in range(AXES):
+            moved = body.x[i] - handle.begun[i]
+            pull = handle.push[i] - handle.held[i] + K * (handle.aim[i] - body.middle[i]) - B * body.mean[i]
+            handle.hand_force[i] = pull
+            work += pull * moved
+        work -= handle.hand_share * (kinetic(body) - before)
+    return work
+
+
+@equation
+def _rest(body: RigidBody) -> None:
+    """The body stops where it is: a step that cannot be found costs its motion, which never makes energy."""
+    for i in range(3):
+        body.velocity[i] = body.spin[i] = 0.0
+    for i in range(AXES):
+        body.mean[i], body.middle[i] = 0.0, body.x[i]
+    settle(body)
+
+
+class SimulatedHandle(SimulatedDevice):
+    """A handle that a simulated hand holds; it begins at rest at the hand's reference.
+
+    Along all twelve coordinates it has the same mass and own damping, so its inertia is ``2 m l^2`` about every axis,
+    and so is the hand's. The force of a tick is held along the coordinates: its torque turns with the handle.
+
+    arm_m : the length of the pose's arms [m]. The other parameters are those of `SimulatedDevice`.
+
+    Raises InvalidParameter: a value is not allowed.
+    """
+
+    def __init__(
+        self,
+        operator: Operator,
+        *,
+        mass: float = 0.045,
+        damping: float = 0.3,
+        period: float = 1e-3,
+        substeps: int = 4,
+        resolution: float = 0.0,
+        force_limit: float | None = None,
+        arm_m: float = ARM_M,
+    ) -> None:
+        super().__init__(
+            operator, mass=mass, damping=damping, period=period, substeps=substeps, resolution=resolution,
+            force_limit=force_limit,
+        )  # fmt: skip
+        if self.dof != AXES:
+            raise InvalidParameter("operator", f"{self.dof} axes", f"a hand that gives poses, of {AXES} coordinates")
+        self.arm_m = checks.positive("arm_m", arm_m)
+        hand = operator.impedance
+        whole = mass + hand.mass
+        self.handle = made = zero(Handle)
+        made.body = RigidBody(whole, (2.0 * whole * arm_m * arm_m,) * 3, self.position, arm_m)
+        settle(made.body)
+        made.steps, made.period, made.h = substeps, period, period / substeps
+        made.own_damping, made.hand_share = damping, hand.mass / whole
+        made.hand_stiffness, made.hand_damping = hand.stiffness, hand.damping
+
+    @property
+    def kinetic(self) -> float:
+        return (1.0 - self.handle.hand_share) * self.handle.body.kinetic
+
+    def place(self, position: Vector) -> None:
+        super().place(position)
+        self.handle.body.x[:] = position
+        settle(self.handle.body)
+
+    def apply(self, force: Vector) -> Vector:
+        held = super().apply(force)
+        self.handle.held[:] = held
+        return held
+
+    def couple(
+        self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
+    ) -> None:
+        """Refused: a handle's force is held from tick to tick."""
+        raise InvalidParameter("device.servo", "continuous", "sampled with a pose")
+
+    def advance(self) -> float:
+        handle, state = self.handle, self.state
+        self.ticks += 1
+        self.time = self.ticks * self.period
+        begin, end = self.references[-1], self.operator.reference(self.time)
+        self.references = [end]
+        work = self._tick(begin, end)
+        state.position[:], state.velocity[:] = handle.body.x, handle.body.v
+        state.hand_force[:], state.actuator_force[:] = handle.hand_force, handle.held
+        self.position = tuple(state.position)
+        return work
+
+    def _tick(self, begin: Reals, end: Reals) -> float:
+        return tick(self.handle, [list(begin), list(end)])

@@ -1,0 +1,101 @@
+"""The virtual mass of a pose: a rigid tool on the virtual coupling, for `hapnet.mechanics.contacts.Mass`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.plant.poses.body import RigidBody, settle
+from hapnet.plant.poses.contacts import ToolContacts
+from hapnet.records.vectors import inner
+
+HALVINGS = 12
+"""A step is cut in half at most so often: then it turns by less than Newton's method asks for."""
+
+
+class ToolMass(Mass):
+    """A tool among its solids, moved by the step of `hapnet.plant.poses.body`, which obeys (13) for any length.
+
+    mass [kg], damping B' [Ns/m], stiffness K' [N/m] : numbers, the same along all coordinates.
+    position : the pose (12,) [m] in which it starts at rest.
+
+    Raises InvalidParameter: a value is not allowed.
+    """
+
+    def __init__(
+        self, contacts: ToolContacts, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike, position: Vector
+    ) -> None:
+        self.contacts = contacts
+        self.K, self.B = _number("stiffness", stiffness), _number("damping", damping)
+        m, tool, arm_m = _number("mass", mass), contacts.tool, contacts.arm_m
+        a, b, c = (length * length for length in tool.size)
+        least = 2.0 * m * arm_m * arm_m
+        inertia = tool.inertia or tuple([max(least, m / 12.0 * moment) for moment in (b + c, a + c, a + b)])
+        self.body = RigidBody(m, inertia, position, arm_m)
+        settle(self.body)
+
+    @property
+    def position(self) -> Vector:
+        return tuple(self.body.x)
+
+    @property
+    def velocity(self) -> Vector:
+        return tuple(self.body.v)
+
+    @property
+    def kinetic_J(self) -> float:
+        return self.body.kinetic
+
+    def adopt(self, contacts: Surroundings) -> None:
+        contacts.require_outside(self.position)
+
+    def place(self, position: Vector) -> None:
+        self.contacts.require_outside(position)
+        self.body = RigidBody(self.body.mass, tuple(self.body.inertia), position, self.body.arm_m)
+        settle(self.body)
+
+    def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
+        begun = self.position
+        force, work, lost, pull = self._advance(dt, set_position, HALVINGS)
+        moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
+        velocity = tuple([part / dt for part in moved])
+        if (square := inner(moved, moved)) > 0.0:  # of a step that was cut: the mean force that does the same work
+            more = (work - inner(force, moved)) / square
+            force = tuple([part + more * along for part, along in zip(force, moved, strict=True)])
+        self.contacts.at = end = self.position
+        return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
+        """Refused where the coupling is chosen: such a law has no spring here."""
+        raise NotImplementedError("a tool moves on a spring of its own")
+
+    def _advance(self, dt: float, ybar: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
+        """Force of the solids (12,) [N] and its work [J], what the damper dissipated [J], and the coupling's force."""
+        body, K, B = self.body, self.K, self.B
+        found = self.contacts.move(body, dt, K, B, ybar)
+        if found is None:
+            if not halvings:
+                raise HapnetError(f"a step of {dt:g} s of the tool was not found")
+            first = self._advance(0.5 * dt, ybar, halvings - 1)
+            second = self._advance(0.5 * dt, ybar, halvings - 1)
+            f, pull = (
+                tuple([0.5 * (a + b) for a, b in zip(first[k], second[k], strict=True)])  # type: ignore[arg-type]
+                for k in (0, 3)
+            )
+            return f, first[1] + second[1], first[2] + second[2], pull
+        mean, middle = body.mean, body.middle
+        pull = tuple([-B * v - K * (x - y) for v, x, y in zip(mean, middle, ybar, strict=True)])
+        return found[0], found[1], dt * B * inner(mean, mean), pull
+
+
+def _number(name: str, value: ArrayLike) -> float:
+    given = np.asarray(value, dtype=float)
+    if given.ndim != 0:
+        raise InvalidParameter(name, value, "one number with a pose: all its coordinates have the same")
+    number = float(given)
+    if not 0.0 < number < float("inf"):
+        raise InvalidParameter(name, value, "a positive number")
+    return number

@@ -1,0 +1,43 @@
+"""The picture of a world with a rigid tool."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.mechanics.pose import pose
+from hapnet.plant.poses.contacts import ToolContacts
+from hapnet.plant.worlds.outlines import cuboid
+from hapnet.plant.worlds.picture import Color, Part, Touch, part, shared
+from hapnet.plant.worlds.solids_picture import parts_of, touched
+
+TOOL: Color = (37, 99, 235, 230)
+
+
+class ToolPicture:
+    """The solids at rest, and the tool where the last step left it."""
+
+    def __init__(self, contacts: ToolContacts) -> None:
+        self._contacts = contacts
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        return (part(*cuboid(self._contacts.tool.size), TOOL, 0), *parts_of(self._contacts.solids))
+
+    def poses(self) -> Array:
+        place, quaternion = pose(self._contacts.at, self._contacts.arm_m)
+        return np.array([[*place, *quaternion]])
+
+    def soft(self) -> Array:
+        """None."""
+        return np.zeros((0, 3))
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        """Where points of the tool are inside solids."""
+        if not any(force) or len(position) != self._contacts.dof:
+            return []
+        points = [self._contacts.place_of(position, point) for point in self._contacts.tool.points]
+        found = [touched(solid, point) for solid in self._contacts.solids for point in points]
+        return shared(tuple(force[:3]), [one for one in found if one is not None])

@@ -1,0 +1,134 @@
+"""Worlds of a rigid tool with six degrees of freedom, from text: ``tool:peg?radius=5mm + hole?radius=5.2mm``.
+
+The first part is the tool and its size, the others are solids, in the words of `hapnet.plant.worlds.rigid`. A tool
+alone is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from itertools import chain
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.pose import ARM_M, AXES, DOF
+from hapnet.plant.poses.contacts import ToolContacts
+from hapnet.plant.poses.mass import ToolMass
+from hapnet.plant.poses.picture import ToolPicture
+from hapnet.plant.poses.tool import Tool, box, peg, stick
+from hapnet.plant.worlds.properties import Properties, kind_of
+from hapnet.plant.worlds.protocol import WorldDefaults
+from hapnet.plant.worlds.rigid import parts_in, solids_of
+from hapnet.plant.worlds.rigid_contacts import Solid
+from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
+from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
+
+KIND = "tool"
+
+TOOLS: dict[str, tuple[Callable[[Properties], Tool], str]] = {
+    "box": (lambda given: box(given.lengths("size", (0.04, 0.03, 0.02))), "size=40mm,30mm,20mm"),
+    "peg": (lambda given: peg(given.length("radius", 0.005), given.length("length", 0.03)), "radius=5mm, length=30mm"),
+    "stick": (lambda given: stick(given.length("length", 0.08)), "length=80mm"),
+}
+"""The tools by name: how each is made, and the help on its properties."""
+
+
+class ToolScene(WorldDefaults):
+    """A world in which the proxy is a rigid tool, among solids that rest. It is used for one run.
+
+    name : in summaries and figures. tool : it starts at home. solids : may be none. min_s, max_s : range of the step
+    time T_k [s], which is drawn uniformly. arm_m : the length of the pose's arms [m].
+
+    Raises InvalidParameter.
+    """
+
+    dof: int = AXES
+    moves_proxy: bool = True
+    start: Vector = (0.0,) * AXES
+
+    def __init__(
+        self,
+        name: str,
+        tool: Tool,
+        solids: tuple[Solid, ...] = (),
+        min_s: float = STEP_MIN_S,
+        max_s: float = STEP_MAX_S,
+        arm_m: float = ARM_M,
+    ) -> None:
+        self.name, self.tool, self.arm_m = name, tool, arm_m
+        self.contacts: ToolContacts = ToolContacts(tool, solids, arm_m)
+        self.contacts.require_outside(self.start)
+        self._steps = Scene(name, 1, (), min_s, max_s)
+
+    @property
+    def seen_by_the_hand(self) -> Scene:
+        """What a hand that moves a point knows of it: a wall where the tool's point would meet the first solid."""
+        if not self.contacts.solids:
+            return Scene(self.name, 3, ())
+        solid = self.contacts.solids[0]
+        distance, gradient = solid.shape.near((0.0, 0.0, 0.0))
+        wall = Wall(tuple([-part for part in gradient]), distance, solid.stiffness, solid.damping)
+        return Scene(self.name, 3, (wall,))
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
+        return self._steps.next_step_s(rng)
+
+    def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> ToolMass:
+        return ToolMass(self.contacts, mass, damping, stiffness, self.start)
+
+    def picture(self) -> ToolPicture:
+        return ToolPicture(self.contacts)
+
+    def towards(self, position: Vector) -> Vector:
+        """`position`, if no point of the tool is inside there; else the start."""
+        try:
+            self.contacts.require_outside(position)
+        except InvalidParameter:
+            return self.start
+        return position
+
+
+def tool_scene(
+    text: str,
+    *,
+    dof: int = DOF,
+    stiffness: float = WALL_STIFFNESS,
+    damping: float = WALL_DAMPING,
+    step_min_s: float = STEP_MIN_S,
+    step_max_s: float = STEP_MAX_S,
+) -> ToolScene:
+    """The world that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
+    if dof not in (DOF, AXES):
+        raise InvalidParameter("dof", dof, f"{DOF} with a tool: it turns")
+    first, *others = parts_in(text)
+    tool = tool_of(first)
+    given = {"stiffness": stiffness, "damping": damping}
+    solids = tuple(chain.from_iterable(solids_of(part, given)[0] for part in others))
+    try:
+        return ToolScene(text, tool, solids, step_min_s, step_max_s)
+    except InvalidParameter as error:
+        if error.name != "start":
+            raise
+        raise InvalidParameter(f"scene {text}: start", error.value, error.allowed) from error
+
+
+def tool_of(spec: str) -> Tool:
+    """The tool that a text such as ``tool:box?size=40mm,30mm,20mm`` names. Raises InvalidParameter."""
+    _, name, text = kind_of(spec)
+    if name not in TOOLS:
+        raise InvalidParameter(f"scene {spec}", name, f"tool:NAME, one of {', '.join(TOOLS)}", TOOLS)
+    make, words = TOOLS[name]
+    properties = Properties(spec, text)
+    made = make(properties)
+    properties.finish(words)
+    return made
+
+
+def builder(text: str) -> Callable[..., ToolScene] | None:
+    """A function that makes the world that `text` describes; None: it describes none with a tool."""
+    return partial(tool_scene, text) if kind_of(parts_in(text)[0])[0] == KIND else None

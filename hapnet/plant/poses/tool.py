@@ -1,0 +1,61 @@
+"""A rigid tool: points of its surface that touch solids, its mass and inertia, and how it is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+from math import cos, pi, sin
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.plant.poses.body import MOST
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A rigid tool. The pose's point is its centre of mass, and its principal axes are the pose's arms.
+
+    points : of its surface, (N, 3) [m] from the centre: only these touch. size : of the box that is drawn [m].
+    inertia : about its axes (3,) [kg m^2]; None: that of a box of this size with the world's virtual mass, but at least
+        what that mass has at the ends of the pose's arms.
+
+    Raises InvalidParameter.
+    """
+
+    name: str
+    points: tuple[Vector, ...]
+    size: Vector = (0.01, 0.01, 0.01)
+    inertia: Vector | None = None
+    most: int = field(default=4 * MOST, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.points) <= self.most:
+            raise InvalidParameter("points", len(self.points), f"1 to {self.most}")
+        for point in self.points:
+            checks.vector("points", point, 3)
+        for length in checks.vector("size", self.size, 3):
+            checks.positive("size", length)
+
+
+def box(size: Vector) -> Tool:
+    """A box of this size [m], which touches with its corners."""
+    halves = [0.5 * length for length in size]
+    corners = product(*[(-half, half) for half in halves])
+    return Tool("box", tuple(corners), size)
+
+
+def peg(radius: float, length: float, around: int = 8, along: int = 3) -> Tool:
+    """A round peg along its z axis [m]. It touches with `along` rings of `around` points, and the middle of its end."""
+    heights = [length * (k / (along - 1) - 0.5) for k in range(along)] if along > 1 else [-0.5 * length]
+    rings = [
+        (radius * cos(2.0 * pi * k / around), radius * sin(2.0 * pi * k / around), z)
+        for z in heights
+        for k in range(around)
+    ]
+    return Tool("peg", ((0.0, 0.0, -0.5 * length), *rings), (2.0 * radius, 2.0 * radius, length))
+
+
+def stick(length: float) -> Tool:
+    """A thin stick along its z axis, which touches with its lower end and with its middle [m]."""
+    return Tool("stick", ((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.0)), (0.004, 0.004, length))

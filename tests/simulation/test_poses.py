@@ -1,0 +1,88 @@
+"""Runs with a tool of six degrees of freedom: the theorem over bad links and through 180 degrees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapnet.control.pspm import SetPositionModulator
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics import pose as poses
+from hapnet.mechanics.pose import ARM_M, AXES
+from hapnet.params import Params
+from hapnet.plant.operator import Impedance, Rest
+from hapnet.plant.poses.device import SimulatedHandle
+from hapnet.plant.poses.hand import TurningHand, turned
+from hapnet.simulation.simulation import simulate
+from tests.support.theorem_cases import TOLERANCE_J
+
+TABLE = "tool:box?size=60mm,40mm,20mm + plane?normal=0,0,-1&at=0,0,-20mm"
+
+
+@pytest.mark.parametrize(
+    ("scene", "link", "turn_rad"),
+    [
+        (TABLE, "4g", 0.3),
+        ("tool:stick", "delay 80ms 40ms loss 40%", 3.0),
+        ("tool:peg + hole?at=0,0,-20mm", "intercontinental", 0.05),
+    ],
+)
+def test_both_sides_are_passive(scene: str, link: str, turn_rad: float) -> None:
+    """Rounding is some 1e-16 J; the orientation goes through 180 degrees in the second."""
+    params = Params().set(
+        {"scene": scene, "link.up": link, "link.down": link, "duration_s": 4.0, "operator_hand.turn_rad": turn_rad}
+    )
+    result = simulate(params, seed=3)
+    summary = result.summary
+    assert summary["verdict"]["passive"]
+    for side in ("device", "world"):
+        assert summary[side]["ledger"]["slack_J"] >= -1e-13
+        assert summary[side]["reservoir_min_J"] >= 0.0
+    assert summary["device"]["true_slack_J"] >= -1e-13
+    assert summary["environment"]["env_slack_J"] >= -1e-15
+    assert summary["theorem"]["margin_J"] >= -TOLERANCE_J
+
+
+def test_six_degrees_of_freedom_may_be_said_and_no_others() -> None:
+    assert simulate({"scene": "tool:stick", "dof": 6, "duration_s": 0.1}).recording is not None
+    with pytest.raises(InvalidParameter, match="6 with a tool"):
+        simulate({"scene": "tool:stick", "dof": 3, "duration_s": 0.1})
+    with pytest.raises(InvalidParameter, match="did you mean peg"):
+        simulate({"scene": "tool:pegg", "duration_s": 0.1})
+
+
+def test_pspm_projects_in_the_energy_metric_with_one_share() -> None:
+    """xbar = x + s (y - x) for position and orientation alike, and phi(xbar) is all that the reservoir had."""
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        x = poses.coordinates(rng.normal(0.0, 0.02, 3), rng.normal(size=4))
+        y = poses.coordinates(rng.normal(0.0, 0.02, 3), rng.normal(size=4))
+        modulator = SetPositionModulator(stiffness=300.0, position=x, ceiling=0.05, energy=0.01)
+        found = modulator.update(set_position=y, position=x, dissipated=0.0)
+        way, went = np.array(y) - np.array(x), found.set_position - np.array(x)
+        share = float(went @ way / (way @ way))
+        assert went == pytest.approx(share * way, abs=1e-15)
+        assert 0.5 * 300.0 * float(went @ went) == pytest.approx(min(0.01, 0.5 * 300.0 * float(way @ way)), rel=1e-12)
+        assert found.energy >= 0.0
+
+
+def test_a_handle_in_a_hand_pays_for_its_motion() -> None:
+    """The hand's work is the change of kinetic energy, what damping took, and the work of the force that was held."""
+    rng = np.random.default_rng(4)
+    hand = TurningHand(Rest(3, Impedance(0.5, 6.45, 135.0)), 1.5, 1.0)
+    device = SimulatedHandle(hand, mass=0.045, damping=0.3, substeps=1)
+    force = (0.0,) * AXES
+    for k in range(1000):
+        if k % 50 == 0:
+            force = tuple(rng.normal(0.0, 0.3, AXES))
+        begun, before = np.array(device.position), device.kinetic
+        assert device.apply(force) == force
+        work = device.advance()
+        moved = np.array(device.position) - begun
+        lost = 0.3 / 1e-3 * float(moved @ moved)
+        assert device.kinetic - before == pytest.approx(work + float(np.dot(force, moved)) - lost, abs=1e-15)
+
+
+def test_turned_is_the_rotation_vector() -> None:
+    x = turned((0.0, 0.0, 0.0), (0.0, 0.0, np.pi / 2), ARM_M)
+    assert np.array(x[3:6]) == pytest.approx([-ARM_M, ARM_M, 0.0], abs=1e-15)
