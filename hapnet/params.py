@@ -60,6 +60,11 @@ def is_arm(hardware: str) -> bool:
     return hardware == "omni" or hardware.startswith(("omni:", "arm:"))
 
 
+def is_tool(scene: str) -> bool:
+    """Is what the user moves in this scene a tool that turns (`hapnet.plant.poses.scene`)?"""
+    return scene.lstrip().startswith("tool:")
+
+
 def arm_file(hardware: str) -> str:
     """The URDF file of ``arm:FILE.urdf?...``; empty for any other device."""
     return hardware[4:].partition("?")[0] if hardware.startswith("arm:") else ""

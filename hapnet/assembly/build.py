@@ -32,7 +32,6 @@ from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.pose import DOF, is_pose
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
-from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
@@ -227,9 +226,7 @@ def device_side(
         return _user_device_side(setup, endpoint, clock, write)
     params = setup.params
     hand = setup.hand or operator(params, setup.scene)
-    simulated = simulated_device(params, setup.scene, hand)
-    if isinstance(simulated, SimulatedArm):
-        simulated = setup.ends.arm(simulated)
+    simulated = setup.ends.simulated(simulated_device(params, setup.scene, hand))
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
     drive = dataclasses.replace(_drive(setup, clock, write), write_motion=write_motion)

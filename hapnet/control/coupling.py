@@ -166,9 +166,9 @@ class Ends:
         """The device's end, before its first tick."""
         return servo
 
-    def arm(self, arm: Made) -> Made:
-        """A simulated arm, before its first tick."""
-        return arm
+    def simulated(self, device: Made) -> Made:
+        """A simulated device, before its first tick."""
+        return device
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
         """The world's end, before its first step, which `mass` makes among `contacts`."""

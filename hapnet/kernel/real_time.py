@@ -16,25 +16,30 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings.spec import CouplingSpec
-from hapnet.kernel import arm_end, bound, progress, servo_end, sources, world_end
+from hapnet.kernel import arm_end, bound, handle_end, progress, servo_end, sources, world_end
 from hapnet.kernel.arm_end import ArmEnd, CompiledArm
+from hapnet.kernel.handle_end import CompiledHandle, HandleEnd
 from hapnet.kernel.kinds import OF_SET_POSITIONS
 from hapnet.kernel.servo_end import CompiledServo, ServoEnd
 from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
-from hapnet.params import is_arm
+from hapnet.params import Params, is_arm, is_tool
+from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
+from hapnet.plant.poses.device import SimulatedHandle
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records import machine_code
 from hapnet.records.record import AXES, Record
 
-SERVO, WORLD, ARM = "servo", "world", "arm"
-"""The ends, and a simulated arm."""
+SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
+"""The ends, a simulated arm, and a handle that turns."""
 
 _COMPILED: dict[str, tuple[Any, type[Record]]] = {
-    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEnd), ARM: (arm_end, ArmEnd)
+    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEnd), ARM: (arm_end, ArmEnd), HANDLE: (handle_end, HandleEnd)
 }  # fmt: skip
+
+_DEFAULTS = Params()
 
 _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [VelocityPredictor, SmoothingFilter])
 
@@ -54,14 +59,23 @@ def make_ready(name: str) -> Any:
     return run
 
 
-def missing(spec: CouplingSpec[Any], wanted: Iterable[str], hardware: str = "simulated") -> list[str]:
+def part_of_device(params: Params) -> str:
+    """What of the simulated device is compiled by itself: an arm, or the handle of a tool; empty: nothing."""
+    if is_arm(params.hardware):
+        return ARM
+    return HANDLE if params.hardware == "simulated" and is_tool(params.scene) else ""
+
+
+def missing(spec: CouplingSpec[Any], wanted: Iterable[str], params: Params = _DEFAULTS) -> list[str]:
     """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet;
-    beside the servo the `ARM`, if the device is one."""
+    beside the servo what of the device is."""
     if machine_code.no_compiler() is not None:
         return []
     compiled = zip((SERVO, WORLD), spec.compiled or (), strict=False)
-    needed = {end for end, law in compiled if law is None} | ({ARM} if is_arm(hardware) else set())
-    asked = [end for one in wanted for end in ((one, ARM) if one == SERVO else (one,))]
+    device = part_of_device(params)
+    needed = {end for end, law in compiled if law is None} if not is_tool(params.scene) else set()
+    needed |= {device} if device else set()
+    asked = [end for one in wanted for end in ((one, device) if one == SERVO else (one,))]
     return [end for end in asked if end in needed and not sources.are_compiled(end)]
 
 
@@ -70,20 +84,28 @@ def ends() -> Ends:
     return CompiledEnds() if machine_code.no_compiler() is None else Ends()
 
 
-class CompiledArms(Ends):
-    """Makes the ticks of a simulated arm compiled ones, and leaves all else as it is."""
-
-    def arm(self, arm: Made) -> Made:
-        """The same arm, whose ticks are compiled from now on."""
-        made: Any = arm
-        array, end = bound.memory(ArmEnd)
-        bound.bind(end.arm, made.arm)
-        made.__class__ = CompiledArm
-        made.runs(array, end, make_ready(ARM))
-        return arm
+_DEVICES: dict[type, tuple[str, Any]] = {
+    SimulatedArm: (ARM, CompiledArm), SimulatedHandle: (HANDLE, CompiledHandle)
+}  # fmt: skip
+"""The simulated devices whose ticks are compiled by themselves, by their record's name in their end."""
 
 
-class CompiledEnds(CompiledArms):
+class CompiledDevices(Ends):
+    """Makes the ticks of an arm or a handle compiled ones, and leaves all else as it is."""
+
+    def simulated(self, device: Made) -> Made:
+        """The same device; if it is such a one, its ticks are compiled from now on."""
+        if type(device) in _DEVICES:
+            name, compiled = _DEVICES[type(device)]
+            made: Any = device
+            array, end = bound.memory(_COMPILED[name][1])
+            bound.bind(getattr(end, name), getattr(made, name))
+            made.__class__ = compiled
+            made.runs(array, end, make_ready(name))
+        return device
+
+
+class CompiledEnds(CompiledDevices):
     """Makes ends of set-positions into compiled ones too; those of other laws stay Python's."""
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:

@@ -86,7 +86,7 @@ class Simulation:
         self.seed = seed
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
-        self.setup: Setup = coverage.with_arm(setup or prepare(params, "continuous"))
+        self.setup: Setup = coverage.with_device(setup or prepare(params, "continuous"))
         self._motion_only = motion_only
         self._begin()
         watched = type(self) is not Simulation and "_run" in vars(type(self))

@@ -8,7 +8,7 @@ import pytest
 
 from hapnet.assembly.arms import real_time_warnings
 from hapnet.kernel import real_time
-from hapnet.kernel.real_time import CompiledArms
+from hapnet.kernel.real_time import CompiledDevices
 from hapnet.params import Params
 from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.arms.omni import omni
@@ -63,7 +63,7 @@ def test_compiled_ticks_are_pythons() -> None:
     if no_compiler() is not None:
         pytest.skip("nothing can be compiled here")
     plain, compiled = (SimulatedArm(omni(), Sine(3, Impedance(), 0.2, 1.0, start_s=0.3), substeps=2) for _ in range(2))
-    CompiledArms().arm(compiled)
+    CompiledDevices().arm(compiled)
     assert type(compiled) is real_time.CompiledArm
     for k in range(400):
         force = (4.0 * (-1.0) ** (k // 50), 2.0, -3.0)

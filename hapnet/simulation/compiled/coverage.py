@@ -10,7 +10,7 @@ from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
-from hapnet.params import Params, is_arm
+from hapnet.params import Params, is_arm, is_tool
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.rigid import RigidScene, describes
 from hapnet.plant.worlds.scene import Scene
@@ -81,16 +81,17 @@ def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
             make_ready(kind)
 
 
-def with_arm(setup: Setup) -> Setup:
-    """The setup, with a simulated arm's ticks compiled where that pays; the rest of such a run is the reference's."""
+def with_device(setup: Setup) -> Setup:
+    """The setup, with the ticks of an arm or of a tool's handle compiled where that pays; the rest of such a run is the
+    reference's."""
     params = setup.params
-    if not is_arm(params.hardware) or no_compiler() is not None:
+    if not (is_arm(params.hardware) or is_tool(params.scene)) or no_compiler() is not None:
         return setup
     from hapnet.kernel import real_time  # here, since it imports every end
 
     worth = round(params.duration_s * params.device.servo_hz) >= _WORTH_ARM_TICKS
-    compiles = worth or sources.are_compiled(real_time.ARM)
-    return replace(setup, ends=real_time.CompiledArms()) if compiles else setup
+    compiles = worth or sources.are_compiled(real_time.part_of_device(params))
+    return replace(setup, ends=real_time.CompiledDevices()) if compiles else setup
 
 
 def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:

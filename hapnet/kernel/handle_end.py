@@ -1,0 +1,46 @@
+"""A tick of a simulated handle as one compiled call, in real time and in virtual time. Its record stays Python's too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from hapnet.mechanics.pose import AXES
+from hapnet.plant.poses import device as handles
+from hapnet.plant.poses.device import Handle, SimulatedHandle
+from hapnet.records.equation import equation
+from hapnet.records.record import FloatRows, Reals, Record
+
+
+class HandleEnd(Record):
+    """The handle, and the hand's reference at a tick's begin and end [m]. work : of the hand in it [J]."""
+
+    handle: Handle
+    path: Annotated[FloatRows, (2, AXES)]
+    work: float
+
+
+@equation
+def tick(end: HandleEnd) -> None:
+    """A tick of the handle."""
+    end.work = handles.tick(end.handle, end.path)
+
+
+def enter(ends: Sequence[HandleEnd]) -> bool:
+    """Make a tick. Compiled code is entered by this."""
+    tick(ends[0])
+    return True
+
+
+class CompiledHandle(SimulatedHandle):
+    """A `SimulatedHandle` whose ticks are compiled."""
+
+    def runs(self, array: Any, end: Any, run: Any) -> None:
+        """array, end : the end's memory. run : the compiled tick."""
+        self._array, self._end, self._run = array, end, run
+
+    def _tick(self, begin: Reals, end: Reals) -> float:
+        self._end.path[0][:], self._end.path[1][:] = begin, end
+        self._run(self._array)
+        work: float = self._end.work
+        return work
