@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.posed import Posed
 from hapnet.checks import Vector
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.loading import failure, load
+from hapnet.mechanics.pose import is_pose
 from hapnet.params import ARMS, DeviceParams, Params, is_simulated
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
@@ -126,8 +128,10 @@ class UserDevice:
         self.dof: int = dof
         make = load_class(name)
         try:
-            self.device: Device = make(dof=dof)
+            self.device: Device = Posed(make(dof=3), name) if is_pose(dof) else make(dof=dof)
         except HapnetError as error:  # the driver says what is wrong
+            if isinstance(error, InvalidParameter) and error.name == "hardware":
+                raise
             raise HapnetError(f"the device {name} cannot be made: {error}") from error
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
@@ -342,6 +346,7 @@ class UserDevice:
             peak=math.inf if self.force_limit is None else self.force_limit,
             continuous=self.continuous_force,
             thermal_s=self.thermal_s,
+            rendered=3 if isinstance(self.device, Posed) and not self.device.gives_torque else None,
         )
 
     def check(self, params: DeviceParams) -> ActuatorCheck | None:
@@ -350,7 +355,7 @@ class UserDevice:
         Raises InvalidParameter: device.known_mass_kg is not one number, or one for each axis.
         """
         limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
-        if not params.self_test_N:
+        if not params.self_test_N or is_pose(self.dof):  # how heavy a pose is along its coordinates is not known
             return None
         mass = checks.vector("device.known_mass_kg", cast(ArrayLike, params.known_mass_kg))
         if len(mass) not in (1, self.dof):

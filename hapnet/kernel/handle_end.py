@@ -1,4 +1,4 @@
-"""A tick of a simulated handle as one compiled call, in real time and in virtual time. Its record stays Python's too."""
+"""A tick of a simulated handle as one compiled call, in real and in virtual time. Its record stays Python's too."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ class ForceLimiter:
     dead_man : number of the button that must be held; None: there is no such switch.
     peak : maximum force of the actuators [N]. continuous : the maximum that they can give for ever [N]; None: `peak`.
     thermal_s : time constant with which they heat up [s].
+    rendered : so many of the force's components have an actuator, the first ones; None: all.
 
     The heat is the mean of the squared force over `thermal_s` (a first-order lag). Where it is above 0.8 of what the
     continuous force makes, the limit falls from `peak` to reach `continuous` at 1.
@@ -32,9 +33,11 @@ class ForceLimiter:
         peak: float = math.inf,
         continuous: float | None = None,
         thermal_s: float = 10.0,
+        rendered: int | None = None,
     ) -> None:
         self._ramp_s, self._dead_man = ramp_s, dead_man
         self._peak, self._continuous, self._thermal_s = peak, continuous, thermal_s
+        self._rendered = rendered
         self._heat = 0.0
         self._share = 0.0 if ramp_s else 1.0
         self.released: bool = dead_man is not None
@@ -53,6 +56,8 @@ class ForceLimiter:
     def permit(self, dt: float, force: Vector, buttons: Sequence[bool]) -> Vector:
         """The part of `force` [N] that may be rendered from now on, `dt` seconds after the last call."""
         self.released = not self.is_held(buttons)
+        if self._rendered is not None:
+            force = (*force[: self._rendered], *(0.0,) * (len(force) - self._rendered))
         if self.released:
             self.restart()
             self._heat_up(dt, 0.0)

@@ -43,6 +43,16 @@ def test_a_run_with_the_stand_in(library: str, fault: str, code: int, said: str,
     assert summary["motion"]["peak_force_N"] > 0.3
 
 
+def test_its_stylus_turns_a_tool_and_gives_no_torque(library: str, tmp_path: Path) -> None:
+    argv = ("run", "--device", f"touch:library={library}", "--scene", "tool:stick", "--duration", 3)
+    with started(*argv, "--json", "-", "--out", tmp_path / "run") as program:
+        code, stdout, stderr = program.end()
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    assert_passive(summary)
+    assert summary["device"]["force"] == "commanded"
+
+
 def test_a_run_without_the_library_is_one_line(tmp_path: Path) -> None:
     with started("run", "--device", "touch", "--out", tmp_path / "run", env={"PATH": ""}) as program:
         code, _, stderr = program.end()
