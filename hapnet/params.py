@@ -57,7 +57,7 @@ ARMS = ("omni", "arm:FILE.urdf?tip=LINK")
 
 def is_arm(hardware: str) -> bool:
     """Is the device of this name a simulated arm?"""
-    return hardware == "omni" or hardware.startswith(("omni:", "arm:"))
+    return hardware.partition("?")[0] == "omni" or hardware.startswith(("omni:", "arm:"))
 
 
 def is_tool(scene: str) -> bool:
@@ -85,7 +85,7 @@ class Params:
 
     scene: str = _p(
         "wall",
-        "free, wall, box, paper, moving, solids (sphere, mesh:FILE?unit=mm, sdf:...), mujoco:FILE.xml, module:name",
+        "free, wall, box, paper, moving, joints, solids (sphere, mesh:FILE, sdf:...), mujoco:FILE.xml, module:name",
     )
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"

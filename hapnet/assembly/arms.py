@@ -1,17 +1,22 @@
-"""Simulated arms by their names: ``omni``, and ``arm:FILE.urdf?tip=LINK&base=LINK&home=0,0.5,...``."""
+"""Simulated arms by their names: ``omni``, and ``arm:FILE.urdf?tip=LINK&base=LINK&home=0,0.5,...``.
+
+With ``?axes=joints`` an arm is coupled joint by joint, in rad and Nm.
+"""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
 
+import numpy as np
+
 from hapnet import checks
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, arm_file, is_arm
-from hapnet.plant.arms.device import SimulatedArm
+from hapnet.plant.arms.device import TIP_AXES, SimulatedArm
 from hapnet.plant.arms.omni import omni
-from hapnet.plant.arms.table import ArmTable, apparent_masses, felt_damping
+from hapnet.plant.arms.table import ArmTable, apparent_masses, at_home, felt_damping
 from hapnet.plant.arms.urdf import table_from
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
@@ -22,24 +27,18 @@ from hapnet.records.machine_code import no_compiler
 
 _DEFAULTS = DeviceParams()
 
+AXES = ("tip", "joints")
+"""What hand and coupling hold: the tip in three axes in metres, or each joint in radians."""
+
 
 def table_of(hardware: str) -> ArmTable:
     """The arm that `hardware` names.
 
     Raises InvalidParameter: there is none, or its file cannot be used.
     """
-    name, _, behind = hardware.partition(":")
-    if name == "omni":
-        if behind:
-            raise InvalidParameter("hardware", hardware, "omni, which takes no options")
+    given, file = _options(hardware), arm_file(hardware)
+    if not file:
         return omni()
-    file, options = arm_file(hardware), behind.partition("?")[2]
-    parts = [part.partition("=")[::2] for part in options.split("&") if part]
-    given = dict(parts)
-    if not file or len(given) < len(parts) or not given.keys() <= {"tip", "base", "home"}:
-        raise InvalidParameter(
-            "hardware", hardware, "arm:FILE.urdf?tip=LINK, also with &base=LINK and &home=RAD,RAD,..., each once"
-        )
     try:
         text = Path(file).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -49,28 +48,51 @@ def table_of(hardware: str) -> ArmTable:
     return table_from(text, Path(file).name, given.get("tip", ""), given.get("base", ""), home)
 
 
+def by_joints(hardware: str) -> bool:
+    """Is it an arm that is coupled joint by joint? Raises InvalidParameter: as `table_of`."""
+    return is_arm(hardware) and _options(hardware).get("axes") == "joints"
+
+
+def _options(hardware: str) -> dict[str, str]:
+    """What stands behind an arm's name. Raises InvalidParameter."""
+    is_file = hardware.startswith("arm:")
+    known = {"tip", "base", "home", "axes"} if is_file else {"axes"}
+    parts = [part.partition("=")[::2] for part in hardware.partition("?")[2].split("&") if part]
+    given = dict(parts)
+    named = arm_file(hardware) if is_file else hardware.partition("?")[0] == "omni"
+    if not named or len(given) < len(parts) or not given.keys() <= known or given.get("axes", "tip") not in AXES:
+        words = "arm:FILE.urdf?tip=LINK, also with &base=LINK, &home=RAD,RAD,... and &axes=joints, each once"
+        raise InvalidParameter("hardware", hardware, words if is_file else "omni, or omni?axes=joints")
+    return given
+
+
 def with_arm(params: Params) -> Params:
-    """The parameters as an arm needs them, if the device is one: three axes, and what its tip weighs and damps at home.
+    """The parameters as an arm needs them, if the device is one: its axes, and what it weighs and damps at home.
 
     Raises InvalidParameter: a parameter does not go with an arm.
     """
     if not is_arm(params.hardware):
         return params
     table, device = table_of(params.hardware), params.device
-    if params.dof not in (0, 3):
-        raise InvalidParameter("dof", params.dof, f"0 or 3 with the device {params.hardware}")
+    if by_joints(params.hardware):
+        dof = len(table.joints)
+        own = {"mass": float(np.linalg.eigvalsh(at_home(table)[1])[0])}
+        own["own_damping"] = min(joint.damping for joint in table.joints)
+    else:
+        dof, own = TIP_AXES, {"mass": min(apparent_masses(table)), "own_damping": felt_damping(table)}
+        if own["mass"] == math.inf:
+            raise InvalidParameter("hardware", params.hardware, "a tip that moves: at home no joint moves this one")
+    if params.dof not in (0, dof):
+        raise InvalidParameter("dof", params.dof, f"0 or {dof} with the device {params.hardware}")
     for name, plain in (("servo", "sampled"), ("harvest", "measured")):
         if (value := getattr(device, name)) not in ("auto", plain):
             raise InvalidParameter(f"device.{name}", value, f"auto or {plain} with the device {params.hardware}")
-    own = {"mass": min(apparent_masses(table)), "own_damping": felt_damping(table)}
-    if own["mass"] == math.inf:
-        raise InvalidParameter("hardware", params.hardware, "a tip that moves: at home no joint moves this one")
     for name, value in own.items():
         if (given := getattr(device, name)) not in (getattr(_DEFAULTS, name), value):
             raise InvalidParameter(
                 f"device.{name}", given, f"left out with the device {params.hardware}: its links have it"
             )
-    return params.set({"dof": 3, **{f"device.{name}": value for name, value in own.items()}})
+    return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}})
 
 
 def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:
@@ -93,7 +115,7 @@ def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedD
     with named_section("device"):
         return SimulatedArm(
             table_of(params.hardware), hand, period=period, substeps=device.substeps, resolution=device.resolution_m,
-            force_limit=limit,
+            force_limit=limit, by_joints=by_joints(params.hardware),
         )  # fmt: skip
 
 

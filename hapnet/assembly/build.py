@@ -45,7 +45,7 @@ from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.units import METRES, text_of, units_of
+from hapnet.units import METRES, text_of, units_of, within
 from hapnet.wire.handshake import RESERVOIR, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
@@ -134,7 +134,8 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 def _prepared(params: Params, default_servo: str) -> Setup:
     params = with_arm(params)
     scene, warnings = _scene(params)
-    params = with_units(params, scene)
+    if (turned := with_units(params, scene)) != params:
+        params, (scene, _) = turned, _scene(turned)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
     params = _with_stages(with_springs(params), coupling(params.coupling))
@@ -260,7 +261,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     """The side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
     device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
-    device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof)
+    device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.device.damping)
     limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
     own = dataclasses.replace(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from hapnet.assembly.units import LEVER_M
 from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
@@ -21,6 +23,7 @@ from hapnet.plant.tremor import Tremor
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
+from hapnet.units import RADIANS
 
 GENERATED = 1985
 """Together with a hand's number, the seed of its generator."""
@@ -80,7 +83,7 @@ def _moving(params: Params, scene: World) -> Operator:
         goal = _along(scene, hand.goal_m)
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if found := re.fullmatch(r"hand-([1-9]\d{0,8})", name):
-        return _generated(int(found[1]), _along(scene, 1.0))
+        return _generated(int(found[1]), _along(scene, 1.0), LEVER_M if params.units == RADIANS else 1.0)
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():
@@ -90,6 +93,10 @@ def _moving(params: Params, scene: World) -> Operator:
 
 
 @lru_cache
-def _generated(number: int, normal: Vector) -> GeneratedHand:
-    relaxed = Impedance(*(RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness")))
-    return GeneratedHand(np.random.default_rng([number, GENERATED]), normal, relaxed, Impedance())
+def _generated(number: int, normal: Vector, lever: float) -> GeneratedHand:
+    """The hand; of joints, each as at this lever [m]."""
+    square = lever * lever
+    loose = (RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness"))
+    impedances = [Impedance(*[square * part for part in hand]) for hand in (loose, dataclasses.astuple(Impedance()))]
+    rng = np.random.default_rng([number, GENERATED])
+    return GeneratedHand(rng, normal, impedances[0], impedances[1], 1.0 / lever)

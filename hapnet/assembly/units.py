@@ -1,13 +1,14 @@
-"""Refuses parameters outside the device's operating range: lengths that are not in metres, stiffnesses not in N/m."""
+"""What the axes are in, with defaults for radians; refuses what only another unit explains, such as millimetres."""
 
 from __future__ import annotations
 
+from hapnet.assembly.arms import by_joints
 from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params, is_simulated
+from hapnet.params import Params, is_arm, is_simulated
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.worlds.protocol import World
-from hapnet.units import METRES, text_of, units_of
+from hapnet.units import METRES, RADIANS, text_of, units_of, within
 
 _PLACES = (
     "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
@@ -16,16 +17,43 @@ _PLACES = (
 """Lengths that are comparable to the device's size in every run."""
 
 
-def with_units(params: Params, scene: World) -> Params:
-    """The parameters with the world's units, if an axis is none in metres.
+LEVER_M = 0.1
+"""What is left at its default is for axes in radians as if it acted in metres at such a lever [m]."""
 
-    Raises InvalidParameter: the parameters or the world name others.
+_POWERS = {
+    2: ("device.damping", "device.mass", "device.own_damping", "operator_hand.mass", "operator_hand.damping",
+        "operator_hand.stiffness", "world.mass", "world.damping", "world.stiffness", "world.wall.stiffness",
+        "world.wall.damping"),
+    1: ("device.force_limit_N", "device.step_limit_N", "device.self_test_N", "world.step_limit_N"),
+    -1: ("device.greatest_speed", "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m",
+         "operator_hand.press_depth_m", "operator_hand.hover_m", "world.wall.position_m", "world.wall.half_width_m",
+         "contact_model.reach_m"),
+}  # fmt: skip
+_DEFAULTS = Params()
+_TURNED = {
+    **{name: _DEFAULTS.get(name) * LEVER_M**power for power, names in _POWERS.items() for name in names},
+    "device.stiffness": 2.0, "device.stiffness_range": (1e-3, 1e4), "device.workspace_m": 10.0,
+}  # fmt: skip
+"""Defaults for axes in radians: Nm/rad, Nms/rad, kg m^2, Nm, rad and rad/s."""
+
+
+def with_units(params: Params, scene: World) -> Params:
+    """The parameters with the world's units, and with defaults for radians if all axes are in these.
+
+    Raises InvalidParameter: the parameters, the device or the world name others.
     """
     of_world = units_of(scene.units, scene.dof, f"the units of the scene {params.scene}")
     if params.units != "auto" and units_of(params.units, scene.dof) != of_world:
         allowed = f"auto or {text_of(of_world)}: the scene {params.scene} sets its own"
         raise InvalidParameter("units", params.units, allowed)
-    return params if set(of_world) == {METRES} else params.set({"units": text_of(of_world)})
+    if is_arm(params.hardware) and {unit := RADIANS if by_joints(params.hardware) else METRES} != set(of_world):
+        need = f"one whose axes are in {text_of(of_world)}, as those of the scene {params.scene}"
+        raise InvalidParameter("hardware", params.hardware, f"{need}; this one's are in {unit}")
+    if set(of_world) == {METRES}:
+        return params
+    turned = _TURNED if set(of_world) == {RADIANS} else {}
+    left = {name: value for name, value in turned.items() if params.get(name) == _DEFAULTS.get(name)}
+    return params.set({"units": text_of(of_world), **left})
 
 
 def check_units(params: Params, dof: int) -> None:
@@ -40,4 +68,5 @@ def check_units(params: Params, dof: int) -> None:
             allowed = f"within the {declared.reach:g} m that the device reaches (device.workspace_m)"
             raise InvalidParameter(name, params.get(name), allowed + in_millimetres(length, declared.reach))
     if is_simulated(params.hardware):
-        declared.check_stiffness("device.stiffness", params.device.stiffness, dof)
+        unit = within(METRES if params.units == "auto" else params.units, "N/m")
+        declared.check_stiffness("device.stiffness", params.device.stiffness, dof, unit)

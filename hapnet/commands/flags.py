@@ -23,7 +23,7 @@ _params = partial(typer.Option, rich_help_panel="Parameters")
 Scene = Annotated[
     str | None,
     typer.Option(
-        help="free, wall, box, paper, moving; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm', "
+        help="free, wall, box, paper, moving, joints; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm', "
         "sdf:module:function (several joined by ' + '); mujoco:FILE.xml; or module:name.",
         autocompletion=complete.scenes,
     ),

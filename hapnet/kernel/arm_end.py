@@ -7,17 +7,18 @@ from typing import Annotated, Any
 
 from hapnet.checks import Vector
 from hapnet.plant.arms import motion
+from hapnet.plant.arms.chain import JOINTS
 from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.arms.motion import Arm
 from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Record
+from hapnet.records.record import FloatRows, Record
 
 
 class ArmEnd(Record):
-    """The arm, and the hand's reference at a tick's begin and end [m]. work : of the hand in it [J]."""
+    """The arm, and the hand's reference at a tick's begin and end [m] or [rad]. work : of the hand in it [J]."""
 
     arm: Arm
-    path: Annotated[FloatRows, (2, AXES)]
+    path: Annotated[FloatRows, (2, JOINTS)]
     work: float
 
 
@@ -41,7 +42,7 @@ class CompiledArm(SimulatedArm):
         self._array, self._end, self._run = array, end, run
 
     def _tick(self, begin: Vector, end: Vector) -> float:
-        self._end.path[0][:], self._end.path[1][:] = begin, end
+        self._end.path[0][: self.dof], self._end.path[1][: self.dof] = begin, end
         self._run(self._array)
         work: float = self._end.work
         return work

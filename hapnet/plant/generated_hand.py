@@ -41,16 +41,19 @@ class GeneratedHand:
     """An operator whose motion and impedance are drawn.
 
     rng : draws everything. normal : (n,) of the wall. relaxed, firm : the impedance is drawn between these.
+    scale : what its way is multiplied by; for joints, radians to a metre.
     """
 
-    def __init__(self, rng: np.random.Generator, normal: Vector, relaxed: Impedance, firm: Impedance) -> None:
+    def __init__(
+        self, rng: np.random.Generator, normal: Vector, relaxed: Impedance, firm: Impedance, scale: float = 1.0
+    ) -> None:
         share = float(rng.random())
         self.impedance: Impedance = Impedance(
             relaxed.mass * (firm.mass / relaxed.mass) ** share,
             relaxed.damping * (firm.damping / relaxed.damping) ** share,
             relaxed.stiffness * (firm.stiffness / relaxed.stiffness) ** share,
         )
-        self._reaches = _reaches(rng, np.array(normal))
+        self._reaches = _reaches(rng, np.array(normal), scale)
         self._begins = [reach.begin_s for reach in self._reaches]
 
     def reference(self, t: float) -> Vector:
@@ -73,14 +76,14 @@ class GeneratedHand:
         return np.where(share >= 1.0, goals, starts + minimum_jerks(share) * (goals - starts))
 
 
-def _reaches(rng: np.random.Generator, normal: np.ndarray) -> list[_Reach]:
+def _reaches(rng: np.random.Generator, normal: np.ndarray, scale: float) -> list[_Reach]:
     home = (0.0,) * len(normal)
     reaches = [_Reach(0.0, FIRST_PAUSE_S, home, home)]
     place, t, inside = home, FIRST_PAUSE_S, True
     while t < LASTS_S - 3.0 * REACH_S[1]:
         depth = rng.uniform(*(INSIDE_M if inside else OUTSIDE_M))
         aside = rng.uniform(-ALONG_M, ALONG_M, len(normal))
-        goal = tuple((depth * normal + aside - normal * (normal @ aside)).tolist())
+        goal = tuple((scale * (depth * normal + aside - normal * (normal @ aside))).tolist())
         span = rng.uniform(*REACH_S)
         reaches.append(_Reach(t, span, place, goal))
         place, inside = goal, not inside

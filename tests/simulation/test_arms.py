@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hapnet.assembly.arms import real_time_warnings
+from hapnet.assembly.build import prepare
+from hapnet.errors import InvalidParameter
 from hapnet.kernel import real_time
 from hapnet.kernel.real_time import CompiledDevices
 from hapnet.params import Params
@@ -43,6 +46,53 @@ def test_runs_over_4g(changes: dict[str, Any]) -> None:
         true_slack = result.device.true_slack
         assert true_slack is not None
         assert true_slack >= -1e-13 - (result.device.quantisation or 0.0)
+
+
+def seven() -> str:
+    """A URDF of seven joints in a row that turn about z, x, z, ..., as many arms have them."""
+    links = "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0 0 0.08"/><mass value="0.4"/><inertia ixx="1e-3" iyy="1e-3" '
+        f'izz="4e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for k in range(8)
+    )
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 0.16"/>'
+        f'<axis xyz="{k % 2} 0 {1 - k % 2}"/><limit lower="-2" upper="2" effort="12" velocity="6"/>'
+        f'<dynamics damping="0.05"/></joint>'
+        for k in range(1, 8)
+    )
+    return f'<robot name="seven">{links}{joints}</robot>'
+
+
+@pytest.mark.parametrize(("joints", "rendering"), [(3, "auto"), (7, "paper")])
+def test_runs_joint_by_joint_over_4g(joints: int, rendering: str, tmp_path: Path) -> None:
+    """Axes in rad and torques in Nm through the whole run, pressed against the world's stops at 0.3 rad."""
+    file = tmp_path / "seven.urdf"
+    file.write_text(seven(), "utf-8")
+    name = "omni?axes=joints" if joints == 3 else f"arm:{file}?tip=l7&home=0,0.5,0,0.8,0,0.5,0&axes=joints"
+    K = (3.0, 2.0, 2.5, 2.0, 1.5, 1.0, 0.5)[:joints]
+    changes = {"hardware": name, "scene": "joints", "rendering": rendering, "device.stiffness": K}
+    result = Simulation(Params().set(OVER_4G | changes), 3).run()
+    summary = result.summary
+    assert result.recording.device is not None
+    assert result.recording.device["position_m"].shape[1] == joints
+    assert summary["units"] == result.recording.meta["params"]["units"] == "rad"
+    assert summary["verdict"]["passive"] is True
+    assert summary["motion"]["peak_force_N"] > 0.05
+    assert (result.device.true_slack or 0.0) >= -1e-13
+
+
+def test_joints_and_metres_do_not_meet() -> None:
+    for hardware, scene, says in (
+        ("omni?axes=joints", "wall", "axes are in m, as those of the scene wall; this one's are in rad"),
+        ("omni", "joints", "axes are in rad, as those of the scene joints; this one's are in m"),
+        ("omni?axes=tips", "wall", r"omni, or omni\?axes=joints"),
+        ("omni?axes=joints&axes=joints", "wall", r"omni, or omni\?axes=joints"),
+    ):
+        with pytest.raises(InvalidParameter, match=says):
+            prepare(Params().set({"hardware": hardware, "scene": scene}))
+    with pytest.raises(InvalidParameter, match=r"device.stiffness is 20000.0; allowed: 0.001 to 10000 Nm/rad"):
+        prepare(Params().set({"hardware": "omni?axes=joints", "scene": "joints", "device.stiffness": 2e4}))
 
 
 def test_an_arm_without_the_compiler_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""An arm in a simulated hand, as a device of three axes: its tip's position, counted from home."""
+"""An arm in a simulated hand, as a device: its tip's position in three axes, or its joints' angles, from home."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
 from hapnet.records.vectors import added, copy
 
-AXES = 3
+TIP_AXES = 3
 
 _NEAR_M = 1e-9
 _DAMPED, _MOST_STEPS = 1e-6, 200
 
 
 class SimulatedArm(SimulatedDevice):
-    """An arm whose tip a simulated hand holds; it begins at rest with the tip at the hand's reference.
+    """An arm that a simulated hand holds, at its tip or joint by joint; it begins at rest at the hand's reference.
 
-    A force is held at the tip through the Jacobian, along the world's axes. If it asks more of a motor than that has
-    beside the arm's weight, the largest multiple is rendered that none of them limits: `state.torque` after a tick.
+    A force is held at the tip through the Jacobian, along the world's axes, or as a torque of each joint. If it asks
+    more of a motor than that has beside the arm's weight, the largest multiple is rendered that none of them limits:
+    `state.torque` after a tick.
 
     table : the arm. operator : the hand. period : length of a tick [s]. substeps : integration steps in a tick.
-    resolution : of the joints' encoders, as the most that they blur an axis of the tip [m]; 0: exact positions.
-    force_limit : maximum force at the tip [N]. compensated : do the motors carry the arm's weight?
+    resolution : of the joints' encoders [rad], or as the most that they blur an axis of the tip [m]; 0: exact.
+    force_limit : maximum force [N], or torque of all joints together [Nm]. compensated : do the motors carry the
+    arm's weight? by_joints : the axes are the joints, in rad and Nm, and so is the hand.
 
     Raises InvalidParameter: a value is not allowed, or the arm does not reach the hand.
     """
@@ -44,15 +46,18 @@ class SimulatedArm(SimulatedDevice):
         resolution: float = 0.0,
         force_limit: float | None = None,
         compensated: bool = True,
+        by_joints: bool = False,
     ) -> None:
         super().__init__(
             operator, damping=0.0, period=period, substeps=substeps, resolution=resolution, force_limit=force_limit
         )
-        if self.dof != AXES:
-            raise InvalidParameter("dof", self.dof, f"{AXES}, the axes of an arm's tip")
+        if self.dof != (axes := len(table.joints) if by_joints else TIP_AXES):
+            raise InvalidParameter("dof", self.dof, f"{axes}, the {'joints of' if by_joints else 'axes of the tip of'} "
+                                   f"{table.name}")  # fmt: skip
         self.table = table
-        self.arm = arm_of(table, operator.impedance, period, substeps, compensated=compensated)
-        self._per_count = resolution / added(table.reaches)  # no axis errs by more than half a resolution
+        self.arm = arm_of(table, operator.impedance, period, substeps, compensated=compensated, by_joints=by_joints)
+        # at the tip no axis errs by more than half a resolution
+        self._per_count = resolution if by_joints else resolution / added(table.reaches)
         self._require_strength()
         self.place(self.position)
 
@@ -81,12 +86,14 @@ class SimulatedArm(SimulatedDevice):
 
     def place(self, position: Vector) -> None:
         arm = self.arm
-        arm.q[: arm.n] = inverse(arm.chain, self.table, position)
+        arm.q[: arm.n] = (
+            turned(self.table, position) if arm.port.by_joints else inverse(arm.chain, self.table, position)
+        )
         for i in range(arm.n):
             arm.z[i] = arm.rates[i] = 0.0
         motion.look(arm)
         super().place(position)
-        copy(AXES, arm.x, self.state.position)
+        copy(self.dof, arm.x, self.state.position)
         self.position = tuple(self.state.position)
         self.read_position[:] = self._counted()
 
@@ -100,15 +107,15 @@ class SimulatedArm(SimulatedDevice):
         return x, tuple(self.read_velocity)
 
     def _counted(self) -> Vector:
-        """The tip where the encoders see the joints [m]."""
+        """The port where the encoders see the joints [m], or [rad]."""
         arm, unit = self.arm, self._per_count
         q = [unit * round(angle / unit) if unit else angle for angle in arm.q]
-        difference(arm.chain, arm.chain.tip, q, q)
-        return tuple(arm.chain.tip.begin[:])
+        motion.look_at_port(arm, q, q)
+        return tuple(arm.port.begin[: self.dof])
 
     def apply(self, force: Vector) -> Vector:
         held = super().apply(force)
-        self.arm.commanded[:] = held
+        self.arm.commanded[: self.dof] = held
         return held
 
     def couple(
@@ -124,16 +131,26 @@ class SimulatedArm(SimulatedDevice):
         begin, end = self.references[-1], self.operator.reference(self.time)
         self.references = [end]
         work = self._tick(begin, end)
-        copy(AXES, arm.x, state.position)
-        copy(AXES, arm.v, state.velocity)
-        copy(AXES, arm.hand_force, state.hand_force)
-        copy(AXES, arm.force, state.torque)
-        copy(AXES, arm.force, state.actuator_force)
+        for mine, ours in (
+            (arm.x, state.position), (arm.v, state.velocity), (arm.hand_force, state.hand_force),
+            (arm.force, state.torque), (arm.force, state.actuator_force),
+        ):  # fmt: skip
+            copy(self.dof, mine, ours)
         self.position = tuple(state.position)
         return work
 
     def _tick(self, begin: Vector, end: Vector) -> float:
         return motion.tick(self.arm, (begin, end), 0)
+
+
+def turned(table: ArmTable, position: Vector) -> list[float]:
+    """The posture whose angles are `position` from home [rad]. Raises InvalidParameter: a stop is in the way."""
+    q = [home + angle for home, angle in zip(table.home, position, strict=True)]
+    for joint, angle in zip(table.joints, q, strict=True):
+        if not joint.lower <= angle <= joint.upper:
+            allowed = f"within its stops, {joint.lower:g} to {joint.upper:g} rad"
+            raise InvalidParameter(f"the hand's start at {table.name}'s joint {joint.name} [rad]", angle, allowed)
+    return q
 
 
 def inverse(chain: Chain, table: ArmTable, position: Vector) -> list[float]:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from hapnet.plant.arms import motion
+from hapnet.plant.arms.chain import difference
 from hapnet.plant.arms.motion import Arm
 from hapnet.plant.arms.table import ArmTable, at_home, chain_of
 from hapnet.plant.operator import Impedance
@@ -24,14 +25,21 @@ BRAKES_AT = 0.1
 """A drive brakes with its motor's whole torque at a rate above the greatest by this share."""
 
 
-def arm_of(table: ArmTable, hand: Impedance, period: float, steps: int, *, compensated: bool = True) -> Arm:
-    """The arm at rest at home, its tip in a hand.
+def arm_of(
+    table: ArmTable, hand: Impedance, period: float, steps: int, *, compensated: bool = True, by_joints: bool = False
+) -> Arm:
+    """The arm at rest at home, in a hand.
 
     period : of a tick [s]; steps : in a tick. compensated : do the motors carry the arm's weight?
+    by_joints : hand and coupling act on each joint, not at the tip.
     """
     arm = Arm()
-    arm.chain = chain_of(table, hand.mass)
+    arm.chain = chain_of(table, 0.0 if by_joints else hand.mass)
     arm.n = n = arm.chain.n
+    arm.port.axes, arm.port.by_joints = n if by_joints else 3, int(by_joints)
+    arm.port.origin[:n] = list(table.home)
+    for i in range(n):
+        arm.port.columns[i][i] = 1.0  # the tip's are computed
     arm.period, arm.steps, arm.h = period, steps, period / steps
     arm.compensated, arm.slip = int(compensated), SLIP_RADPS
     arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping
@@ -47,8 +55,8 @@ def arm_of(table: ArmTable, hand: Impedance, period: float, steps: int, *, compe
             arm.brake[i] = torque / (BRAKES_AT * joint.speed)
     arm.has_limits = int(any(joint.effort < math.inf for joint in table.joints))
     arm.q[:n] = list(table.home)
-    motion.look(arm)
+    difference(arm.chain, arm.chain.tip, arm.q, arm.q)
     for r in range(3):
-        arm.chain.tip.arms[0][r] -= arm.x[r]
+        arm.chain.tip.arms[0][r] -= arm.chain.tip.begin[r]
     motion.look(arm)
     return arm

@@ -10,9 +10,10 @@ With ``M = L L'`` and the quasi-velocity ``z = L' q'`` the kinetic energy is |z|
 So ``|z1|^2/2 - |z0|^2/2 = h w . (torques)`` for any L, and ``h w . J_d' F = F . (x1 - x0)``: a step neither makes nor
 loses energy. What depends on its own end is found by a fixed point, to which stops and brakes give their tangents.
 
-The hand's mass moves with the tip, as a part of M. A force F that is held in a tick is held in the world's axes; if it
-asks for more than a motor has, the motors share its largest multiple that none of them limits. The account needs that
-one: `force` after a tick.
+x are the port's axes: those of the tip, or the joints' angles with J_d = 1, f in Nm and the hand's M_h, B_h and K_h in
+kg m^2, Nms/rad and Nm/rad. The hand's mass moves with the tip or with each joint, as a part of M. A force F that is
+held in a tick is held along these axes; if it asks for more than a motor has, the motors share its largest multiple
+that none of them limits. The account needs that one: `force` after a tick.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hapnet.plant.arms.chain import Chain, MatrixOfJoints, OfJoints, difference, dot3, gravity, height, matrices
+from hapnet.plant.arms.chain import Chain, MatrixOfJoints, OfJoints, difference, gravity, height, matrices
 from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.record import Reals, Record
 from hapnet.records.vectors import copy, dot
 
 ROUNDS = 40
@@ -37,24 +38,44 @@ TRIES = 8
 _WITHIN = 1.0 - 1e-9
 
 
+class Port(Record):
+    """Where hand and coupling hold the arm, between two postures; `axes` of them, of the tip [m] or the joints [rad].
+
+    by_joints : are the axes the joints? origin : q where their positions are 0 [rad].
+
+    Attributes
+    ----------
+    begin, end : the position at both postures. columns : J_d, a row for each joint.
+    """
+
+    axes: int
+    by_joints: int
+    origin: OfJoints
+    begin: OfJoints
+    end: OfJoints
+    columns: MatrixOfJoints
+
+
 class Arm(Record):
-    """An arm and the hand that holds its tip.
+    """An arm and the hand that holds it, at its tip or joint by joint.
 
     period : of a tick [s]. h : length of a step [s]; steps : their number in a tick.
     damping [Nms/rad], friction [Nm] : of each joint; the friction is Coulomb's above `slip` [rad/s]. lower, upper :
     the stops [rad]; stop_stiffness [Nm/rad], stop_damping [Nms/rad^2] : of these. effort : the motors' greatest torque
     [Nm]; has_limits : is any finite? speed : above that [rad/s] the drive brakes with `brake` [Nms/rad]. compensated :
     do the motors carry the arm's weight? hand_mass [kg], hand_stiffness [N/m], hand_damping [Ns/m] : of the hand.
+    port : where it holds; with joints as axes [m], [N] and so on are [rad], [Nm], ...
 
     Attributes
     ----------
-    q [rad], z : of the state; rates : q' [rad/s]. x [m], v [m/s] : of the tip.
+    q [rad], z : of the state; rates : q' [rad/s]. x [m], v [m/s] : of the port.
     commanded : the force to be held [N]; force : the one that was, in the last tick. hand_force : mean in it [N].
     lost : by damping, friction, brakes and stops since the start [J]. limited : was the last tick's force cut?
     rounds : of the longest fixed point so far; unsettled : how many have not ended.
     """
 
     chain: Chain
+    port: Port
     n: int
     steps: int
     period: float
@@ -77,11 +98,11 @@ class Arm(Record):
     q: OfJoints
     z: OfJoints
     rates: OfJoints
-    x: OfAxes
-    v: OfAxes
-    commanded: OfAxes
-    force: OfAxes
-    hand_force: OfAxes
+    x: OfJoints
+    v: OfJoints
+    commanded: OfJoints
+    force: OfJoints
+    hand_force: OfJoints
     lost: float
     limited: int
     rounds: int
@@ -99,12 +120,37 @@ class Arm(Record):
     factor: MatrixOfJoints
     rate: MatrixOfJoints
     system: MatrixOfJoints
-    aim: OfAxes
-    pull: OfAxes
+    aim: OfJoints
+    pull: OfJoints
     begun_q: OfJoints
     begun_z: OfJoints
     begun_w: OfJoints
-    begun_v: OfAxes
+    begun_v: OfJoints
+
+
+@equation
+def weigh(arm: Arm, q: Reals, rates: Reals) -> None:
+    """M, with what the hand adds joint by joint, and C."""
+    matrices(arm.chain, q, rates)
+    if arm.port.by_joints:
+        for i in range(arm.n):
+            arm.chain.inertia[i][i] += arm.hand_mass
+    cholesky(arm)
+
+
+@equation
+def look_at_port(arm: Arm, q0: Reals, q1: Reals) -> None:
+    """The port at two postures, and J_d between them."""
+    port, tip = arm.port, arm.chain.tip
+    if port.by_joints:
+        for i in range(arm.n):
+            port.begin[i], port.end[i] = q0[i] - port.origin[i], q1[i] - port.origin[i]
+    else:
+        difference(arm.chain, tip, q0, q1)
+        copy(3, tip.begin, port.begin)
+        copy(3, tip.end, port.end)
+        for i in range(arm.n):
+            copy(3, tip.columns[i], port.columns[i])
 
 
 @equation
@@ -191,18 +237,18 @@ def _meet(arm: Arm, i: int, side: float, p0: float, p1: float) -> None:
 @equation
 def _add_forces(arm: Arm) -> None:
     """The torques of force, hand and weight."""
-    n, columns, h = arm.n, arm.chain.tip.columns, arm.h
+    n, columns, h, axes = arm.n, arm.port.columns, arm.h, arm.port.axes
     drag = arm.hand_damping + 0.5 * h * arm.hand_stiffness
-    begin = arm.chain.tip.begin
-    for r in range(3):
+    begin = arm.port.begin
+    for r in range(axes):
         arm.pull[r] = arm.aim[r] - arm.hand_stiffness * begin[r] + arm.force[r]
     for i in range(n):
-        arm.torque[i] += dot3(columns[i], arm.pull)
+        arm.torque[i] += dot(axes, columns[i], arm.pull)
         if not arm.compensated:
             arm.torque[i] -= arm.load[i]
         if drag != 0.0:
             for j in range(n):
-                arm.system[i][j] += drag * dot3(columns[i], columns[j])
+                arm.system[i][j] += drag * dot(axes, columns[i], columns[j])
 
 
 @equation
@@ -239,10 +285,9 @@ def step(arm: Arm) -> float:
         arm.end[i] = arm.q[i] + h * arm.w[i]
     settled, rounds = False, 0
     while not settled and rounds < ROUNDS:
-        matrices(chain, arm.middle, arm.w)
-        cholesky(arm)
+        weigh(arm, arm.middle, arm.w)
         _set_up(arm)
-        difference(chain, chain.tip, arm.q, arm.end)
+        look_at_port(arm, arm.q, arm.end)
         if not arm.compensated:
             gravity(chain, arm.q, arm.end, arm.load)
         _add_joints(arm)
@@ -264,14 +309,14 @@ def step(arm: Arm) -> float:
         for k in range(i, n):
             total += arm.factor[k][i] * arm.w[k]
         arm.z[i] = 2.0 * total - arm.z[i]
-    difference(chain, chain.tip, arm.q, arm.end)
+    look_at_port(arm, arm.q, arm.end)
     if arm.has_limits:
         _compare(arm)
-    work, tip = 0.0, chain.tip
-    for r in range(3):
-        moved = tip.end[r] - tip.begin[r]
+    work, port = 0.0, arm.port
+    for r in range(port.axes):
+        moved = port.end[r] - port.begin[r]
         rate = arm.hand_damping / h + 0.5 * arm.hand_stiffness
-        arm.pull[r] = arm.aim[r] - arm.hand_stiffness * tip.begin[r] - rate * moved
+        arm.pull[r] = arm.aim[r] - arm.hand_stiffness * port.begin[r] - rate * moved
         work += arm.pull[r] * moved
     copy(n, arm.end, arm.q)
     return work
@@ -284,7 +329,7 @@ def _compare(arm: Arm) -> None:
         gravity(arm.chain, arm.q, arm.end, arm.load)
     for i in range(arm.n):
         room = arm.effort[i] - (abs(arm.load[i]) if arm.compensated else 0.0)
-        torque = abs(dot3(arm.chain.tip.columns[i], arm.force))
+        torque = abs(dot(arm.port.axes, arm.port.columns[i], arm.force))
         if torque > 0.0:
             arm.worst = max(arm.worst, torque / room if room > 0.0 else math.inf)
 
@@ -299,17 +344,17 @@ def _pressed(arm: Arm, i: int, q: float) -> float:
 @equation
 def tick(arm: Arm, path: Sequence[Reals], at: int) -> float:
     """A tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
-    n = arm.n
+    n, axes = arm.n, arm.port.axes
     copy(n, arm.q, arm.begun_q)
     copy(n, arm.z, arm.begun_z)
-    copy(3, arm.v, arm.begun_v)
+    copy(axes, arm.v, arm.begun_v)
     copy(n, arm.rates, arm.w)
     share, work, done = 1.0, 0.0, False
     for tried in range(TRIES):
         if not done:
             if tried == TRIES - 1:
                 share = 0.0
-            for r in range(3):
+            for r in range(axes):
                 arm.force[r] = share * arm.commanded[r]
             arm.worst = arm.spent = 0.0
             work = _steps(arm, path[at], path[at + 1])
@@ -323,7 +368,7 @@ def tick(arm: Arm, path: Sequence[Reals], at: int) -> float:
     arm.lost += arm.spent
     look(arm)
     kick = 0.0
-    for r in range(3):
+    for r in range(axes):
         kick += (arm.v[r] - arm.begun_v[r]) * (arm.v[r] + arm.begun_v[r])
         arm.hand_force[r] = arm.pull[r] - arm.hand_mass * (arm.v[r] - arm.begun_v[r]) / arm.period
     return work - 0.5 * arm.hand_mass * kick
@@ -333,7 +378,7 @@ def tick(arm: Arm, path: Sequence[Reals], at: int) -> float:
 def _steps(arm: Arm, begin: Reals, end: Reals) -> float:
     work = 0.0
     for k in range(arm.steps):
-        for r in range(3):
+        for r in range(arm.port.axes):
             rate = (end[r] - begin[r]) / arm.period
             middle = begin[r] + rate * (k + 0.5) * arm.h
             arm.aim[r] = arm.hand_stiffness * middle + arm.hand_damping * rate
@@ -343,26 +388,25 @@ def _steps(arm: Arm, begin: Reals, end: Reals) -> float:
 
 @equation
 def look(arm: Arm) -> None:
-    """Tip, its velocity, and the joints' rates, of the state."""
-    n, chain, L = arm.n, arm.chain, arm.factor
-    matrices(chain, arm.q, arm.rates)
-    cholesky(arm)
+    """The port, its velocity, and the joints' rates, of the state."""
+    n, port, L = arm.n, arm.port, arm.factor
+    weigh(arm, arm.q, arm.rates)
     for i in range(n - 1, -1, -1):
         total = arm.z[i]
         for k in range(i + 1, n):
             total -= L[k][i] * arm.rates[k]
         arm.rates[i] = total / L[i][i]
-    difference(chain, chain.tip, arm.q, arm.q)
-    for r in range(3):
-        arm.x[r], arm.v[r] = chain.tip.begin[r], 0.0
+    look_at_port(arm, arm.q, arm.q)
+    for r in range(port.axes):
+        arm.x[r], arm.v[r] = port.begin[r], 0.0
         for i in range(n):
-            arm.v[r] += chain.tip.columns[i][r] * arm.rates[i]
+            arm.v[r] += port.columns[i][r] * arm.rates[i]
 
 
 @equation
 def kinetic(arm: Arm) -> float:
-    """The arm's kinetic energy, without that of the hand's mass at its tip [J]."""
-    return 0.5 * (dot(arm.n, arm.z, arm.z) - arm.hand_mass * dot3(arm.v, arm.v))
+    """The arm's kinetic energy, without that of the hand's mass [J]."""
+    return 0.5 * (dot(arm.n, arm.z, arm.z) - arm.hand_mass * dot(arm.port.axes, arm.v, arm.v))
 
 
 @equation

@@ -49,7 +49,7 @@ def run(
     x = arm.read()[0]
     modulator = SetPositionModulator(stiffness=stiffness, position=x, ceiling=CEILING_J)
     coupling = SetPositionCoupling(modulator, stages=Pipeline(), silence=Silence("hold", 1.0))
-    servo = SampledServo(coupling, damping=(damping,) * 3, period=T, position=x, resolution=arm.resolution)
+    servo = SampledServo(coupling, damping=(damping,) * arm.dof, period=T, position=x, resolution=arm.resolution)
     held = HeldDevice(arm, servo, Ledger(0.0, 0.0))
     start, work, hand, closure, limited, beyond = arm.kinetic + arm.potential, 0.0, 0.0, 0.0, 0, 0.0
     for k in range(ticks):
@@ -66,7 +66,7 @@ def run(
         x, v = arm.read()
         held_device.count(held, T)
         if k % 20 == 0:
-            coupling.receive(tuple(rng.uniform(-reach, reach, 3)), 0.0, 0.0)
+            coupling.receive(tuple(rng.uniform(-reach, reach, arm.dof)), 0.0, 0.0)
         servo.tick(T, x, v)
         held_device.apply(held)
         ledger = coupling.ledger
@@ -125,7 +125,7 @@ class Proud(SimulatedArm):
 
     def advance(self) -> float:
         work = super().advance()
-        self.state.torque[:] = self.arm.commanded
+        self.state.torque[:] = self.arm.commanded[: self.dof]
         return work
 
 
@@ -161,7 +161,7 @@ def test_what_cannot_be_is_refused() -> None:
     hand = Rest(3, Impedance())
     with pytest.raises(InvalidParameter, match="within the reach of omni"):
         SimulatedArm(omni(), Rest(3, Impedance(), (0.5, 0.0, 0.0)))
-    with pytest.raises(InvalidParameter, match="3, the axes of an arm's tip"):
+    with pytest.raises(InvalidParameter, match="3, the axes of the tip of omni"):
         SimulatedArm(omni(), Rest(2, Impedance()))
     with pytest.raises(InvalidParameter, match=r"effort of omni's joint shoulder.*above 0.0496 Nm"):
         SimulatedArm(with_joints(omni(), effort=0.04), hand)
