@@ -34,7 +34,8 @@ def compare_surfaces(model: ContactState, n: int) -> None:
     """Find the shift with which the contact planes agree with the proxy's own position and force."""
     answer, earlier = model.answer, model.planes
     first, count = 0, answer.count
-    if model.rubbing.rubs and count > 1:  # friction on one plane may be along the normal of another
+    # friction on one plane may be along the normal of another, and points of one tool share its force
+    if (model.rubbing.rubs or n > AXES) and count > 1:
         touched = 0
         for k in range(answer.count):
             if depth(answer.planes[k], n, answer.position) > 0.0:

@@ -1,0 +1,117 @@
+"""A peg in a hole 0.2 mm wider, by random hands: ``python -m tests.support.insertions`` prints how they went.
+
+Beside each run over a link stands the same hand with the same springs on the spot: no link, and steps of 1 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+
+import numpy as np
+
+from hapnet.assembly.build import prepare
+from hapnet.checks import Vector
+from hapnet.mechanics.pose import ARM_M
+from hapnet.plant.operator import Impedance, minimum_jerk
+from hapnet.plant.poses.hand import turned
+from hapnet.simulation.simulation import Simulation
+from tests.support.tools import wrench
+
+RADIUS_M, CLEARANCE_M, LENGTH_M, MOUTH_M, DEEP_M = 0.005, 0.0002, 0.03, 0.02, 0.02
+SCENE = (
+    f"tool:peg?radius={RADIUS_M}m&length={LENGTH_M}m + "
+    f"hole?radius={RADIUS_M + CLEARANCE_M}m&at=0,0,-{MOUTH_M}m&friction=0.2"
+)
+ON_THE_SPOT: Mapping[str, object] = {
+    "link.up": "delay 0ms", "link.down": "delay 0ms", "world.step_min_s": 0.001, "world.step_max_s": 0.001,
+}  # fmt: skip
+LASTS_S, DOWN_S = 4.0, 2.5
+
+
+class Inserting:
+    """A hand that misses the hole's middle by up to 0.7 mm and its direction by up to 2 degrees, and pushes in."""
+
+    def __init__(self, number: int) -> None:
+        rng = np.random.default_rng([2009, number])
+        self.impedance: Impedance = Impedance()
+        angle, size = rng.uniform(0.0, 2.0 * np.pi), 0.0007 * np.sqrt(rng.random())
+        self._off = size * np.cos(angle), size * np.sin(angle)
+        self._tilt: Vector = tuple((np.radians(2.0) * rng.uniform(-1.0, 1.0, 3)).tolist())
+        self._down_s = DOWN_S * rng.uniform(0.6, 1.0)
+
+    def reference(self, t: float) -> Vector:
+        """The pose (12,) [m] at t [s]: first it turns and moves aside, then down."""
+        aside, down = minimum_jerk(t / 0.5), minimum_jerk((t - 0.5) / self._down_s)
+        deep = down * (MOUTH_M - 0.5 * LENGTH_M + DEEP_M)
+        place = (aside * self._off[0], aside * self._off[1], -deep)
+        return turned(place, tuple([aside * part for part in self._tilt]), ARM_M)
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """How deep the peg's end is in the hole at the end [m]; largest steps from tick to tick [N], [Nm]; the account."""
+
+    deep_m: float
+    step_N: float
+    step_Nm: float
+    modulated: float
+    slack_J: float
+    env_slack_J: float
+    passive: bool
+
+
+def insert(number: int, link: str = "") -> Insertion:
+    """link : a profile; empty: on the spot."""
+    over = {"link.up": link, "link.down": link} if link else ON_THE_SPOT
+    setup = prepare({"scene": SCENE, "duration_s": LASTS_S, "record_hz": 1000.0, **over}, "continuous")
+    result = Simulation(setup.params, number, setup=replace(setup, hand=Inserting(number))).run()
+    device, summary = result.recording.device, result.summary
+    assert device is not None
+    pairs = [wrench(x, f) for x, f in zip(device["position_m"], device["force_N"], strict=True)]
+    forces, torques = (np.array([pair[k] for pair in pairs]) for k in (0, 1))
+    return Insertion(
+        -float(device["position_m"][-1, 2]) + 0.5 * LENGTH_M - MOUTH_M,
+        float(np.linalg.norm(np.diff(forces, axis=0), axis=1).max()),
+        float(np.linalg.norm(np.diff(torques, axis=0), axis=1).max()),
+        summary["world"]["modulated_share"],
+        min(summary[side]["ledger"]["slack_J"] for side in ("device", "world")),
+        summary["environment"]["env_slack_J"],
+        summary["verdict"]["passive"],
+    )
+
+
+def insertions(numbers: range, link: str, workers: int) -> Iterator[Insertion]:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(partial(insert, link=link), numbers)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--links", default="4g,wan-intercontinental")
+    parser.add_argument("--hands", type=int, default=100)
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    numbers = range(given.hands)
+    spot = list(insertions(numbers, "", given.workers))
+    print(f"on the spot: in {sum(one.deep_m > 0.9 * DEEP_M for one in spot)} of {given.hands}", flush=True)
+    for link in given.links.split(","):
+        found = list(insertions(numbers, link, given.workers))
+        worse = [k for k, (one, local) in enumerate(zip(found, spot, strict=True)) if one.deep_m < local.deep_m - 1e-3]
+        print(
+            f"{link}: in {sum(one.deep_m > 0.9 * DEEP_M for one in found)}, less deep than on the spot: {worse}; "
+            f"passive {sum(one.passive for one in found)}; slack {min(one.slack_J for one in found):.1e} J, "
+            f"env_slack {min(one.env_slack_J for one in found):.1e} J; largest step: "
+            f"{max(one.step_N for one in found):.3f} N, {1e3 * max(one.step_Nm for one in found):.2f} mNm "
+            f"(on the spot {max(one.step_N for one in spot):.3f}, {1e3 * max(one.step_Nm for one in spot):.2f}); "
+            f"modulated {100.0 * max(one.modulated for one in found):.1f} %",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
