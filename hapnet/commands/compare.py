@@ -132,7 +132,7 @@ def compare(
     options: CompareOptions,
     model: Annotated[
         ModelOptions,
-        Without("operator", "hardware", "coupling", "deadband", "servo", "servo_hz", "on_silence", "silence_after"),
+        Without("operator", "coupling", "deadband", "servo", "servo_hz", "on_silence", "silence_after"),
     ],
     params: ParamsOptions,
     json_to: flags.Json = None,

@@ -72,7 +72,6 @@ def transparency(
         Without(
             "scene",
             "operator",
-            "hardware",
             "coupling",
             "deadband",
             "servo",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+from hapnet.assembly.arms import with_arm
 from hapnet.assembly.springs import with_springs
 from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS
@@ -15,6 +16,7 @@ from hapnet.params import Params
 from hapnet.recording.samples import Recording
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.verdict import ROUNDING_J
+from hapnet.units import METRES
 
 DEADBAND = "wire.deadband"
 """The deadband's parameter: the reference run over an ideal link has no deadband either."""
@@ -63,15 +65,17 @@ def measures(run: Measured) -> Measures:
 
 
 def simulated(params: Params, seed: int) -> Measured:
-    """The run of a case, each tick recorded."""
+    """The run of a case, each tick recorded. Raises InvalidParameter: an axis is not in metres."""
     simulation = Simulation(params.set({"record_hz": params.device.servo_hz}), seed, motion_only=True)
+    if simulation.setup.units != METRES:
+        raise InvalidParameter("scene", params.scene, "one whose axes are in metres: what is measured is in mm and N")
     return Measured(simulation.setup.params, simulation.run(), simulation.setup.scene)
 
 
 def _studied(params: Params) -> Params:
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
-    return with_springs(params.set({"device.servo": "sampled"}) if params.device.servo == "auto" else params)
+    return with_springs(with_arm(params.set({"device.servo": "sampled"}) if params.device.servo == "auto" else params))
 
 
 @lru_cache(maxsize=_REFERENCES)

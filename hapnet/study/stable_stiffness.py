@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from hapnet.assembly.arms import with_arm
 from hapnet.assembly.build import Setup
 from hapnet.couplings.default_stiffness import colgate_bound
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.force import limit_cycles
-from hapnet.params import Params
+from hapnet.params import Params, is_arm
 from hapnet.plant.worlds.walls import Wall
 from hapnet.plots.impedance import Springs, stable_springs
 from hapnet.recording.samples import Recording
@@ -83,14 +84,17 @@ class Case(NamedTuple):
 def cases(params: Params) -> list[Case]:
     """Both couplings, with and without encoders, over servo rates and own dampings; those of `params` are among them.
 
+    An arm has the damping of its links only.
+
     Raises InvalidParameter: the device's B is not a number, so that there is no bound.
     """
-    device = params.device
+    device = with_arm(params).device
+    dampings = {device.own_damping} if is_arm(params.hardware) else {*OWN_DAMPING, device.own_damping}
     bound(1.0, 1.0, device.damping)
     return [
         Case(coupling, hz, b, resolution)
         for hz in sorted({*SERVO_HZ, device.servo_hz})
-        for b in sorted({*OWN_DAMPING, device.own_damping})
+        for b in sorted(dampings)
         for coupling in COUPLINGS
         for resolution in ENCODERS_M
     ]

@@ -95,7 +95,7 @@ BAD = [
     bad("run", "--scene", "free", "--dof", "2", "--set", "world.stiffness=[[1,2],[2,1]]", says=("positive definite",)),
     bad("run", "--set", "world.mass=-1", says=("world.mass", "-1")),
     bad("simulate", "--set", "hardware=mymodule:Arm", says=("hardware", "mymodule:Arm", "virtual time")),
-    bad("simulate", "--device", "omni:x=1", says=("hardware", "omni:x=1", "no options")),
+    bad("simulate", "--device", "omni:x=1", says=("hardware", "omni:x=1", "omni?axes=joints")),
     bad("simulate", "--device", "omni", "--dof", "2", says=("dof", "2", "3")),
     bad("run", "--device", "omni", "--servo", "continuous", says=("device.servo", "continuous", "sampled")),
     bad("run", "--device", "omni", "--set", "device.mass=0.1", says=("device.mass", "0.1", "links")),
