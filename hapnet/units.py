@@ -3,6 +3,8 @@
 A world declares its units, and whoever works with it must have the same: the device, the parameters and the other side.
 They are a text, ``m``, ``rad``, or one for each axis as in ``m,m,rad``. Names in code end in the units of metres
 (`position_m`, `force_N`): an axis in radians has its values there in rad, rad/s, Nm, Nm/rad, Nms/rad and kg m^2.
+
+The twelve coordinates of a pose (`hapnet.mechanics.pose`), all in metres, are the text ``pose``.
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 
-METRES, RADIANS = "m", "rad"
+METRES, RADIANS, POSE = "m", "rad", "pose"
+
+POSE_AXES = 12
 
 RADIANS_FOR = {"m": "rad", "mm": "mrad", "m/s": "rad/s", "mps": "radps", "N": "Nm", "N/m": "Nm/rad"}
 """What a unit of an axis in metres is for one in radians; ``mps`` as fields' names have it."""
@@ -23,6 +27,8 @@ def units_of(declared: object, dof: int, name: str = "units") -> tuple[str, ...]
 
     Raises InvalidParameter: it is no such text.
     """
+    if declared == POSE and dof == POSE_AXES:
+        return (METRES,) * dof
     parts = tuple([part.strip() for part in declared.split(",")]) if isinstance(declared, str) else ()
     if len(parts) not in (1, dof) or not set(parts) <= {METRES, RADIANS}:
         raise InvalidParameter(name, declared, f"m or rad, for all axes or one for each of {dof}, as in m,m,rad")
@@ -34,13 +40,24 @@ def text_of(units: tuple[str, ...]) -> str:
     return ",".join(units if len(set(units)) > 1 else units[:1])
 
 
-def units_in(meta: Mapping[str, Any], dof: int) -> tuple[str, ...]:
-    """The units in a recording's description; metres where it says nothing that fits."""
+def one_text(declared: object, dof: int, name: str = "units") -> str:
+    """The text that all have who mean these units. Raises InvalidParameter, as `units_of`."""
+    units = units_of(declared, dof, name)
+    return POSE if declared == POSE else text_of(units)
+
+
+def text_in(meta: Mapping[str, Any], dof: int) -> str:
+    """The text in a recording's description; metres where it says nothing that fits."""
     params = meta.get("params")
     try:
-        return units_of(params["units"], dof) if isinstance(params, Mapping) else (METRES,) * dof
-    except (KeyError, InvalidParameter):
-        return (METRES,) * dof
+        return one_text(params.get("units") if isinstance(params, Mapping) else METRES, dof)
+    except InvalidParameter:
+        return METRES
+
+
+def units_in(meta: Mapping[str, Any], dof: int) -> tuple[str, ...]:
+    """The units of `text_in`."""
+    return units_of(text_in(meta, dof), dof)
 
 
 def within(units: str | None, unit: str) -> str:

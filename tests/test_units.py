@@ -132,7 +132,7 @@ def test_recordings_tables_and_figures_carry_them(tmp_path: Path) -> None:
     assert any("mm or mrad free" in line for line in brief(summary))
     turned = simulate(Params().set({"scene": f"{HERE}:twisted", "duration_s": 0.5, "rendering": "paper"}), 3)
     labels = [panel.get_ylabel() for panel in figure(turned.recording).axes]
-    assert labels[:2] == ["position [mrad]", "force [Nm]"]
+    assert labels[:2] == ["rotation [°]", "torque [Nm]"]
 
 
 def twisted(position: Any, velocity: Any, time: float) -> float:

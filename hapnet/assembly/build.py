@@ -30,7 +30,7 @@ from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
-from hapnet.mechanics.pose import DOF, is_pose
+from hapnet.mechanics.pose import DOF
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
@@ -45,7 +45,7 @@ from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.units import METRES, text_of, units_of, within
+from hapnet.units import METRES, POSE, one_text, within
 from hapnet.wire.handshake import RESERVOIR, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
@@ -98,7 +98,7 @@ class Setup:
     @property
     def units(self) -> str:
         """Of the axes: `hapnet.units`."""
-        return text_of(units_of(self.scene.units, self.dof))
+        return one_text(self.scene.units, self.dof)
 
     @property
     def tuned(self) -> dict[str, Any]:
@@ -149,7 +149,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     servo = device.servo
     if servo == "auto":
         acts_within = spec.continuous is not None and params.rendering == "paper" and not is_arm(params.hardware)
-        acts_within = acts_within and not is_pose(scene.dof)
+        acts_within = acts_within and scene.units != POSE
         servo = default_servo if acts_within else "sampled"
     elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
@@ -394,7 +394,7 @@ def _scene(params: Params) -> tuple[World, list[str]]:
             warnings[keyword] = f"{name} is {shown}, but the scene {params.scene} does not read it"
     try:
         scene = make_scene(params.scene, **values)
-        if params.dof not in (0, scene.dof, DOF if is_pose(scene.dof) else 0):
+        if params.dof not in (0, scene.dof, DOF if scene.units == POSE else 0):
             raise InvalidParameter("dof", params.dof, f"0 or {scene.dof}: the scene {params.scene} sets its own")
         if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
             warnings = {keyword: one for keyword, one in warnings.items() if not keyword.startswith("step_")}

@@ -17,6 +17,7 @@ from typing import Any
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates, coordinates, wrench
+from hapnet.units import POSE
 
 _FARTHEST = 2.5
 """The ends of the arms lie within so many times their length from home; twice is the diameter of what they reach."""
@@ -31,6 +32,7 @@ class Posed:
     """
 
     dof: int = AXES
+    units: str = POSE
 
     def __init__(
         self, device: Any, name: str, clock: Callable[[], float] = time.monotonic, arm_m: float = ARM_M

@@ -8,7 +8,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params, is_arm, is_simulated
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.worlds.protocol import World
-from hapnet.units import METRES, RADIANS, text_of, units_of, within
+from hapnet.units import METRES, RADIANS, one_text, within
 
 _PLACES = (
     "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
@@ -42,18 +42,17 @@ def with_units(params: Params, scene: World) -> Params:
 
     Raises InvalidParameter: the parameters, the device or the world name others.
     """
-    of_world = units_of(scene.units, scene.dof, f"the units of the scene {params.scene}")
-    if params.units != "auto" and units_of(params.units, scene.dof) != of_world:
-        allowed = f"auto or {text_of(of_world)}: the scene {params.scene} sets its own"
-        raise InvalidParameter("units", params.units, allowed)
-    if is_arm(params.hardware) and {unit := RADIANS if by_joints(params.hardware) else METRES} != set(of_world):
-        need = f"one whose axes are in {text_of(of_world)}, as those of the scene {params.scene}"
+    of_world = one_text(scene.units, scene.dof, f"the units of the scene {params.scene}")
+    if params.units != "auto" and one_text(params.units, scene.dof) != of_world:
+        raise InvalidParameter("units", params.units, f"auto or {of_world}: the scene {params.scene} sets its own")
+    if is_arm(params.hardware) and (unit := RADIANS if by_joints(params.hardware) else METRES) != of_world:
+        need = f"one whose axes are in {of_world}, as those of the scene {params.scene}"
         raise InvalidParameter("hardware", params.hardware, f"{need}; this one's are in {unit}")
-    if set(of_world) == {METRES}:
+    if of_world == METRES:
         return params
-    turned = _TURNED if set(of_world) == {RADIANS} else {}
+    turned = _TURNED if of_world == RADIANS else {}
     left = {name: value for name, value in turned.items() if params.get(name) == _DEFAULTS.get(name)}
-    return params.set({"units": text_of(of_world), **left})
+    return params.set({"units": of_world, **left})
 
 
 def check_units(params: Params, dof: int) -> None:

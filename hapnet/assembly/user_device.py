@@ -23,13 +23,12 @@ from hapnet.checks import Vector
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.loading import failure, load
-from hapnet.mechanics.pose import is_pose
 from hapnet.params import ARMS, DeviceParams, Params, is_simulated
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 from hapnet.side.force_limiter import ForceLimiter
-from hapnet.units import METRES, text_of, units_of
+from hapnet.units import METRES, POSE, one_text
 
 
 def allowed() -> str:
@@ -128,7 +127,7 @@ class UserDevice:
         self.dof: int = dof
         make = load_class(name)
         try:
-            self.device: Device = Posed(make(dof=3), name) if is_pose(dof) else make(dof=dof)
+            self.device: Device = Posed(make(dof=3), name) if units == POSE else make(dof=dof)
         except HapnetError as error:  # the driver says what is wrong
             if isinstance(error, InvalidParameter) and error.name == "hardware":
                 raise
@@ -156,7 +155,7 @@ class UserDevice:
         if self.device.dof != dof:
             raise InvalidParameter("hardware", name, f"a device with {dof} degrees of freedom, as the scene has")
         try:
-            own = text_of(units_of(getattr(self.device, "units", METRES), dof))
+            own = one_text(getattr(self.device, "units", METRES), dof)
             self.force_limit: float | None = self._positive("force_limit")
             self.resolution: float = checks.non_negative("resolution", self.device.resolution)
             self.greatest_speed: float | None = self._positive("greatest_speed")
@@ -355,7 +354,9 @@ class UserDevice:
         Raises InvalidParameter: device.known_mass_kg is not one number, or one for each axis.
         """
         limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
-        if not params.self_test_N or is_pose(self.dof):  # how heavy a pose is along its coordinates is not known
+        if not params.self_test_N or isinstance(
+            self.device, Posed
+        ):  # how heavy a pose is along its coordinates is not known
             return None
         mass = checks.vector("device.known_mass_kg", cast(ArrayLike, params.known_mass_kg))
         if len(mass) not in (1, self.dof):

@@ -21,18 +21,19 @@ The arms' ends are the natural coordinates, or directors, of a rigid body (Betsc
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Floats, Reals
+from hapnet.units import POSE_AXES
 
-AXES = 12
+AXES = POSE_AXES
 """So many coordinates has a pose."""
 
 DOF = 6
@@ -56,11 +57,6 @@ class Pose(NamedTuple):
     quaternion: Quaternion
 
 
-def is_pose(dof: int) -> bool:
-    """Are so many coordinates those of a pose?"""
-    return dof == AXES
-
-
 def coordinates(position: Sequence[float], quaternion: Sequence[float], arm_m: float = ARM_M) -> Vector:
     """The twelve coordinates [m] of a pose; the quaternion (w, x, y, z) need not be of unit length.
 
@@ -77,43 +73,66 @@ def coordinates(position: Sequence[float], quaternion: Sequence[float], arm_m: f
     return (*c, *[arm_m * part for column in columns for part in column])
 
 
-def rotation(x: Sequence[float], arm_m: float = ARM_M) -> Array:
-    """The rotation (3, 3) nearest to the arms at x (12,) [m]: their polar decomposition."""
-    matrix = np.eye(3) + np.reshape(np.asarray(x, dtype=float)[3:], (3, 3)).T / arm_m
-    left, _, right = np.linalg.svd(matrix)
-    turn: Array = left @ np.diag([1.0, 1.0, math.copysign(1.0, float(np.linalg.det(left @ right)))]) @ right
+def rotation(x: ArrayLike, arm_m: float = ARM_M) -> Array:
+    """The rotations (..., 3, 3) nearest to the arms at x (..., 12) [m]: their polar decomposition; NaN where x is."""
+    arms = np.asarray(x, dtype=float)[..., 3:] / arm_m
+    known = np.asarray(np.isfinite(arms).all(axis=-1))
+    arms = np.where(known[..., None], arms, 0.0).reshape(*arms.shape[:-1], 3, 3)
+    left, _, right = np.linalg.svd(np.eye(3) + np.swapaxes(arms, -1, -2))
+    left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+    turn: Array = np.where(known[..., None, None], left @ right, np.nan)
     return turn
 
 
-def pose(x: Sequence[float], arm_m: float = ARM_M) -> Pose:
+def pose(x: ArrayLike, arm_m: float = ARM_M) -> Pose:
     """The pose at x (12,) [m], or the one whose orientation is nearest to it."""
-    return Pose(tuple([float(part) for part in x[:3]]), quaternion_of(rotation(x, arm_m)))
+    w, i, j, k = quaternions(rotation(x, arm_m)).tolist()
+    return Pose(tuple(np.asarray(x, dtype=float)[:3].tolist()), (w, i, j, k))
 
 
-def quaternion_of(R: Array) -> Quaternion:
-    """The quaternion of a rotation (3, 3), with w >= 0 (Shepperd, J. Guidance and Control 1, 1978)."""
-    squares = np.array([np.trace(R), R[0, 0], R[1, 1], R[2, 2]])
-    i = int(np.argmax(squares))
-    if i == 0:
-        q = np.array([1.0 + squares[0], R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    else:
-        a, b, c = i - 1, i % 3, (i + 1) % 3
-        q = np.zeros(4)
-        q[0] = R[c, b] - R[b, c]
-        q[1 + a] = 1.0 + R[a, a] - R[b, b] - R[c, c]
-        q[1 + b], q[1 + c] = R[b, a] + R[a, b], R[c, a] + R[a, c]
-    q = q / np.linalg.norm(q)
-    if q[0] < 0.0:
-        q = -q
-    w, x, y, z = q.tolist()
-    return w, x, y, z
+def quaternions(R: Array) -> Array:
+    """The quaternions (..., 4) of rotations (..., 3, 3), with w >= 0 (Shepperd, J. Guidance and Control 1, 1978)."""
+    xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    yz, zx, xy = R[..., 2, 1] + R[..., 1, 2], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 0] + R[..., 0, 1]
+    products = np.array([  # 4 q q^T: each row is q times a number, best known where that is largest
+        [1.0 + xx + yy + zz, wx, wy, wz],
+        [wx, 1.0 + xx - yy - zz, xy, zx],
+        [wy, xy, 1.0 - xx + yy - zz, yz],
+        [wz, zx, yz, 1.0 - xx - yy + zz],
+    ])  # fmt: skip
+    largest = np.argmax(np.einsum("ii...->i...", products), axis=0)
+    q = np.take_along_axis(np.moveaxis(products, (0, 1), (-2, -1)), largest[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(np.where(q[..., :1] < 0.0, -q, q))
 
 
-def angle_between(one: Sequence[float], other: Sequence[float], arm_m: float = ARM_M) -> float:
-    """The angle between the orientations of two poses (12,) [m]; 0 to pi [rad]."""
-    turn = rotation(one, arm_m).T @ rotation(other, arm_m)
-    off = math.hypot(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
-    return math.atan2(off, float(np.trace(turn)) - 1.0)
+def rotation_vectors(x: ArrayLike, arm_m: float = ARM_M) -> Array:
+    """The rotation vectors (..., 3) [rad] of poses x (..., 12) [m]: axis times angle, 0 to pi."""
+    q = quaternions(rotation(x, arm_m))
+    size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    ratio = np.where(size > 0.0, 2.0 * np.arctan2(size, q[..., :1]) / np.where(size, size, 1.0), 2.0)
+    return np.asarray(q[..., 1:] * ratio)
+
+
+def angles_between(one: ArrayLike, other: ArrayLike, arm_m: float = ARM_M) -> Array:
+    """The angles (...) between the orientations of poses (..., 12) [m]; 0 to pi [rad]."""
+    turn = np.swapaxes(rotation(one, arm_m), -1, -2) @ rotation(other, arm_m)
+    off = [turn[..., i, j] - turn[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
+    return np.asarray(np.arctan2(np.linalg.norm(off, axis=0), np.trace(turn, axis1=-2, axis2=-1) - 1.0))
+
+
+def angle_between(one: ArrayLike, other: ArrayLike, arm_m: float = ARM_M) -> float:
+    """That of two poses (12,)."""
+    return float(angles_between(one, other, arm_m))
+
+
+def torques(x: ArrayLike, f: ArrayLike, arm_m: float = ARM_M) -> Array:
+    """The torques (..., 3) [Nm] of forces f (..., 12) [N] along the coordinates at x (..., 12) [m]: as `turning`."""
+    arms, along = (np.asarray(part, dtype=float)[..., 3:] for part in (x, f))
+    shape = (*arms.shape[:-1], 3, 3)
+    torque: Array = np.cross(arm_m * np.eye(3) + arms.reshape(shape), along.reshape(shape)).sum(axis=-2)
+    return torque
 
 
 def wrench(x: Sequence[float], f: Sequence[float], arm_m: float = ARM_M) -> tuple[Vector, Vector]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.metrics.measured import Measured, metric
+from hapnet.recording.poses import of_point
 from hapnet.recording.samples import Columns, Recording
 
 BUZZ_HZ = 20.0
@@ -41,9 +42,9 @@ def force_error_percent(run: Measured) -> float | None:
 def true_force_error_N(run: Measured) -> float | None:
     """Root mean square over time of the difference between the force on the device and that of the true environment at
     the device's place: the walls, rendered locally and at once through the given springs in series, and nothing in free
-    space (transparency: Lawrence 1993). Drag, lag and softness all count. Where walls rub, no spring says their force:
-    there it is the difference from the force at the same time in the same run over an ideal link, with a world that
-    steps at 1 kHz."""
+    space (transparency: Lawrence 1993). Drag, lag and softness all count. Where walls rub, or a tool turns, no spring
+    says their force: there it is the difference from the force at the same time in the same run over an ideal link,
+    with a world that steps at 1 kHz."""
     return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[0]
 
 
@@ -90,13 +91,14 @@ def force_step_N(run: Measured) -> float | None:
 
 
 def _force_error(run: Measured) -> tuple[float, float | None] | None:
-    return None if run.ideal is None else force_error(run.recording, run.ideal)
+    return None if run.ideal is None else force_error(run.recording, of_point(run.ideal))
 
 
 def _true_force(run: Measured) -> Array | None:
     """The true environment's force on the device (N, n) [N]; of walls that rub, from the run over an ideal link."""
-    wanted = run.wanted if run.scalar else None
-    return wanted if wanted is None or run.local is None else force_meanwhile(run.recording, run.local)
+    if not run.scalar or run.local is None:
+        return run.wanted if run.scalar else None
+    return force_meanwhile(run.recording, of_point(run.local))
 
 
 def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | None] | None:

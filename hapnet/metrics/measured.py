@@ -17,6 +17,7 @@ from hapnet.metrics.obstacles import Obstacle, environment_force, obstacles, sta
 from hapnet.params import Params
 from hapnet.plant.worlds.moving_wall import MovingWall
 from hapnet.plant.worlds.protocol import World
+from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, Recording
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
@@ -123,9 +124,15 @@ class Measured:
         moves = isinstance(self.scene, MovingWall) and self.scene.schedule.changes
         return () if moves else obstacles(self.scene)
 
-    @property
+    @cached_property
     def recording(self) -> Recording:
-        return self.result.recording
+        """The run's; of a tool that turns, that of its point."""
+        return of_point(self.result.recording)
+
+    @cached_property
+    def turning(self) -> Recording | None:
+        """How it turned, if it is a tool that does."""
+        return of_turning(self.result.recording)
 
     @property
     def summary(self) -> Summary:
@@ -189,7 +196,9 @@ class Measured:
 
     @cached_property
     def inside(self) -> Mask | None:
-        """(N,) is the device in a wall? None: they are not known."""
+        """(N,) is the device in a wall? None: they are not known. Of a tool: does the proxy touch?"""
+        if self.turning is not None:
+            return None if self.world is None else touching(self.device, self.world)
         return None if self.wanted is None else np.asarray((self.wanted != 0.0).any(axis=1))
 
     def proxy_force(self, positions: Array, times: Array) -> Array | None:
@@ -216,6 +225,12 @@ class Measured:
                 stiffness,
             )
         return None if self.walls is None else standing_force(positions, self.walls, stiffness)
+
+
+def touching(device: Columns, world: Columns) -> Mask:
+    """(N,) was the proxy in a wall at the newest sample before each of the device's?"""
+    latest = np.maximum(np.searchsorted(world["time_s"], device["time_s"], side="right") - 1, 0)
+    return np.asarray(world["penetration_m"][latest] > 0.0)
 
 
 Find: TypeAlias = Callable[[Measured], float | None]

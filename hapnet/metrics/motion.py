@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.metrics.contact import contact_force, pressed_wall
-from hapnet.metrics.measured import Measured, Span, metric, scaled
+from hapnet.metrics.measured import Measured, Span, metric, scaled, touching
 from hapnet.metrics.obstacles import Obstacle, normal_where_deepest
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import position_error
@@ -185,11 +185,10 @@ def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: fl
     width = max(1, round(_WINDOW_S / period_s))
     if len(times) <= width:
         return None
-    latest = np.maximum(np.searchsorted(world["time_s"], times, side="right") - 1, 0)
-    touching = world["penetration_m"][latest] > 0.0
+    touched = touching(device, world)
     for wall in walls:
-        touching |= wall.depths(x) > 0.0
-    untouched_s = times - np.maximum.accumulate(np.where(touching, times, -np.inf))
+        touched |= wall.depths(x) > 0.0
+    untouched_s = times - np.maximum.accumulate(np.where(touched, times, -np.inf))
     free = untouched_s[width:] > settling_s + width * period_s
     total = np.cumsum(device["force_N"], axis=0)
     velocity = ((x[width:] - x[:-width]) / (width * period_s))[free]

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from hapnet.checks import Array, Vector
+from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid, padded
 from hapnet.plant.worlds.walls import Contacts, Wall
@@ -61,12 +62,17 @@ def obstacles(world: World) -> tuple[Obstacle, ...] | None:
     contacts = world.contacts
     if isinstance(contacts, RigidContacts):
         return tuple([SolidObstacle(solid) for solid in contacts.solids])
+    if isinstance(contacts, ToolContacts):  # where it is in one depends on more than its point
+        return None if contacts.solids else ()
     return tuple(world.walls) if world.walls or isinstance(contacts, Contacts) else None
 
 
 def rubs(world: World) -> bool:
-    """Has any solid of `world` friction? Then no spring alone says what force it would have at a place."""
+    """Has any solid of `world` friction, or touches a tool that turns? Then no spring alone says what force it would
+    have at a place."""
     contacts = world.contacts
+    if isinstance(contacts, ToolContacts):
+        return bool(contacts.solids)
     return isinstance(contacts, RigidContacts) and any(solid.friction for solid in contacts.solids)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from hapnet.plots.style import COLOURS, legend_above, sheet
 from hapnet.recording.hand import hand_times
+from hapnet.recording.poses import of_point
 from hapnet.recording.samples import Recording
 from hapnet.units import units_in, within
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 def figure(original: Recording, again: Recording) -> Figure:
     """The device's position and the force on it, the original dashed, along the axis that moved most."""
+    original, again = of_point(original), of_point(again)
     assert original.device is not None
     axis = int(np.ptp(original.device["position_m"], axis=0).argmax())
     unit = units_in(original.meta, original.device["position_m"].shape[1])[axis]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +12,13 @@ from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.registry import known as known_coupling
 from hapnet.extras import require
 from hapnet.plots.style import DEVICE_COLOR, NOT_PASSIVE, WORLD_COLOR, headed, legend_above, sheet
+from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read
 from hapnet.summary.words import get, has_reservoirs, millijoule, verdict
-from hapnet.units import units_in, within
+from hapnet.units import RADIANS, units_in
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +33,8 @@ _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidt
 
 
 def figure(recording: Recording, *, titled: bool = True) -> Figure:
-    """Positions, forces, reservoirs (of couplings that have them) and passivity margin against time, 180 mm wide.
+    """Positions, forces, reservoirs (of couplings that have them) and passivity margin against time, 180 mm wide; of a
+    tool that turns, rotation and torque too.
 
     With several axes, positions and forces are drawn along one, which the labels name: the axis with the largest mean
     contact force or, if there was no contact, the axis along which the device moved most. The path in the plane is
@@ -39,10 +42,12 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
     stand above it, for a figure that stands alone.
     """
     require("report", "a figure")
-    axis = _main_axis(recording)
-    plane = _plane(recording, axis)
-    ratios = [1.25, 1.0, 0.9, 0.9] if (full := has_reservoirs(_coupling(recording))) else [1.25, 1.0, 0.9]
-    with sheet((200 if full else 160) + (0 if plane is None else 80)) as fig:
+    point = of_point(recording)
+    seen = [point] if (turning := of_turning(recording)) is None else [point, turning]
+    plane = _plane(point, _main_axis(point))
+    full = has_reservoirs(_coupling(recording))
+    ratios = [1.25, 1.0] * len(seen) + [0.9, 0.9][not full :]
+    with sheet(40 * (len(ratios) + 1) + (0 if plane is None else 80)) as fig:
         if titled:
             reported = recording.summary if recording.summary is not None else from_recording(recording)  # a torn file
             headed(fig, _settings(recording), verdict(reported), letters=100)
@@ -51,10 +56,11 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
         grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)
         panels = [fig.add_subplot(grid[0])]
         panels += [fig.add_subplot(grid[row], sharex=panels[0]) for row in range(1, rows)]
-        _positions(panels[0], recording, axis)
-        _forces(panels[1], recording, axis)
+        for k, one in enumerate(seen):
+            _positions(panels[2 * k], one, _main_axis(one))
+            _forces(panels[2 * k + 1], one, _main_axis(one))
         if full:
-            _reservoirs(panels[2], recording)
+            _reservoirs(panels[-2], recording)
         _margins(panels[-1], recording)
         silences = _silences(recording)
         for panel in panels:
@@ -64,7 +70,7 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
         panels[-1].set_xlabel("time [s]")
         panels[0].margins(x=0.01)
         if plane is not None:
-            _path(fig.add_subplot(grid[rows]), recording, plane)
+            _path(fig.add_subplot(grid[rows]), point, plane)
         for panel in fig.axes:
             legend_above(panel, handlelength=2.6, columnspacing=1.4)
     return fig
@@ -72,19 +78,21 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
 
 def _positions(panel: Axes, recording: Recording, axis: int) -> None:
     device, world = recording.device, recording.world
+    turns = _turns(recording, axis)
+    scale = math.degrees(1.0) if turns else 1e3
     _shade_contact(panel, world)
     if device is not None:
-        _curve(panel, device, device["position_m"][:, axis] * 1e3, "device", **_DEVICE)
+        _curve(panel, device, device["position_m"][:, axis] * scale, "device", **_DEVICE)
     if world is not None:
-        _curve(panel, world, world["position_m"][:, axis] * 1e3, "proxy", **_WORLD)
+        _curve(panel, world, world["position_m"][:, axis] * scale, "proxy", **_WORLD)
     modulated = device if device is not None else world
     if modulated is not None:
         name = "device's" if device is not None else "world's"
-        y = modulated["set_position_m"][:, axis] * 1e3
+        y = modulated["set_position_m"][:, axis] * scale
         received = " (as received)" if _received(recording) else ""
         how = " (modulated)" if has_reservoirs(_coupling(recording)) else received
         _curve(panel, modulated, y, f"{name} set-position{how}", drawstyle="steps-post", **_THIRD)
-    panel.set_ylabel("position" + _along(recording, axis, "mm"))
+    panel.set_ylabel(("rotation" if turns else "position") + _along(recording, axis, "°" if turns else "mm"))
 
 
 def _forces(panel: Axes, recording: Recording, axis: int) -> None:
@@ -95,7 +103,8 @@ def _forces(panel: Axes, recording: Recording, axis: int) -> None:
     if world is not None:
         y = world["contact_force_N"][:, axis]
         _curve(panel, world, y, "contact on the proxy", drawstyle="steps-post", **_WORLD)
-    panel.set_ylabel("force" + _along(recording, axis, "N"))
+    what, unit = ("torque", "Nm") if _turns(recording, axis) else ("force", "N")
+    panel.set_ylabel(what + _along(recording, axis, unit))
 
 
 def _reservoirs(panel: Axes, recording: Recording) -> None:
@@ -239,12 +248,19 @@ def _stride(columns: Columns) -> int:
     return max(1, len(columns["time_s"]) // (2 * _POINTS))
 
 
+def _turns(recording: Recording, axis: int) -> bool:
+    """Is the axis in radians?"""
+    columns = recording.device if recording.device is not None else recording.world
+    return columns is not None and units_in(recording.meta, columns["position_m"].shape[1])[axis] == RADIANS
+
+
 def _along(recording: Recording, axis: int, unit: str) -> str:
-    """Which axis it is, if there are several, and the unit: `unit` where the axis is in metres."""
+    """Which axis it is, if there are several, and the unit."""
     columns = recording.device if recording.device is not None else recording.world
     n = 1 if columns is None else columns["position_m"].shape[1]
-    along = "" if n == 1 else f" along {'xyz'[axis] if n <= 3 else axis + 1}"
-    return f"{along} [{within(units_in(recording.meta, n)[axis], unit)}]"
+    how = "about" if _turns(recording, axis) and n <= 3 else "along"
+    along = "" if n == 1 else f" {how} {'xyz'[axis] if n <= 3 else axis + 1}"
+    return f"{along} [{unit}]"
 
 
 def _settings(recording: Recording) -> str:

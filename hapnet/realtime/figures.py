@@ -52,7 +52,7 @@ class Figures:
     ) -> None:
         self.stopped_ns: int | None = None
         self.failed: str | None = None
-        self.live: LiveFigures = LiveFigures()
+        self.live: LiveFigures = LiveFigures(setup.units)
         self._final: dict[str, Signal] | None = None
         self._setup, self._role, self._seed = setup, role, seed
         self._control, self._driver, self._transport, self._clock = control, driver, transport, clock

@@ -2,17 +2,21 @@
 
 Viewers know these schemas, so they show the lines, and draw the rest in 3D, without configuration. Names, numbers and
 types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; of one or two axes
-the others are 0. More than three axes are no place in space, so nothing is drawn of them.
+the others are 0. Of a tool that turns, frames and poses turn too. More than three other axes are no place in space, so
+nothing is drawn of them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.mechanics.pose import Pose, Quaternion, pose
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.units import METRES, POSE
 
 if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
@@ -56,19 +60,30 @@ class Schema(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """A place at a time [ns]: of a frame (`child` is its name), or of a pose in `FRAME`."""
+    """A pose at a time [ns]: of a frame (`child` is its name), or in `FRAME`. Of two or one axes the others are 0."""
 
     time_ns: int
-    position_m: Vector
+    position: Vector
+    quaternion: Quaternion
     child: str = ""
 
+    @property
+    def translation(self) -> dict[str, float]:
+        return dict(zip("xyz", self.position, strict=False))
 
-def shown(time_ns: int, sample: DeviceSample | WorldSample) -> Iterator[tuple[str, Shown]]:
-    """What is drawn of a sample at this time [ns], each with its topic."""
+    @property
+    def rotation(self) -> dict[str, float]:
+        return dict(zip("wxyz", self.quaternion, strict=True))
+
+
+def shown(time_ns: int, sample: DeviceSample | WorldSample, units: str = METRES) -> Iterator[tuple[str, Shown]]:
+    """What is drawn of a sample at this time [ns], each with its topic; its axes are in `units`."""
     kind = type(sample)
-    if len(sample.position_m) <= 3 and all(map(math.isfinite, (*sample.position_m, *sample.set_position_m))):
-        yield f"/{_SIDE[kind]}/frame", Shown(time_ns, sample.position_m, _CHILD[kind])
-        yield f"/{_SIDE[kind]}/set_position", Shown(time_ns, sample.set_position_m)
+    turns, places = units == POSE, (sample.position_m, sample.set_position_m)
+    if (turns or len(sample.position_m) <= 3) and all(map(math.isfinite, chain(*places))):
+        at, tied = (pose(place) if turns else Pose(place, (1.0, 0.0, 0.0, 0.0)) for place in places)
+        yield f"/{_SIDE[kind]}/frame", Shown(time_ns, *at, _CHILD[kind])
+        yield f"/{_SIDE[kind]}/set_position", Shown(time_ns, *tied)
 
 
 def log_schema() -> Schema:
@@ -89,7 +104,7 @@ def frame_schema() -> Schema:
     def transform(one: Shown) -> dict[str, Any]:
         return {
             "timestamp": _stamp(one.time_ns), "parent_frame_id": FRAME, "child_frame_id": one.child,
-            "translation": _place(one.position_m), "rotation": {"w": 1.0},
+            "translation": one.translation, "rotation": one.rotation,
         }  # fmt: skip
 
     return _schema("FrameTransform", transform)
@@ -98,11 +113,11 @@ def frame_schema() -> Schema:
 def pose_schema() -> Schema:
     """``foxglove.PoseInFrame``, from what is `Shown`."""
 
-    def pose(one: Shown) -> dict[str, Any]:
-        place = {"position": _place(one.position_m), "orientation": {"w": 1.0}}
+    def in_frame(one: Shown) -> dict[str, Any]:
+        place = {"position": one.translation, "orientation": one.rotation}
         return {"timestamp": _stamp(one.time_ns), "frame_id": FRAME, "pose": place}
 
-    return _schema("PoseInFrame", pose)
+    return _schema("PoseInFrame", in_frame)
 
 
 def message_class(name: str, files: Any) -> Any:
@@ -160,7 +175,3 @@ def _files(name: str) -> list[FileDescriptorProto]:
 def _stamp(time_ns: int) -> dict[str, int]:
     seconds, nanos = divmod(time_ns, 1_000_000_000)
     return {"seconds": seconds, "nanos": nanos}
-
-
-def _place(position: Vector) -> dict[str, float]:
-    return dict(zip("xyz", position, strict=False))

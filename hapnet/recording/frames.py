@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hapnet.errors import InvalidParameter, MissingLibrary
-from hapnet.recording.samples import Columns, Recording, utc_less_clock_ns
-from hapnet.units import column, units_in
+from hapnet.recording.poses import of_point, of_turning, orientations
+from hapnet.recording.samples import VECTORS, Columns, Recording, utc_less_clock_ns
+from hapnet.units import RADIANS, column, units_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -20,12 +21,15 @@ def table(recording: Recording, side: str = "device") -> Columns:
     A vector is a column for each axis: ``position_m`` (N, 2) is ``position_m_x`` and ``position_m_y``, or
     ``position_rad_x`` where an axis is in radians. Where the recording knows the real time, ``utc_ns`` says it.
 
+    Of a tool that turns, positions and forces are those of its point, ``position_m_x`` and ``force_N_x``; beside them
+    there are quaternions, ``position_quaternion_w`` to ``_z``, torques, ``torque_Nm_x``, and ``velocity_radps_x``.
+
     Raises InvalidParameter: this side was not recorded.
     """
     recorded = {name: columns for name in ("device", "world") if (columns := getattr(recording, name)) is not None}
     if side not in recorded:
         raise InvalidParameter("side", side, " or ".join(recorded) or "none: nothing was recorded")
-    columns = recorded[side]
+    columns = getattr(of_point(recording), side)
     found = {"time_s": columns["time_s"]}
     if knows_utc(recording):
         found["utc_ns"] = columns["time_ns"] + utc_less_clock_ns(recording.meta)
@@ -35,6 +39,23 @@ def table(recording: Recording, side: str = "device") -> Columns:
         else:
             names = [column(name, unit) for unit in units_in(recording.meta, values.shape[1])]
             found.update({f"{one}_{AXES[k] if k < 3 else k}": values[:, k] for k, one in enumerate(names)})
+    return (
+        found
+        if (turning := of_turning(recording)) is None
+        else found | _turning(getattr(turning, side), recorded[side])
+    )
+
+
+def _turning(columns: Columns, poses: Columns) -> Columns:
+    """Quaternions in the place of rotation vectors."""
+    found = {
+        f"{name.removesuffix('_m')}_quaternion_{axis}": values[:, k]
+        for name, values in orientations(poses).items()
+        for k, axis in enumerate("wxyz")
+    }
+    for name in [name for name in columns if name in VECTORS and not name.endswith("_m")]:
+        stem = column(name, RADIANS).replace("force", "torque")
+        found |= {f"{stem}_{axis}": columns[name][:, k] for k, axis in enumerate(AXES)}
     return found
 
 

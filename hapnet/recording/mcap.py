@@ -41,6 +41,7 @@ from hapnet.recording.samples import (
     plain,
     utc_less_clock_ns,
 )
+from hapnet.units import text_in
 
 if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema
@@ -151,7 +152,7 @@ class RecordingWriter:
         due_ns = self._shown_ns.get(type(sample), utc_ns)
         if utc_ns >= due_ns:
             self._shown_ns[type(sample)] = max(utc_ns, due_ns + PERIOD_NS)
-            for topic, one in shown(utc_ns, sample):
+            for topic, one in shown(utc_ns, sample, text_in(self._meta, len(sample.position_m))):
                 self._add(utc_ns, topic, one)
 
     def _register(self, topic: str, sample: Sample | Shown) -> tuple[int, Callable[[Any], bytes]]:

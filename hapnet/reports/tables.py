@@ -22,6 +22,7 @@ from hapnet.summary.structure import (
     read,
 )
 from hapnet.summary.words import (
+    degrees,
     felt,
     has_reservoirs,
     milli,
@@ -138,8 +139,11 @@ _PATH: tuple[_Row[DirectionFigures], ...] = (
 _MOTION: tuple[_Row[Motion], ...] = (
     _Row("position error, free (rms)", "mm", lambda of: of["free_rms_m"], milli),
     _Row("position error, in contact (rms)", "mm", lambda of: of["contact_rms_m"], milli),
+    _Row("angle between, free (rms)", "°", lambda of: of["free_rms_rad"], degrees),
+    _Row("angle between, in contact (rms)", "°", lambda of: of["contact_rms_rad"], degrees),
     _Row("penetration, largest", "mm", lambda of: of["peak_penetration_m"], milli),
     _Row("force, largest", "N", lambda of: of["peak_force_N"], number),
+    _Row("torque, largest", "Nm", lambda of: of["peak_torque_Nm"], number),
     _Row("contacts", "", lambda of: of["contacts"], number),
 )
 
@@ -210,9 +214,17 @@ def brief(summary: Summary) -> list[str]:
     """What matters most, one line each: tracking error, largest force, how stiff a wall is felt, path."""
     moved, length = summary["motion"], within(summary["units"], "mm")
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
-    errors = {"free": moved["free_rms_m"], "in contact": moved["contact_rms_m"]}
-    reported = ", ".join(f"{milli(value)} {length} {where}" for where, value in errors.items() if value is not None)
-    pushed = [] if force is None else [f"{number(force)} {within(summary['units'], 'N')}"]
+    errors = {
+        "free": (moved["free_rms_m"], moved["free_rms_rad"]),
+        "in contact": (moved["contact_rms_m"], moved["contact_rms_rad"]),
+    }
+    reported = ", ".join(
+        f"{milli(value)} {length}{'' if angle is None else f' and {degrees(angle)}°'} {where}"
+        for where, (value, angle) in errors.items()
+        if value is not None
+    )
+    torque = "" if moved["peak_torque_Nm"] is None else f" and {number(moved['peak_torque_Nm'])} Nm"
+    pushed = [] if force is None else [f"{number(force)} {within(summary['units'], 'N')}{torque}"]
     pushed += [f"{number(contacts)} contact{'s' * (contacts != 1)}"] if contacts else []
     pushed += [f"{milli(depth)} {length} deep at most"] if contacts and depth is not None else []
     walls = felt(summary["environment"], units=summary["units"])

@@ -82,8 +82,9 @@ def _studied(params: Params) -> Params:
 def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording, Recording | None]:
     """The reference run over an ideal link: its measures, its recording, and `Measured.local`."""
     run = simulated(ideal, seed)
-    local = simulated(ideal.set(_FAST), seed).recording if rubs(run.scene) else None
-    return measures(replace(run, ideal=run.recording, local=local)), run.recording, local
+    local = simulated(ideal.set(_FAST), seed).result.recording if rubs(run.scene) else None
+    whole = run.result.recording
+    return measures(replace(run, ideal=whole, local=local)), whole, local
 
 
 def _ideal(params: Params) -> Params:

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
+from hapnet.mechanics.pose import angles_between, wrench
+from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, DeviceSample, Recording, Sample, WorldSample
+from hapnet.units import METRES, POSE
 
 
 class Motion(TypedDict):
@@ -20,6 +23,9 @@ class Motion(TypedDict):
     peak_force_N: float | None
     peak_penetration_m: float | None
     contacts: int | None
+    free_rms_rad: float | None
+    contact_rms_rad: float | None
+    peak_torque_Nm: float | None
 
 
 def motion(recording: Recording) -> Motion:
@@ -36,17 +42,16 @@ def motion(recording: Recording) -> Motion:
     peak_force_N : largest Euclidean norm of the coupling's force on the device [N].
     peak_penetration_m : largest depth of the proxy in a wall [m]; 0 if it never entered one.
     contacts : number of separate visits to a wall, including one that had begun before the start.
+    free_rms_rad, contact_rms_rad, peak_torque_Nm : of a tool that turns, the same of the angle between the
+        orientations [rad] and of the torque [Nm]; the others are then those of its point. None without.
     """
-    device, world = recording.device, recording.world
-    result: Motion = {
-        "free_rms_m": None,
-        "contact_rms_m": None,
-        "peak_force_N": None,
-        "peak_penetration_m": None,
-        "contacts": None,
-    }
+    point, turning = of_point(recording), of_turning(recording)
+    device, world = point.device, point.world
+    result = _NONE.copy()
     if device is not None:
-        result["peak_force_N"] = _finite(np.linalg.norm(device["force_N"], axis=1).max())
+        result["peak_force_N"] = _largest(device)
+    if turning is not None and turning.device is not None:
+        result["peak_torque_Nm"] = _largest(turning.device)
     if world is not None:
         inside = world["penetration_m"] > 0.0
         result["peak_penetration_m"] = _finite(max(world["penetration_m"].max(), 0.0))
@@ -57,15 +62,33 @@ def motion(recording: Recording) -> Motion:
         contact = world["penetration_m"][latest] > 0.0
         result["free_rms_m"] = _rms(error[~contact])
         result["contact_rms_m"] = _rms(error[contact])
+        if turning is not None and recording.device is not None and recording.world is not None:
+            angles = angles_between(recording.device["position_m"][known], _proxy(recording.world, device, known))
+            result["free_rms_rad"] = _rms(angles[~contact])
+            result["contact_rms_rad"] = _rms(angles[contact])
     return result
+
+
+_NONE = Motion(
+    free_rms_m=None, contact_rms_m=None, peak_force_N=None, peak_penetration_m=None, contacts=None,
+    free_rms_rad=None, contact_rms_rad=None, peak_torque_Nm=None,
+)  # fmt: skip
 
 
 def position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Distance between device and proxy [m] where both are known, and (N,) at which of the device's samples that is."""
     known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
-    times, positions = device["time_s"][known], device["position_m"][known]
-    proxy = np.column_stack([np.interp(times, world["time_s"], axis) for axis in world["position_m"].T])
-    return np.linalg.norm(positions - proxy, axis=1), known
+    return np.linalg.norm(device["position_m"][known] - _proxy(world, device, known), axis=1), known
+
+
+def _proxy(world: Columns, device: Columns, known: NDArray[np.bool_]) -> Array:
+    """The proxy's coordinates at the device's samples."""
+    times = device["time_s"][known]
+    return np.column_stack([np.interp(times, world["time_s"], axis) for axis in world["position_m"].T])
+
+
+def _largest(device: Columns) -> float | None:
+    return _finite(np.linalg.norm(device["force_N"], axis=1).max())
 
 
 def _rms(values: NDArray[np.float64]) -> float | None:
@@ -81,26 +104,31 @@ class LiveFigures:
 
     Attributes
     ----------
+    units : of the axes, as `hapnet.units` has them.
     margin_J, slack_J : the minimum so far. margin_end_J : the newest [J]. All are None before the first sample.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, units: str = METRES) -> None:
+        self._turns = units == POSE
         self.margin_J: float | None = None
         self.slack_J: float | None = None
         self.margin_end_J: float | None = None
-        self._force_N: float | None = None
-        self._depth_m: float | None = None
-        self._contacts: int | None = None
+        self._motion = _NONE.copy()
         self._inside = False
 
     def see(self, sample: Sample) -> None:
         """Take one more sample, on any thread; samples come in the order of their times."""
         if isinstance(sample, DeviceSample):
-            self._force_N = _more(self._force_N, math.hypot(*sample.force_N))
+            force = sample.force_N
+            if self._turns:
+                force, torque = wrench(sample.position_m, force)
+                self._motion["peak_torque_Nm"] = _more(self._motion["peak_torque_Nm"], math.hypot(*torque))
+            self._motion["peak_force_N"] = _more(self._motion["peak_force_N"], math.hypot(*force))
         elif isinstance(sample, WorldSample):
             inside = sample.penetration_m > 0.0
-            self._depth_m = _more(self._depth_m, max(sample.penetration_m, 0.0))
-            self._contacts = (self._contacts or 0) + (inside and not self._inside)
+            depth = max(sample.penetration_m, 0.0)
+            self._motion["peak_penetration_m"] = _more(self._motion["peak_penetration_m"], depth)
+            self._motion["contacts"] = (self._motion["contacts"] or 0) + (inside and not self._inside)
             self._inside = inside
         else:
             return
@@ -109,13 +137,7 @@ class LiveFigures:
 
     def motion(self) -> Motion:
         """What is known so far; tracking errors need both sides."""
-        return {
-            "free_rms_m": None,
-            "contact_rms_m": None,
-            "peak_force_N": self._force_N,
-            "peak_penetration_m": self._depth_m,
-            "contacts": self._contacts,
-        }
+        return self._motion.copy()
 
 
 def _more(most: float | None, value: float) -> float | None:

@@ -16,7 +16,7 @@ from hapnet.recording.samples import Columns, Recording, join
 from hapnet.summary.run import combine, has_account, judged, merge, recorded_margins, unknown_device
 from hapnet.summary.structure import SIDES, Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
 from hapnet.summary.verdict import has_reservoirs
-from hapnet.units import METRES, text_of, units_in
+from hapnet.units import METRES, text_in
 from hapnet.wire.messages import Role
 from netem import LinkStats
 
@@ -56,7 +56,7 @@ def from_recording(recording: Recording) -> Summary:
 
 def _units(recording: Recording) -> str:
     columns = recording.device or recording.world
-    return text_of(units_in(recording.meta, columns["position_m"].shape[1])) if columns else METRES
+    return text_in(recording.meta, columns["position_m"].shape[1]) if columns else METRES
 
 
 def _device_columns(columns: Columns, coupling_name: str) -> SidePart:

@@ -28,7 +28,10 @@ _PART = (
 )  # fmt: skip
 """Of the side's own part of the summary."""
 
-_MOTION: dict[Role, tuple[str, ...]] = {"device": ("peak_force_N",), "world": ("peak_penetration_m", "contacts")}
+_MOTION: dict[Role, tuple[str, ...]] = {
+    "device": ("peak_force_N", "peak_torque_Nm"),
+    "world": ("peak_penetration_m", "contacts"),
+}
 _PATH = ("sent", "lost", "loss")
 _WALL = ("stiffness_N_m", "springs_N_m")
 

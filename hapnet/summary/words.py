@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+from hapnet.mechanics.pose import ARM_M
 from hapnet.summary.structure import Summary, Verdict
 from hapnet.summary.structure import known as known
 from hapnet.summary.verdict import DEFICIT_J, judge
 from hapnet.summary.verdict import has_reservoirs as has_reservoirs
-from hapnet.units import within
+from hapnet.units import POSE, within
 
 _WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}
 _TEXT_LIMIT = 2000
@@ -60,9 +62,14 @@ def felt(environment: object, *, springs: bool = True, units: str | None = None)
     if wall is None or hand is None:
         return None
     reported = get(environment, "springs_N_m") if springs else None
-    names = " and ".join(map(number, reported)) if isinstance(reported, list | tuple) else ""
-    unit = within(units, "N/m")
-    through = f" through {'springs' if ' and ' in names else 'a spring'} of {names} {unit}" if names else ""
+    stiff = (
+        [value for one in reported if (value := known(one)) is not None] if isinstance(reported, list | tuple) else []
+    )
+    unit, through = within(units, "N/m"), ""
+    if stiff:
+        through = f" through {'springs' if len(stiff) > 1 else 'a spring'} of {' and '.join(map(number, stiff))} {unit}"
+        if units == POSE:
+            through += f", {' and '.join(number(2.0 * ARM_M**2 * one) for one in stiff)} Nm/rad"
     return f"{number(wall)} {unit}, felt as {number(hand)} {unit}{through}"
 
 
@@ -86,6 +93,11 @@ def number(value: Any) -> str:
 def milli(value: Any) -> str:
     """A value in joules, metres or seconds, shown in thousandths."""
     return text(value) if known(value) is None else number(value * 1e3 if value else 0)
+
+
+def degrees(value: Any) -> str:
+    """An angle in radians, shown in degrees."""
+    return number(None if value is None else math.degrees(value))
 
 
 def percent(value: Any) -> str:

@@ -18,7 +18,7 @@ from hapnet.plant.worlds.picture import Part
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
-from hapnet.units import METRES, text_of, units_in
+from hapnet.units import METRES, text_in
 from hapnet.view.account import Account
 from hapnet.wire.messages import Role
 
@@ -244,7 +244,7 @@ def units(snapshot: Snapshot) -> str:
     """Of the axes, as `hapnet.units` has them."""
     sides = [side for side in (snapshot.device_status, snapshot.world_status) if side is not None]
     track = snapshot.device or snapshot.world
-    return text_of(units_in(sides[0].about, track.position_m.shape[1])) if sides and track is not None else METRES
+    return text_in(sides[0].about, track.position_m.shape[1]) if sides and track is not None else METRES
 
 
 def _scene_of(status: Status) -> tuple[object, object]:

@@ -73,7 +73,7 @@ def test_a_turn_is_seen_in_the_coordinates_and_their_velocity() -> None:
 
 
 def test_a_device_without_torque_is_asked_for_none_and_the_account_gets_none() -> None:
-    device = UserDevice("tests.assembly.test_posed:Stylus", AXES, DeviceParams())
+    device = UserDevice("tests.assembly.test_posed:Stylus", AXES, DeviceParams(), "pose")
     f = tuple(np.random.default_rng(1).normal(0.0, 0.3, AXES).tolist())
     permitted = device.limiter(DeviceParams(force_ramp_s=0.0)).permit(0.001, f, ())
     assert permitted == (*f[:3], *(0.0,) * 9)
@@ -115,4 +115,4 @@ def _rotated(x: Vector, by: np.ndarray) -> np.ndarray:
 
 def test_a_device_that_does_not_turn_is_refused() -> None:
     with pytest.raises(InvalidParameter, match="a device that turns"):
-        UserDevice("tests.assembly.test_posed:Straight", AXES, DeviceParams())
+        UserDevice("tests.assembly.test_posed:Straight", AXES, DeviceParams(), "pose")

@@ -26,6 +26,7 @@ from hapnet.plant.worlds.rigid import parts_in, solids_of
 from hapnet.plant.worlds.rigid_contacts import Solid
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
+from hapnet.units import POSE
 
 KIND = "tool"
 
@@ -48,6 +49,7 @@ class ToolScene(WorldDefaults):
 
     dof: int = AXES
     moves_proxy: bool = True
+    units: str = POSE
     start: Vector = (0.0,) * AXES
 
     def __init__(

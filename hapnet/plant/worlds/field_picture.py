@@ -32,8 +32,11 @@ _SIDES = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 def field(force: Callable[[Vector], Sequence[float] | float], dof: int) -> tuple[Part, ...]:
     """Arrows of `force` (n,) [N] at positions (n,) [m]; their length goes with its square root.
 
-    Nothing where it fails, is no vector of `dof` numbers, or is zero everywhere: a picture is no place for errors.
+    Nothing with more than three axes, where it fails, is no vector of `dof` numbers, or is zero everywhere: a picture is
+    no place for errors.
     """
+    if dof not in _COUNT:
+        return ()
     places = list(_grid(dof, _COUNT[dof]))
     try:
         forces = np.array([np.atleast_1d(force(place)) for place in places], dtype=float)
@@ -62,8 +65,10 @@ def surface(planes: Callable[[Vector, float], Iterable[Plane] | None], dof: int)
     """Pieces of the surface that `planes` gives near a position (n,) [m], within a reach [m].
 
     A piece lies where a plane touches: at the foot of its normal, if the plane that is given for the foot goes through
-    it. Nothing where the function fails.
+    it. Nothing with more than three axes, or where the function fails.
     """
+    if dof not in _SAMPLES:
+        return ()
     step = 2.0 * REACH_M / (_SAMPLES[dof] - 1)
     pieces: dict[tuple[int, ...], tuple[Array, Array]] = {}
     with suppress(Exception):  # as above

@@ -1,0 +1,69 @@
+"""A recording of a tool that turns, as two of three axes each: its point in metres, and its turning in radians.
+
+Whatever reads recordings of three axes reads both. In the second, positions are rotation vectors [rad], forces are
+torques [Nm] and velocities those of the rotation [rad/s]. A modulated set-position is no pose: its orientation is the
+nearest one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hapnet.checks import Array
+from hapnet.mechanics.pose import ARM_M, quaternions, rotation, rotation_vectors, torques
+from hapnet.recording.samples import VECTORS, Columns, Recording
+from hapnet.units import POSE, POSE_AXES, RADIANS, text_in
+
+SIDES = ("device", "world")
+
+
+def is_pose(recording: Recording) -> bool:
+    """Does it say that its axes are those of a pose?"""
+    return text_in(recording.meta, POSE_AXES) == POSE
+
+
+def of_point(recording: Recording) -> Recording:
+    """Without what turns: the first three axes of a pose; any other recording as it is."""
+    if not is_pose(recording):
+        return recording
+    return _with(
+        recording, None, *[None if (columns := getattr(recording, side)) is None else _cut(columns) for side in SIDES]
+    )
+
+
+def of_turning(recording: Recording) -> Recording | None:
+    """What turns, in radians; None: it is no recording of poses."""
+    if not is_pose(recording):
+        return None
+    sides = [getattr(recording, side) for side in SIDES]
+    return _with(recording, RADIANS, *[None if columns is None else _turning(columns) for columns in sides])
+
+
+def orientations(columns: Columns) -> dict[str, Array]:
+    """The quaternions (N, 4) w, x, y, z of one side's positions, by the names of these."""
+    return {name: quaternions(rotation(values)) for name, values in columns.items() if _places(name)}
+
+
+def _with(recording: Recording, units: str | None, device: Columns | None, world: Columns | None) -> Recording:
+    params = {name: value for name, value in recording.meta["params"].items() if name != "units"}
+    meta = recording.meta | {"params": params if units is None else params | {"units": units}}
+    return replace(recording, meta=meta, device=device, world=world)
+
+
+def _cut(columns: Columns) -> Columns:
+    return {name: values[:, :3] if name in VECTORS else values for name, values in columns.items()}
+
+
+def _turning(columns: Columns) -> Columns:
+    x = columns["position_m"]
+    rates = {
+        name: torques(x, values) / (2.0 * ARM_M**2 if name.endswith("_mps") else 1.0)
+        for name, values in columns.items()
+        if name in VECTORS and not _places(name)
+    }
+    turns = {name: rotation_vectors(values) for name, values in columns.items() if _places(name)}
+    return columns | rates | turns
+
+
+def _places(name: str) -> bool:
+    return name in VECTORS and name.endswith("_m")
