@@ -32,8 +32,8 @@ _SIDES = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 def field(force: Callable[[Vector], Sequence[float] | float], dof: int) -> tuple[Part, ...]:
     """Arrows of `force` (n,) [N] at positions (n,) [m]; their length goes with its square root.
 
-    Nothing with more than three axes, where it fails, is no vector of `dof` numbers, or is zero everywhere: a picture is
-    no place for errors.
+    Nothing with more than three axes, where it fails, is no vector of `dof` numbers, or is zero everywhere: a picture
+    is no place for errors.
     """
     if dof not in _COUNT:
         return ()
