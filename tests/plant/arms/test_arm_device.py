@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from hapnet.control import set_position_servo
+from hapnet.control.harvest import MeasuredHarvest
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
@@ -168,3 +170,26 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InvalidParameter, match="sampled with an arm"):
         SimulatedArm(omni(), hand).couple(100.0, 0.1, (0.0, 0.0, 0.0))
     assert math.isinf(SimulatedArm(omni(), hand).limit)
+
+
+@pytest.mark.parametrize("by_joints", [False, True])
+def test_harvesting_nothing_under_clipped_torques_is_caught(by_joints: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The spring then gives more than it has: both accounts tell, the servo's own and that with true positions."""
+    joints = replace(WEAK, joints=tuple(replace(joint, effort=0.05) for joint in WEAK.joints))
+    hand = Sine(3, Impedance(0.006, 0.06, 1.4), 0.3, 1.0, start_s=0.2)
+    arm = SimulatedArm(joints, hand, substeps=1, by_joints=True) if by_joints else arm_in_hand(WEAK, limit=None)
+    values = {"stiffness": 2.0, "damping": 0.002, "reach": 1.0} if by_joints else {"reach": 0.2}
+    honest, take = run(arm, **values), set_position_servo.take
+    assert honest.limited > 500
+    assert min(honest.servo, honest.true) >= -1e-13
+    arm.place(arm.operator.reference(0.0))
+    arm.ticks, arm.time = 0, 0.0
+
+    def nothing(harvest: MeasuredHarvest, change: float) -> float:
+        """The harvest since PSPM ran last; of a tick that a motor limited nothing."""
+        found = take(harvest, change)
+        return 0.0 if arm.arm.limited else found
+
+    monkeypatch.setattr(set_position_servo, "take", nothing)
+    account = run(arm, **values)
+    assert max(account.servo, account.true) < -1e-3
