@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -263,7 +264,11 @@ def test_a_new_device_is_asked_about_once(monkeypatch: pytest.MonkeyPatch, tmp_p
     (text,) = asked
     assert "my:Arm is new here" in text
     assert "up to 0.3 N" in text
-    known_devices.learn(params, {"device": {"driver": {"mass_kg": [0.2, 0.3]}}})  # type: ignore[typeddict-item]
+    summary: Any = {"device": {"driver": {"mass_kg": [0.2, 0.3]}}}
+    known_devices.learn(params.set({"device.self_test_N": 0.0}), summary)
+    assert known_devices.introduced(params, asked.append) == params, "a device that was not pushed stays new"
+    assert asked.pop() == text
+    known_devices.learn(params, summary)
     assert known_devices.introduced(params, asked.append).device.known_mass_kg == (0.2, 0.3)
     one = params.set({"dof": 1})  # which axis of the two nobody knows
     assert known_devices.introduced(one, asked.append) == one
