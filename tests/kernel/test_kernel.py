@@ -142,6 +142,17 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
     assert not differences(params, 1)
 
 
+@pytest.mark.parametrize("where", ["link.up", "link.down"])
+@pytest.mark.parametrize("words", ["delay 3s limit 5000", "rate 100kbit limit 5000"])
+def test_a_run_with_more_on_a_link_than_the_kernel_has_room_for_goes_to_the_reference(words: str, where: str) -> None:
+    """At the handshake's end, or later, as a slow line's queue grows."""
+    often = {"device.pspm_period_s": 0.001, "world.step_min_s": 0.001, "world.step_max_s": 0.001}
+    ideal = {"coupling": "zoh", "duration_s": 3.0, "link.up": "", "link.down": ""}
+    simulation = Simulation(SAMPLED.set({**often, **ideal, where: words}), 1, kernel=True)
+    simulation.run()
+    assert simulation.not_compiled == "it leaves the range that messages can carry"
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [

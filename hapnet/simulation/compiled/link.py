@@ -105,6 +105,8 @@ class CompiledLink:
     def _load(self) -> None:
         """Take over the messages that are on the link."""
         record = self._record
+        if len(self._link.queue) > record.capacity:
+            raise NotCompiledError(OUT_OF_RANGE)
         for slot, (due_ns, order, packet, offered_ns, size) in enumerate(sorted(self._link.queue, reverse=True)):
             message = record.messages[slot]
             try:
