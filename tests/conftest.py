@@ -39,7 +39,8 @@ _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
               "netem.zenoh_relay", "tests.faults", "tests.support.processes", "tests.view")  # fmt: skip
 _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
-_WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.simulation", "hapnet.study", "netem.cli")
+_WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.kernel.real_time", "hapnet.simulation",
+               "hapnet.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
 _VIRTUAL_TIME = ("tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import importlib
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FunctionType, ModuleType
@@ -101,43 +102,47 @@ def reporting(reported: Reported) -> Iterator[None]:
 
 @contextmanager
 def as_one_unit() -> Iterator[None]:
-    """What is compiled meanwhile is optimised, and turned into machine code, with the entry alone.
+    """What is compiled meanwhile is linked, optimised, and turned into machine code, with the entry alone.
 
-    By itself numba does both with each function and all that it calls: so every function is optimised again for its
-    callers, for theirs, and so on, which takes four times as long. No other thread compiles meanwhile. The methods
-    changed here are numba's own, left out for the inner functions; and no more is optimised than pays, since all loops
-    are short. A version of numba that has not all of this just compiles for longer.
+    By itself numba does all of that with each function and what it calls: so every function is copied and optimised
+    again for its callers, for theirs, and so on, which takes five times as long. No other thread compiles meanwhile.
+    The methods changed here are numba's own, left out for the inner functions; and no more is optimised than pays,
+    since all loops are short. A version of numba that has not all of this just compiles for longer.
     """
     codegen, config = (importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config"))
     owners = (getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None), config)
     names = (
-        ("_optimize_functions", 0), ("_optimize_final_module", 0), ("_finalize_final_module", 0), ("set_env", 1),
-        ("OPT", 2), ("LOOP_VECTORIZE", 2), ("SLP_VECTORIZE", 2),
+        ("_optimize_functions", 0), ("add_linking_library", 0), ("finalize", 0), ("set_env", 1), ("OPT", 2),
+        ("LOOP_VECTORIZE", 2), ("SLP_VECTORIZE", 2),
     )  # fmt: skip
     if not all(hasattr(owners[which], name) for name, which in names):
         yield
         return
     own: list[Any] = [getattr(owners[which], name) for name, which in names]
-    prepare, optimize, emit, set_env = own[:4]
+    optimize, link, finalize, set_env = own[:4]
+    linked: defaultdict[Any, dict[Any, None]] = defaultdict(dict)  # callers first: LLVM links what is called by then
 
-    def prepare_entry(self: Any, module: Any) -> None:
+    def optimize_entry(self: Any, module: Any) -> None:
         if self.name not in _PARTS:
-            prepare(self, module)
+            optimize(self, module)
 
-    def optimize_entry(self: Any) -> None:
-        if self.name not in _PARTS:
-            optimize(self)
+    def link_all(self: Any, library: Any) -> None:
+        for one in (library, *linked[library]):
+            if one not in linked[self]:
+                linked[self][one] = None
+                link(self, one)
 
-    def emit_entry(self: Any) -> None:
-        if self.name not in _PARTS:
-            emit(self)
-        self._finalized = True
+    def finalize_entry(self: Any) -> None:
+        if self.name in _PARTS:
+            self._finalized = True
+        else:
+            finalize(self)
 
     def set_env_of_emitted(self: Any, name: str, environment: Any) -> None:
         if self._engine.get_global_value_address(name):  # the inner functions raise nothing, so they need none
             set_env(self, name, environment)
 
-    changed: list[Any] = [prepare_entry, optimize_entry, emit_entry, set_env_of_emitted, 1, 0, 0]
+    changed: list[Any] = [optimize_entry, link_all, finalize_entry, set_env_of_emitted, 1, 0, 0]
     with importlib.import_module("numba.core.compiler_lock").global_compiler_lock:
         collects = gc.isenabled()
         gc.disable()  # all that a compiler makes is in use until the end

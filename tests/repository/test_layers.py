@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from hapnet.laws import COUPLING_NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,6 +106,13 @@ def package_of(name: str) -> str:
 def nodes(source: str) -> tuple[ast.AST, ...]:
     """All of a module's tree."""
     return tuple(ast.walk(ast.parse(source)))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _trees_for_these_tests_alone() -> Iterator[None]:
+    """They are a million objects, which every later collection of garbage would go through."""
+    yield
+    nodes.cache_clear()
 
 
 def imports(source: str, module: str, is_package: bool = False) -> Iterator[str]:
