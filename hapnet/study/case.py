@@ -16,7 +16,7 @@ from hapnet.params import Params
 from hapnet.recording.samples import Recording
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.verdict import ROUNDING_J
-from hapnet.units import METRES
+from hapnet.units import RADIANS
 
 DEADBAND = "wire.deadband"
 """The deadband's parameter: the reference run over an ideal link has no deadband either."""
@@ -67,7 +67,7 @@ def measures(run: Measured) -> Measures:
 def simulated(params: Params, seed: int) -> Measured:
     """The run of a case, each tick recorded. Raises InvalidParameter: an axis is not in metres."""
     simulation = Simulation(params.set({"record_hz": params.device.servo_hz}), seed, motion_only=True)
-    if simulation.setup.units != METRES:
+    if RADIANS in simulation.setup.units.split(","):
         raise InvalidParameter("scene", params.scene, "one whose axes are in metres: what is measured is in mm and N")
     return Measured(simulation.setup.params, simulation.run(), simulation.setup.scene)
 
