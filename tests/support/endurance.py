@@ -21,6 +21,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.params import is_tool
 from hapnet.recording.samples import Columns, Recording
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import Summary
@@ -250,7 +251,7 @@ def main() -> None:
     changes, hands = PARTS[given.without], HANDS[: given.hands]
     with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool, TemporaryDirectory() as directory:
         if given.scene is not None:
-            made = SCENES.get(given.scene, lambda _: {"scene": given.scene, "dof": 3})
+            made = SCENES.get(given.scene, lambda _: {"scene": given.scene, "dof": 0 if is_tool(given.scene) else 3})
             given.only, changes = "long", made(Path(directory)) | changes
         if given.only in (None, "long"):
             print(HEADING)

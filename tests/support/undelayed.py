@@ -14,6 +14,7 @@ from hapnet.assembly.build import prepare
 from hapnet.checks import Array
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.poses.scene import ToolScene
 from hapnet.recording.samples import Recording
 
 STEP_S = 1e-3
@@ -39,14 +40,14 @@ def undelayed(recording: Recording) -> Undelayed:
     times = np.arange(t[0], t[-1], STEP_S)
     way = np.stack([np.interp(times + STEP_S, t, one) for one in x.T], axis=1)
     stiffness = given["world"]["stiffness"]
-    mass, damping = OF_MODEL if scene.moves_proxy else LIGHT
+    mass, damping = OF_MODEL if scene.moves_proxy and not isinstance(scene, ToolScene) else LIGHT
     proxy = scene.proxy(mass, damping, stiffness) or PassiveIntegrator(mass, damping, stiffness, scene.start)
     contacts = scene.contacts
     places, pushes = np.empty_like(way), np.empty(len(way))
     for k, goal in enumerate(way.tolist()):
         done = proxy.step(STEP_S, tuple(goal), contacts)
         places[k] = done.position
-        push = contacts.contact_force if scene.moves_proxy else done.force
+        push = (contacts.contact_force if scene.moves_proxy else None) or done.force
         pushes[k] = sum(f * f for f in push or ())
     at = np.clip(np.searchsorted(times, t - STEP_S), 0, len(times) - 1)
     touching = pushes[at] > 1e-12
