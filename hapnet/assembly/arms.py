@@ -21,9 +21,9 @@ from hapnet.plant.arms.urdf import table_from
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
 from hapnet.plant.poses.device import SimulatedHandle
-from hapnet.plant.poses.scene import ToolScene
 from hapnet.plant.worlds.protocol import World
 from hapnet.records.machine_code import no_compiler
+from hapnet.units import POSE
 
 _DEFAULTS = DeviceParams()
 
@@ -102,10 +102,10 @@ def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedD
     """
     device = params.device
     period, limit = 1.0 / device.servo_hz, device.force_limit_N or None
-    if isinstance(scene, ToolScene) and not is_arm(params.hardware):
+    if scene.units == POSE and not is_arm(params.hardware):
         return SimulatedHandle(
             hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
-            resolution=device.resolution_m, force_limit=limit, arm_m=scene.arm_m,
+            resolution=device.resolution_m, force_limit=limit,
         )  # fmt: skip
     if not is_arm(params.hardware):
         return SimulatedDevice(

@@ -18,12 +18,12 @@ from hapnet.plant.generated_hand import GeneratedHand
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.poses.hand import TurningHand
-from hapnet.plant.poses.scene import ToolScene
+from hapnet.plant.poses.scene import seen_by_the_hand
 from hapnet.plant.tremor import Tremor
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
-from hapnet.units import RADIANS
+from hapnet.units import POSE, RADIANS
 
 GENERATED = 1985
 """Together with a hand's number, the seed of its generator."""
@@ -38,9 +38,9 @@ _BLEND_S = 1.0
 
 def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene. Raises InvalidParameter."""
-    if isinstance(scene, ToolScene):
+    if scene.units == POSE:
         motion = params.operator_hand
-        return TurningHand(operator(params, scene.seen_by_the_hand), motion.turn_rad, motion.turn_hz, scene.arm_m)
+        return TurningHand(operator(params, seen_by_the_hand(scene)), motion.turn_rad, motion.turn_hz)
     hand = _intending(params, scene)
     amplitude = params.operator_hand.tremor_m
     return Tremor(hand, amplitude) if amplitude and not isinstance(hand, LiveHand) else hand

@@ -14,7 +14,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from hapnet.checks import MOST_PLANES, Vector
+from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
@@ -100,11 +100,7 @@ class ToolContacts(Surroundings):
         return found
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
-        """The deepest planes, in the pose's coordinates: as they act on a body that stays rigid.
-
-        A plane with the normal n that touches at r from the pose's point has there the gradient ``(n, a_j n/l)``. Only
-        its part along rigid motions does work: ``(n, (r x n) x P_j/(2 l^2))``.
-        """
+        """The deepest planes, in the pose's coordinates: as they act on a body that stays rigid."""
         found = []
         for point, secant in self._secants:
             x = self.place_of(position, point)
@@ -114,17 +110,11 @@ class ToolContacts(Surroundings):
             if distance <= reach_m and (size := hypot(*gradient)):
                 found.append((distance / size, point, tuple([-part / size for part in gradient]), secant))
         found.sort(key=lambda one: one[0])
-        return tuple([self._plane(position, *one) for one in found[:MOST_PLANES]])
-
-    def _plane(self, x: Sequence[float], distance: float, point: Vector, n: Vector, secant: Secant) -> Plane:
-        arm_m = self.arm_m
-        arms = arm_m * np.eye(3) + np.reshape(np.asarray(x[3:], dtype=float), (3, 3))
-        r = np.asarray(point) @ arms / arm_m
-        N = np.concatenate([n, (np.cross(np.cross(r, n), arms) / (2.0 * arm_m * arm_m)).ravel()])
-        size = float(np.linalg.norm(N))
-        unit = tuple((N / size).tolist())
-        offset = dot(AXES, unit, x) + distance / size
-        return Plane(unit, offset, secant.stiffness * size * size, secant.damping * size * size)
+        made = []
+        for distance, point, normal, secant in found[:MOST_PLANES]:
+            r = np.asarray(point) @ arms_at(position, self.arm_m) / self.arm_m
+            made.append(rigid_plane(position, self.arm_m, r, normal, distance, secant.stiffness, secant.damping))
+        return tuple(made)
 
     # -- a step -------------------------------------------------------------------------------------------------------
 
@@ -244,6 +234,30 @@ class ToolContacts(Surroundings):
 
 
 _STILL: Vector = (0.0,) * AXES
+
+
+def arms_at(x: Sequence[float], arm_m: float) -> Array:
+    """The arms P_j at x (12,) [m], a row each."""
+    arms: Array = arm_m * np.eye(3) + np.reshape(np.asarray(x[3:], dtype=float), (3, 3))
+    return arms
+
+
+def rigid_plane(
+    x: Sequence[float], arm_m: float, r: Array, normal: Vector, distance: float, stiffness: float, damping: float,
+    speed: float = 0.0,
+) -> Plane:  # fmt: skip
+    """A plane in the coordinates of a pose, as it acts on a body that stays rigid.
+
+    It touches the body at r (3,) from the pose's point, with the unit `normal` n (3,) into the solid, `distance` [m]
+    away. Its gradient there is ``(n, a_j n/l)``; only the part along rigid motions does work:
+    ``(n, (r x n) x P_j/(2 l^2))``. stiffness [N/m], damping [Ns/m], speed [m/s] : along n.
+    """
+    turned = np.cross(np.cross(r, normal), arms_at(x, arm_m)) / (2.0 * arm_m * arm_m)
+    N = np.concatenate([normal, turned.ravel()])
+    size = float(np.linalg.norm(N))
+    unit = tuple((N / size).tolist())
+    offset = dot(AXES, unit, x) + distance / size
+    return Plane(unit, offset, stiffness * size * size, damping * size * size, speed / size)
 
 
 def place(x: Sequence[float], point: Sequence[float], arm_m: float, *, home: bool = True) -> Vector:

@@ -18,10 +18,12 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.pose import ARM_M, AXES, DOF
 from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.poses.mass import ToolMass
+from hapnet.plant.poses.mujoco_tool import mujoco_tool_world
 from hapnet.plant.poses.picture import ToolPicture
 from hapnet.plant.poses.tool import Tool, box, peg, stick
+from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
 from hapnet.plant.worlds.properties import Properties, kind_of
-from hapnet.plant.worlds.protocol import WorldDefaults
+from hapnet.plant.worlds.protocol import World, WorldDefaults
 from hapnet.plant.worlds.rigid import parts_in, solids_of
 from hapnet.plant.worlds.rigid_contacts import Solid
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
@@ -66,16 +68,6 @@ class ToolScene(WorldDefaults):
         self.contacts.require_outside(self.start)
         self._steps = Scene(name, 1, (), min_s, max_s)
 
-    @property
-    def seen_by_the_hand(self) -> Scene:
-        """What a hand that moves a point knows of it: a wall where the tool's point would meet the first solid."""
-        if not self.contacts.solids:
-            return Scene(self.name, 3, ())
-        solid = self.contacts.solids[0]
-        distance, gradient = solid.shape.near((0.0, 0.0, 0.0))
-        wall = Wall(tuple([-part for part in gradient]), distance, solid.stiffness, solid.damping)
-        return Scene(self.name, 3, (wall,))
-
     def next_step_s(self, rng: np.random.Generator) -> float:
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return self._steps.next_step_s(rng)
@@ -103,12 +95,16 @@ def tool_scene(
     damping: float = WALL_DAMPING,
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
-) -> ToolScene:
+) -> World:
     """The world that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
     if dof not in (DOF, AXES):
         raise InvalidParameter("dof", dof, f"{DOF} with a tool: it turns")
     first, *others = parts_in(text)
     tool = tool_of(first)
+    if any(part.startswith(MUJOCO) for part in others):
+        if len(others) > 1:
+            raise InvalidParameter("scene", text, f"a tool and one {MUJOCO}FILE.xml, or a tool and solids")
+        return mujoco_tool_world(text, others[0], tool, step_min_s, step_max_s)
     given = {"stiffness": stiffness, "damping": damping}
     solids = tuple(chain.from_iterable(solids_of(part, given)[0] for part in others))
     try:
@@ -131,6 +127,20 @@ def tool_of(spec: str) -> Tool:
     return made
 
 
-def builder(text: str) -> Callable[..., ToolScene] | None:
+def seen_by_the_hand(scene: World) -> Scene:
+    """What a hand that moves a point knows of a world with a tool: a wall where the point would meet the first solid.
+
+    Of an engine's world it knows nothing, and presses down.
+    """
+    if not isinstance(scene, ToolScene):
+        return Scene(scene.name, 3, (Wall((0.0, 0.0, -1.0), 1.0, WALL_STIFFNESS),))
+    if not scene.contacts.solids:
+        return Scene(scene.name, 3, ())
+    solid = scene.contacts.solids[0]
+    distance, gradient = solid.shape.near((0.0, 0.0, 0.0))
+    return Scene(scene.name, 3, (Wall(tuple([-part for part in gradient]), distance, solid.stiffness),))
+
+
+def builder(text: str) -> Callable[..., World] | None:
     """A function that makes the world that `text` describes; None: it describes none with a tool."""
     return partial(tool_scene, text) if kind_of(parts_in(text)[0])[0] == KIND else None

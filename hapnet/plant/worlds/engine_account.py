@@ -29,6 +29,7 @@ from hapnet.mechanics.contacts import Observed
 from hapnet.plant.worlds.engine import Engine
 from hapnet.plant.worlds.scene import checked_dof
 from hapnet.records.vectors import inner
+from hapnet.units import POSE
 
 CEILING_J = 0.05
 """The most that the account keeps of what was dissipated [J]: what contacts and flexes store is less."""
@@ -93,9 +94,10 @@ class EngineAccount:
     def _axes(self) -> int:
         place = self.ask("position")
         try:
-            return checked_dof(len(place))
+            return len(place) if self.engine.units == POSE else checked_dof(len(place))
         except (TypeError, InvalidParameter):
-            raise self.failed(f"position() gave {place!r:.80}, not one number an axis, for 1 to 3 axes") from None
+            axes = "for 1 to 3 axes or a pose's twelve coordinates"
+            raise self.failed(f"position() gave {place!r:.80}, not one number an axis, {axes}") from None
 
     def ask(self, method: str, *given: object) -> Any:
         """What a method of the engine returns."""

@@ -212,7 +212,7 @@ class EngineWorld(WorldDefaults, Surroundings):
             raise self.account.failed(f"its substep_s is {whole.substep_s!r}; allowed: {SHORTEST_S:g} s or more")
         self.dof = self.account.dof
         self._has_steps = min_s is not None or max_s is not None
-        self._steps = Scene(name, self.dof, (), min_s or STEP_MIN_S, max_s or STEP_MAX_S)
+        self._steps = Scene(name, 1, (), min_s or STEP_MIN_S, max_s or STEP_MAX_S)
         self.start: Vector = self.account.position
         self.units = whole.units
         self.warnings = tuple(whole.warnings)

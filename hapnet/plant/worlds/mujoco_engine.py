@@ -51,9 +51,9 @@ class MujocoEngine(Engine):
     """
 
     def __init__(self, scene: str, dof: int) -> None:
-        self.found: Model = load(scene, dof, _SMALLEST_MASS)
-        found = self.found
         self.dof: int = dof
+        self.found: Model = self._load(scene, _SMALLEST_MASS)
+        found = self.found
         self.substep_s = self._substep_s = float(found.model.opt.timestep)
         self.warnings = tuple(warnings(found))
         self.overlaps = len(found.overlaps)
@@ -79,8 +79,14 @@ class MujocoEngine(Engine):
         self._origin = self.position()
         reported, self._planes = asked(scene).planes, None
         if found.dofs and not found.model.nflex and reported != "none":
-            planes = SpherePlanes(found, dof, everything=reported == "all")
+            planes = self._planes_of(found, reported == "all")
             self._planes = planes if planes.any_fits else None
+
+    def _load(self, scene: str, mass: float) -> Model:
+        return load(scene, self.dof, mass)
+
+    def _planes_of(self, found: Model, everything: bool) -> SpherePlanes:
+        return SpherePlanes(found, self.dof, everything=everything)
 
     def weigh(self, mass: ArrayLike) -> None:
         """An added sphere gets `mass` [kg], a body of the model keeps its own. Raises InvalidParameter."""

@@ -10,7 +10,7 @@ begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -93,8 +93,10 @@ def _numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in text.split(",") if part.strip())
 
 
-def load(scene: str, dof: int, mass: float) -> Model:
+def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any, float], None] | None = None) -> Model:
     """The model that `scene` names, with a proxy of `mass` [kg] if a sphere is added, which moves on `dof` axes.
+
+    add : adds something else than the sphere, given engine, model and mass; it turns.
 
     Raises MissingLibrary; InvalidParameter: there is no such file, it is no model, or it has no such body.
     """
@@ -110,7 +112,9 @@ def load(scene: str, dof: int, mass: float) -> Model:
         spec = engine.MjSpec.from_file(want.file)
         total = float(spec.compiler.settotalmass)
         spec.compiler.settotalmass = -1.0  # the sphere is no part of the model's mass
-        if not want.proxy:
+        if add is not None:
+            add(engine, spec, mass)
+        elif not want.proxy:
             _add_sphere(engine, spec, want, dof, mass)
         model = spec.compile()
         data = engine.MjData(model)
@@ -147,6 +151,20 @@ def _add_sphere(engine: Any, spec: Any, want: Asked, dof: int, mass: float) -> N
     spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
 
 
+def shape_of_proxy(engine: Any, spec: Any, mass: float, kind: Any, size: list[float], margin: float) -> None:
+    """Add a free body without weight as the proxy, one geom of this kind and size; contacts within `margin` [m] are
+    listed, and push where it touches."""
+    own = engine.MjSpec()
+    body = own.worldbody.add_body(name=_PROXY)
+    body.gravcomp = 1.0
+    body.add_freejoint(name=_PROXY)
+    body.add_geom(
+        name=_PROXY, type=kind, size=size, mass=mass, contype=_ALL, conaffinity=_ALL, priority=-1,
+        rgba=[0.9, 0.5, 0.1, 1.0], margin=0.0, gap=margin,
+    )  # fmt: skip
+    spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+
+
 def _weigh(engine: Any, model: Any, total: float) -> None:
     """Give all bodies but the sphere the total mass [kg] that the model's author asked for."""
     own = np.arange(model.nbody) != max(0, int(engine.mj_name2id(model, engine.mjtObj.mjOBJ_BODY, _NAME)))
@@ -174,7 +192,7 @@ def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof
         first = int(model.body_dofadr[body])
         dofs = tuple(range(first, first + dof))
     key = _begin(engine, model, data, scene, want, dofs)
-    if dofs and not want.at:
+    if dofs and not want.at and int(model.jnt_type[model.body_jntadr[body]]) != int(engine.mjtJoint.mjJNT_FREE):
         _raise(engine, model, data, body, want.radius)
     engine.mj_forward(model, data)
     geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())
