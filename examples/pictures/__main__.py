@@ -62,6 +62,10 @@ RECIPES = (
         "--scene 'sdf:examples.fields:head?stiffness=600&layers=6mm,3000' --operator hand-6 --link 4g "
         "--duration 20 --seed 3",
     ),
+    scene(
+        "arm.png",
+        "--device omni --scene 'sphere?radius=20mm&at=0,0,-25mm' --operator hand-6 --link 4g --duration 8 --seed 3",
+    ),
     scene("dominoes.png", "--scene mujoco:examples/dominoes.xml --operator press --duration 6 --seed 1"),
     scene("planet.png", "--scene examples.planet:planet --operator hand-6 --duration 12 --seed 1"),
     Recipe(("hapnet transparency --link 4g --out DIR",), {"transparency.png": "transparency.png"}),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import DeviceParams, Params, arm_file, is_arm
 from hapnet.plant.arms.device import TIP_AXES, SimulatedArm
 from hapnet.plant.arms.omni import omni
+from hapnet.plant.arms.picture import described
 from hapnet.plant.arms.table import ArmTable, apparent_masses, at_home, felt_damping
 from hapnet.plant.arms.urdf import table_from
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
 from hapnet.plant.poses.device import SimulatedHandle
 from hapnet.plant.worlds.protocol import World
+from hapnet.recording.hand import fingerprint
 from hapnet.records.machine_code import no_compiler
 from hapnet.units import POSE
 
@@ -93,6 +96,14 @@ def with_arm(params: Params) -> Params:
                 f"device.{name}", given, f"left out with the device {params.hardware}: its links have it"
             )
     return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}})
+
+
+def description(params: Params) -> dict[str, Any]:
+    """What a recording says of the device: what its file was, and an arm's frames, for pictures of it."""
+    found = {"hardware_sha256": fingerprint(arm_file(params.hardware))}
+    if not is_arm(params.hardware):
+        return found
+    return {**found, "arm": described(table_of(params.hardware), by_joints(params.hardware))}
 
 
 def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:

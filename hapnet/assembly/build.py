@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from hapnet.assembly.arms import simulated_device, with_arm
+from hapnet.assembly.arms import description, simulated_device, with_arm
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
@@ -99,6 +99,11 @@ class Setup:
     def units(self) -> str:
         """Of the axes: `hapnet.units`."""
         return one_text(self.scene.units, self.dof)
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """What a recording says of the device."""
+        return description(self.params)
 
     @property
     def tuned(self) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.plant.arms.picture import ArmPicture
 from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch
 from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR, headed, sheet
@@ -28,6 +29,7 @@ _MOST_TRIANGLES = 40_000
 _MOST_POINTS = 4000
 _FAR_M = 0.5
 _FEW_BODIES, _FEW = 3, 10
+_FEW_ARMS = 3
 _MM = 1e3
 _MM_PER_N = 10.0
 _OPACITY, _FAINT = 0.6, 0.12
@@ -35,28 +37,42 @@ _RED, _AMBER = "#b91c1c", "#d97706"
 
 
 def scene_figure(recording: Recording) -> Figure | None:
-    """Solids, bodies and paths in 3-D, 180 mm wide.
+    """Solids, bodies, an arm's links and paths in 3-D, 180 mm wide.
 
     None: nothing is known of how the scene looks, or it has fewer axes and nothing moves.
     """
-    device, world = recording.device, recording.world
-    if device is None or world is None or device["position_m"].shape[1] > 3 or not (parts := _parts(recording)):
+    device, world, arm = recording.device, recording.world, ArmPicture.of(recording.meta)
+    if device is None or world is None:
+        return None
+    by_joints = arm is not None and arm.by_joints
+    parts = () if by_joints else _parts(recording)
+    if (device["position_m"].shape[1] > 3 and not by_joints) or not (parts or arm):
         return None
     peak, others = _moments(recording.scene, world)
     moves = peak is not None and any(part.body != RESTS for part in parts)
-    if device["position_m"].shape[1] != 3 and not moves:
+    if device["position_m"].shape[1] != 3 and not moves and not by_joints:
         return None
-    hand, proxy, force = (
-        np.pad(columns[name], ((0, 0), (0, 3 - columns[name].shape[1])))  # three axes
-        for columns, name in ((device, "position_m"), (world, "position_m"), (world, "contact_force_N"))
-    )
-    deep = world["penetration_m"] > 0.0
+    if arm is not None and arm.by_joints:
+        hand, proxy = (
+            np.array([arm.tip(position) for position in columns["position_m"][:: _every(columns)].tolist()])
+            for columns in (device, world)
+        )
+        force = np.zeros_like(proxy)  # torques have no place
+    else:
+        hand, proxy, force = (
+            np.pad(columns[name], ((0, 0), (0, 3 - columns[name].shape[1])))  # three axes
+            for columns, name in ((device, "position_m"), (world, "position_m"), (world, "contact_force_N"))
+        )
+    deep = world["penetration_m"][:: _every(world) if by_joints else 1] > 0.0
     pressed = deep if deep.any() else np.linalg.norm(force, axis=1) > 0.0  # a force law has no depth
     with sheet(120) as fig:
         axes: Any = fig.add_subplot(projection="3d", computed_zorder=False)
         shown = _placed(parts, peak)
         ghosts = [part for moment in others for part in _placed(parts, moment) if part.body != RESTS]
         shown, ghosts = (_near(proxy, some) for some in (shown, ghosts))
+        if arm is not None:
+            links, ways = _arm_at(arm, recording)
+            shown, ghosts = shown + links, ghosts + ways
         _surfaces(axes, [part for part in shown if part.body == RESTS], _OPACITY, zorder=0)
         _surfaces(axes, ghosts, _FAINT, zorder=1)
         _surfaces(axes, [part for part in shown if part.body != RESTS], 1.0, zorder=2)
@@ -68,10 +84,33 @@ def scene_figure(recording: Recording) -> Figure | None:
             _contacts(axes, peak.contacts())
         _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         axes.legend(loc="upper left")
-        when = ", the bodies where they were when the force was largest" if moves else ""
+        when = ", the bodies where they were when the force was largest" if moves or arm is not None else ""
         name = get(recording.meta, "params", "scene") or get(recording.meta, "scene")  # as it was asked for
         headed(fig, f"Scene {name}: the paths of device and proxy{when}", letters=100)
     return fig
+
+
+def _every(columns: Columns) -> int:
+    return -(-len(columns["time_ns"]) // _MOST_POINTS)
+
+
+def _arm_at(arm: ArmPicture, recording: Recording) -> tuple[list[Part], list[Part]]:
+    """The arm where the force was largest, and its links at other times."""
+    device = recording.device
+    assert device is not None
+    top = int(np.linalg.norm(device["force_N"], axis=1).argmax())
+    moments = [top, *np.linspace(0, len(device["time_ns"]) - 1, _FEW_ARMS).astype(int).tolist()]
+    placed = []
+    for moment in moments:
+        poses = arm.poses(device["position_m"][moment].tolist())
+        placed.append([_moved(part, poses) for part in arm.parts])
+    return placed[0], [part for some in placed[1:] for part in some if part.body != RESTS]
+
+
+def _moved(part: Part, poses: Array) -> Part:
+    if part.body < 0:
+        return part
+    return part._replace(vertices=part.vertices @ _turn(poses[part.body, 3:]).T + poses[part.body, :3])
 
 
 def _parts(recording: Recording) -> tuple[Part, ...]:
@@ -100,9 +139,8 @@ def _placed(parts: Sequence[Part], moment: SceneSample | None) -> list[Part]:
         vertices = part.vertices
         if part.body == SOFT and len(soft) >= len(vertices):
             vertices, soft = soft[: len(vertices)], soft[len(vertices) :]
-        elif 0 <= part.body < len(poses):
-            vertices = vertices @ _turn(poses[part.body, 3:]).T + poses[part.body, :3]
-        placed.append(part._replace(vertices=vertices))
+            part = part._replace(vertices=vertices)
+        placed.append(_moved(part, poses) if part.body < len(poses) else part)
     return placed
 
 

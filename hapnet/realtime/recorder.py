@@ -10,7 +10,6 @@ from typing import Any
 
 from hapnet.assembly.build import Setup
 from hapnet.errors import RecordingError
-from hapnet.params import arm_file
 from hapnet.recording.drawing import Drawing
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.mcap import RecordingWriter, preload
@@ -164,7 +163,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
     return {
         "params": setup.params.as_dict(),
         "operator_sha256": fingerprint(setup.params.operator),
-        "hardware_sha256": fingerprint(arm_file(setup.params.hardware)),
+        **setup.description,
         "seed": seed,
         "role": role,
         "clock": _boot_id(),

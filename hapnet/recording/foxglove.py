@@ -9,14 +9,14 @@ nothing is drawn of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.mechanics.pose import Pose, Quaternion, pose
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
-from hapnet.units import METRES, POSE
+from hapnet.units import METRES, POSE, RADIANS
 
 if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
@@ -78,12 +78,20 @@ class Shown(NamedTuple):
 
 def shown(time_ns: int, sample: DeviceSample | WorldSample, units: str = METRES) -> Iterator[tuple[str, Shown]]:
     """What is drawn of a sample at this time [ns], each with its topic; its axes are in `units`."""
+    if RADIANS in units:  # no place in space
+        return
     kind = type(sample)
     turns, places = units == POSE, (sample.position_m, sample.set_position_m)
     if (turns or len(sample.position_m) <= 3) and all(map(math.isfinite, chain(*places))):
         at, tied = (pose(place) if turns else Pose(place, (1.0, 0.0, 0.0, 0.0)) for place in places)
         yield f"/{_SIDE[kind]}/frame", Shown(time_ns, *at, _CHILD[kind])
         yield f"/{_SIDE[kind]}/set_position", Shown(time_ns, *tied)
+
+
+def links(time_ns: int, poses: Iterable[Sequence[float]]) -> Iterator[tuple[str, Shown]]:
+    """An arm's links as frames; `poses` : place [m] and quaternion w, x, y, z of each."""
+    for number, (x, y, z, w, i, j, k) in enumerate(poses, 1):
+        yield f"/device/link_{number}", Shown(time_ns, (x, y, z), (w, i, j, k), f"link_{number}")
 
 
 def log_schema() -> Schema:

@@ -28,9 +28,10 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
 from hapnet.extras import require
+from hapnet.plant.arms.picture import ArmPicture
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
-from hapnet.recording.foxglove import PERIOD_NS, Shown, shown
+from hapnet.recording.foxglove import PERIOD_NS, Shown, links, shown
 from hapnet.recording.samples import (
     DeviceSample,
     Event,
@@ -78,7 +79,7 @@ class RecordingWriter:
         require("record", "a recording")
         self._path = Path(path)
         self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
-        self._meta = meta
+        self._meta, self._arm = meta, ArmPicture.of(meta)
         self._utc_ns = utc_less_clock_ns(meta)
         self._shown_ns: dict[type[Sample], int] = {}
         self._flushed_ns: int | None = None
@@ -152,6 +153,9 @@ class RecordingWriter:
         due_ns = self._shown_ns.get(type(sample), utc_ns)
         if utc_ns >= due_ns:
             self._shown_ns[type(sample)] = max(utc_ns, due_ns + PERIOD_NS)
+            if self._arm is not None and isinstance(sample, DeviceSample):
+                for topic, one in links(utc_ns, self._arm.poses(sample.position_m).tolist()):
+                    self._add(utc_ns, topic, one)
             for topic, one in shown(utc_ns, sample, text_in(self._meta, len(sample.position_m))):
                 self._add(utc_ns, topic, one)
 

@@ -18,7 +18,7 @@ from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.params import Params, arm_file, as_params, is_simulated
+from hapnet.params import Params, as_params, is_simulated
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
 from hapnet.side.device import DeviceSide, Write
@@ -126,7 +126,7 @@ class Simulation:
         self._meta = {
             "params": setup.params.as_dict(),
             "operator_sha256": fingerprint(setup.params.operator),
-            "hardware_sha256": fingerprint(arm_file(setup.params.hardware)),
+            **setup.description,
             "seed": self.seed,
             "role": "both",
             "clock": "virtual",

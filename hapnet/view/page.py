@@ -7,6 +7,7 @@ from typing import Any
 import viser
 
 from hapnet.checks import Vector
+from hapnet.plant.arms.picture import ArmPicture
 from hapnet.plant.worlds.picture import Part
 from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.recording.telemetry import Status
@@ -43,7 +44,7 @@ class Page:
         self._history = history
         self._controls = controls
         self._scene: Scene | None = None
-        self._drawn: tuple[int, Any, str, object] | None = None  # the axes, walls, words for which the scene was made
+        self._drawn: tuple[int, Any, str, object, object] | None = None  # for which axes, walls, words, arm it was made
         self._parts: tuple[Part, ...] | None = None
         self._taken, self._heard_s = 0, -1e9
         self._troubles = Troubles()
@@ -95,12 +96,13 @@ class Page:
             return
         words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
         wall_name = "wall at the start" if _moves(snapshot) else "wall"  # where one that moves is drawn
-        wanted = track.position_m.shape[1], self._surfaces(snapshot), wall_name, words
+        described = {} if snapshot.device_status is None else snapshot.device_status.about
+        wanted = track.position_m.shape[1], self._surfaces(snapshot), wall_name, words, described.get("arm")
         if self._scene is None or self._drawn != wanted or self._parts is not snapshot.parts:
             lead = None if self._controls is None else self._lead
-            dof, surfaces, _, _ = wanted
+            dof, surfaces, *_ = wanted
             parts = snapshot.parts or parts_of_words(words)
-            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts)
+            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts, ArmPicture.of(described))
             self._drawn, self._parts = wanted, snapshot.parts
             self._origin = (0.0,) * dof
         self._scene.update(snapshot)

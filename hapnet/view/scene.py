@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.arms.picture import ArmPicture
 from hapnet.plant.worlds.picture import Part
 from hapnet.view.bodies import Bodies
 from hapnet.view.contacts import ContactMarks, turned_to
@@ -50,6 +51,10 @@ _LEAST_SEEN = 4.0  # half the width in a window that is narrow
 _AROUND = 3.0  # of the hand, which is seen in any case
 
 
+_BESIDE_AN_ARM = (0.64, 0.64, 0.42)
+"""From where an arm is looked at: its base stands behind the hand."""
+
+
 class Scene:
     """Draws a pair with `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
 
@@ -58,6 +63,7 @@ class Scene:
 
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
     wall_name : what a single wall is called. parts : what the world looks like beside its walls.
+    arm : the device, if it is one; in radians, its tip stands for handle and proxy.
     """
 
     def __init__(
@@ -68,17 +74,21 @@ class Scene:
         lead: Callable[[Vector], None] | None,
         wall_name: str = "wall",
         parts: Sequence[Part] = (),
+        arm: ArmPicture | None = None,
     ) -> None:
         self.dof = dof
+        self._arm = arm
         self._server = server
         scene = self._scene = server.scene
         scene.reset()
         scene.set_up_direction("+z" if dof > 2 else "+y")
         self._look(parts)
         _add_grid(scene, dof)
-        for number, surface in enumerate(surfaces):
-            _add_wall(scene, number, dof, list(surfaces), surface, wall_name)
+        walls = list(surfaces) if self._in_metres else []
+        for number, surface in enumerate(walls):
+            _add_wall(scene, number, dof, walls, surface, wall_name)
         self._bodies = Bodies(scene, parts, UNIT)
+        self._links = None if arm is None else Bodies(scene, arm.parts, UNIT, "link")
         self._contacts = ContactMarks(scene, UNIT, FORCE_UNIT)
         self._known: tuple[Plane, ...] = ()
         self._planes = [_add_plane(scene, number, dof) for number in range(MOST_PLANES)]
@@ -131,20 +141,32 @@ class Scene:
             for track, node in ((device, self._handle), (world, self._proxy)):
                 node.visible = track is not None
                 if track is not None:
-                    node.position = _spot(track.position_m[-1])
+                    node.position = self._place(track.position_m[-1])
             self._mark.visible = device is not None
             if device is not None:
-                self._spot = _spot(device.position_m[-1])
-                self._mark.position = _spot(device.set_position_m[-1])
-                self._show_force(device.force_N[-1])
+                self._spot = self._place(device.position_m[-1])
+                self._mark.position = self._place(device.set_position_m[-1])
+                self._show_force(device.force_N[-1] if self._in_metres else np.zeros(3))
+                if self._links is not None and self._arm is not None:
+                    self._links.move(self._arm.poses(device.position_m[-1].tolist()))
             if snapshot.scene is not None:
                 self._bodies.update(snapshot.scene)
             self._contacts.update([] if snapshot.scene is None else snapshot.scene.contacts())
             self._show_touch(snapshot)
-            self._show_planes(snapshot.planes or (), np.zeros(3) if world is None else _spot(world.position_m[-1]))
+            planes = (snapshot.planes or ()) if self._in_metres else ()
+            self._show_planes(planes, np.zeros(3) if world is None else self._place(world.position_m[-1]))
             if device is not None and world is not None:
-                self._show_spring(_spot(device.position_m[-1]), _spot(world.position_m[-1]))
-                self._part_names(_spot(device.position_m[-1])[0] - _spot(world.position_m[-1])[0])
+                self._show_spring(self._place(device.position_m[-1]), self._place(world.position_m[-1]))
+                self._part_names(self._place(device.position_m[-1])[0] - self._place(world.position_m[-1])[0])
+
+    @property
+    def _in_metres(self) -> bool:
+        """Are axes places in space?"""
+        return self._arm is None or not self._arm.by_joints
+
+    def _place(self, position: Array) -> Array:
+        """Where it is drawn."""
+        return _spot(position if self._arm is None else self._arm.tip(position.tolist()))
 
     def _part_names(self, apart: float) -> None:
         """Put each name on the side where the other one is not; `apart` : how far right the handle is of the proxy."""
@@ -156,7 +178,7 @@ class Scene:
 
     def _show_touch(self, snapshot: Snapshot) -> None:
         """Mark where a wall pushes: the proxy's depth in front of it, along the force."""
-        world = snapshot.world if snapshot.scene is None else None
+        world = snapshot.world if snapshot.scene is None and self._in_metres else None
         depth = 0.0 if world is None else float(world.penetration_m[-1])
         force = np.zeros(3) if world is None else _padded(world.force_N[-1])
         size = float(np.linalg.norm(force))
@@ -215,6 +237,8 @@ class Scene:
         tilt = math.radians(20.0)
         back = (0.0, -math.cos(tilt), math.sin(tilt)) if self.dof > 2 else (0.0, 0.0, 1.0)
         middle, distance = _view_of(parts) if self.dof > 2 else (np.zeros(3), _DISTANCE)
+        if self._arm is not None:
+            back, middle, distance = _BESIDE_AN_ARM, *_view_of_arm(self._arm)
         self._front = middle + distance * np.array(back), middle
         self.look(self._server.initial_camera)
         for client in self._server.get_clients().values():
@@ -252,6 +276,13 @@ def _view_of(parts: Sequence[Part]) -> tuple[Array, float]:
     low, high = np.minimum(points.min(axis=0), -_AROUND), np.maximum(points.max(axis=0), _AROUND)
     middle = np.array([(low[0] + high[0]) / 2.0, 0.0, (low[2] + high[2]) / 4.0])
     return middle, _DISTANCE * max(1.0, float(high[0] - low[0]) / (2.0 * _SEEN))
+
+
+def _view_of_arm(arm: ArmPicture) -> tuple[Array, float]:
+    """The middle of an arm at home, and the distance from which it is seen whole."""
+    points = UNIT * arm.at_home
+    low, high = np.minimum(points.min(axis=0), -_AROUND), np.maximum(points.max(axis=0), _AROUND)
+    return (low + high) / 2.0, _DISTANCE * max(1.0, float(np.linalg.norm(high - low)) / (2.0 * _SEEN))
 
 
 def _farther(camera: viser.CameraHandle) -> float:

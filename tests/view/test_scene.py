@@ -15,6 +15,8 @@ import viser.transforms
 
 from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.arms.omni import omni
+from hapnet.plant.arms.picture import ArmPicture, described
 from hapnet.plant.worlds.mesh_surface import volume
 from hapnet.plant.worlds.outlines import cylinder
 from hapnet.plant.worlds.picture import part
@@ -87,6 +89,26 @@ def test_the_solids_of_a_rigid_scene_are_drawn_and_where_a_wall_is_touched(tmp_p
     np.testing.assert_allclose(scene._touch.position, (0.020 * UNIT, 0.0, 0.0), atol=1e-9)  # on the surface
     scene.update(replace(still, world=replace(world, penetration_m=none)))
     assert not scene._touch.visible
+    server.stop()
+
+
+@pytest.mark.parametrize("by_joints", [False, True])
+def test_an_arms_links_are_drawn_where_they_are(by_joints: bool) -> None:
+    """Joint by joint the tip stands for the handle, and torques are no arrow in space."""
+    server = viser.ViserServer(port=0, verbose=False)
+    arm = ArmPicture(described(omni(), by_joints))
+    scene = Scene(server, 3, [{"axis": 0, "solid": 1, "position_m": 0.02}], None, arm=arm)
+    still = Snapshot(None, None, None, None, False, None, None, (), 0)
+    none, at = np.zeros(1), np.array([[0.02, -0.01, 0.03]])
+    device = Track(none, at, at, np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 4, 3)), none, none, none)
+    scene.update(replace(still, device=device))
+    assert scene._links is not None
+    poses = ArmPicture(described(omni(), by_joints)).poses(at[0].tolist())
+    for body, frame in scene._links._frames.items():
+        np.testing.assert_allclose(frame.position, UNIT * poses[body, :3], atol=1e-9)
+        np.testing.assert_allclose(frame.wxyz, poses[body, 3:], atol=1e-9)
+    np.testing.assert_allclose(scene._handle.position, UNIT * np.array(arm.tip(at[0].tolist())), atol=1e-9)
+    assert scene._arrow.visible is not by_joints
     server.stop()
 
 

@@ -1,0 +1,102 @@
+"""The picture of an arm: its links are where the arm is, whatever drew it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapnet.checks import Array
+from hapnet.params import Params
+from hapnet.plant.arms.device import SimulatedArm
+from hapnet.plant.arms.omni import omni
+from hapnet.plant.arms.picture import ArmPicture, described
+from hapnet.plant.operator import Impedance, Sine
+from hapnet.plant.worlds.picture import RESTS
+from hapnet.plots.scene import scene_figure
+from hapnet.recording.mcap import RecordingWriter
+from hapnet.simulation.simulation import simulate
+from tests.plant.arms.references import in_mujoco, random_arm
+
+
+def turned(quaternion: Array) -> Array:
+    import mujoco
+
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def test_seven_links_are_where_mujoco_has_them() -> None:
+    """Each capsule goes from its joint to the next one, and the last to the tip; counted from the tip at home."""
+    import mujoco
+
+    rng = np.random.default_rng(3)
+    table = random_arm(rng, 7)
+    picture = ArmPicture(json.loads(json.dumps(described(table, True))))
+    model, data = in_mujoco(table)
+    mujoco.mj_forward(model, data)
+    home = data.site_xpos[0].copy()
+    base, *links = picture.parts
+    assert base.body == RESTS
+    for _ in range(20):
+        q = rng.uniform(-2.0, 2.0, 7)
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        poses = picture.poses(q.tolist())
+        assert np.abs(poses[:, :3] - (data.xpos[1:] - home)).max() <= 1e-12
+        assert picture.tip(q.tolist()) == pytest.approx(data.site_xpos[0] - home, abs=1e-12)
+        ends = np.vstack([poses[1:, :3], data.site_xpos[0] - home])
+        for part, pose, end in zip(links, poses, ends, strict=True):
+            placed = part.vertices @ turned(pose[3:]).T + pose[:3]
+            middle = 0.5 * (placed.min(axis=0) + placed.max(axis=0))
+            assert np.abs(middle - 0.5 * (pose[:3] + end)).max() < 1e-6
+            size = placed.max(axis=0) - placed.min(axis=0) - np.abs(end - pose[:3])
+            assert np.ptp(size) < 2e-3  # the capsule's width, as its sides let it be seen
+
+
+def test_three_joints_follow_from_the_tip() -> None:
+    """The posture is that of the simulated arm, which went there by itself."""
+    arm = SimulatedArm(omni(), Sine(3, Impedance(), 0.05, 1.0, start_s=0.2))
+    of_tip, of_joints = (ArmPicture(described(omni(), joints)) for joints in (False, True))
+    for k in range(300):
+        arm.advance()
+        if k % 10 == 0:
+            q = [angle - home for angle, home in zip(arm.angles, omni().home, strict=True)]
+            assert np.abs(of_tip.poses(arm.position) - of_joints.poses(q)).max() < 1e-6
+
+
+def test_a_tip_that_more_joints_move_has_no_picture() -> None:
+    table = random_arm(np.random.default_rng(1), 5)
+    assert ArmPicture.of({"arm": described(table, False)}) is None
+    assert ArmPicture.of({"arm": described(table, True)}) is not None
+    for broken in ({}, {"arm": 3}, {"arm": {"joints": "no", "tip": [], "home": []}}, {"arm": None}):
+        assert ArmPicture.of(broken) is None
+
+
+def test_recordings_and_figures_have_the_links(tmp_path: Path) -> None:
+    """Frames for viewers, 60 a second; of joints no frame of a handle, whose position is no place."""
+    from mcap.reader import make_reader
+
+    topics = {}
+    for name, scene in (("omni", "wall"), ("omni?axes=joints", "joints")):
+        changes = {"hardware": name, "scene": scene, "duration_s": 0.3, "device.substeps": 1}
+        recording = simulate(Params().set(changes), 1).recording
+        path = tmp_path / f"{scene}.mcap"
+        writer = RecordingWriter(path, recording.meta)
+        for sample in recording.samples():
+            writer.write(sample)
+        writer.close()
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        counts = summary.statistics.channel_message_counts
+        topics[scene] = {channel.topic: counts[number] for number, channel in summary.channels.items()}
+        assert scene_figure(recording) is not None
+    for found in topics.values():
+        assert 15 <= found["/device/link_1"] == found["/device/link_2"] == found["/device/link_3"] <= 20
+    assert "/device/frame" in topics["wall"]
+    assert not {"/device/frame", "/world/frame"} & topics["joints"].keys()
