@@ -9,7 +9,6 @@ refills E_c.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
 from math import hypot, sqrt
 
 import numpy as np
@@ -61,7 +60,7 @@ class ToolContacts(Surroundings):
             (point, secant)
             for point in tool.points
             for solid in self.solids
-            for secant in chain(secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction))
+            for secant in secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction)
         ]
         self._rubs = any(solid.friction for solid in self.solids)
         self.energy_J: float = 0.0

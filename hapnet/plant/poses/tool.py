@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from math import cos, pi, sin
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.plant.poses.body import MOST
+
+MOST_POINTS = 128
+"""Of a tool."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +29,10 @@ class Tool:
     points: tuple[Vector, ...]
     size: Vector = (0.01, 0.01, 0.01)
     inertia: Vector | None = None
-    most: int = field(default=4 * MOST, repr=False)
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.points) <= self.most:
-            raise InvalidParameter("points", len(self.points), f"1 to {self.most}")
+        if not 1 <= len(self.points) <= MOST_POINTS:
+            raise InvalidParameter("points", len(self.points), f"1 to {MOST_POINTS}")
         for point in self.points:
             checks.vector("points", point, 3)
         for length in checks.vector("size", self.size, 3):
