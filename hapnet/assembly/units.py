@@ -5,10 +5,11 @@ from __future__ import annotations
 from hapnet.assembly.arms import by_joints
 from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import Params, is_arm, is_simulated
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.worlds.protocol import World
-from hapnet.units import METRES, RADIANS, one_text, within
+from hapnet.units import METRES, POSE, RADIANS, one_text, within
 
 _PLACES = (
     "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
@@ -50,9 +51,24 @@ def with_units(params: Params, scene: World) -> Params:
         raise InvalidParameter("hardware", params.hardware, f"{need}; this one's are in {unit}")
     if of_world == METRES:
         return params
+    if of_world == POSE:
+        params = _for_all_coordinates(params)
     turned = _TURNED if of_world == RADIANS else {}
     left = {name: value for name, value in turned.items() if params.get(name) == _DEFAULTS.get(name)}
     return params.set({"units": of_world, **left})
+
+
+_OF_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping")
+
+
+def _for_all_coordinates(params: Params) -> Params:
+    """Of a pose two numbers, in N/m and in Nm/rad (or Ns/m and Nms/rad), are one for each of its twelve coordinates."""
+    found: dict[str, object] = {}
+    for name in _OF_SPRINGS:
+        value = params.get(name)
+        if isinstance(value, tuple) and len(value) == 2 and not isinstance(value[0], tuple):
+            found[name] = (value[0],) * 3 + (value[1] / (2.0 * ARM_M**2),) * (AXES - 3)
+    return params.set(found) if found else params
 
 
 def check_units(params: Params, dof: int) -> None:

@@ -86,3 +86,24 @@ def test_a_handle_in_a_hand_pays_for_its_motion() -> None:
 def test_turned_is_the_rotation_vector() -> None:
     x = turned((0.0, 0.0, 0.0), (0.0, 0.0, np.pi / 2), ARM_M)
     assert np.array(x[3:6]) == pytest.approx([-ARM_M, ARM_M, 0.0], abs=1e-15)
+
+
+def test_turning_may_have_a_stiffness_of_its_own() -> None:
+    """Two numbers: N/m and Nm/rad. The largest torque of a turn beyond the world's answer follows the second."""
+    changes = {"scene": TABLE, "link.up": "4g", "link.down": "4g", "duration_s": 4.0}
+    plain = simulate(changes, seed=3).summary
+    soft = simulate(
+        {
+            **changes,
+            "device.stiffness": [200.0, 0.16],
+            "world.stiffness": [500.0, 0.4],
+            "world.damping": [14.0, 0.0112],
+        },
+        seed=3,
+    ).summary
+    for summary in (plain, soft):
+        assert summary["verdict"]["passive"]
+        assert min(summary[side]["ledger"]["slack_J"] for side in ("device", "world")) >= -1e-13
+    assert soft["motion"]["peak_torque_Nm"] < 0.7 * plain["motion"]["peak_torque_Nm"]
+    with pytest.raises(InvalidParameter, match="one number above 0 for the point, and one for turning"):
+        simulate({**changes, "world.stiffness": [*range(1, 13)], "duration_s": 0.1})

@@ -70,7 +70,8 @@ class Touched(Record):
 class RigidBody(Record):
     """A rigid body: its state, and what a step finds.
 
-    mass : m [kg]. inertia : I about the arms' axes [kg m^2]. arm_m : l. x : the coordinates [m].
+    mass : m [kg]. inertia : I about the arms' axes [kg m^2]. arm_m : l. x : the coordinates [m]. stiffness [N/m],
+    damping [Ns/m] : K and B of the spring that holds it, along the point's coordinates; arms_... : along the arms'.
     velocity : of the point [m/s]. spin : W, in the body's axes [rad/s].
 
     Attributes
@@ -82,6 +83,10 @@ class RigidBody(Record):
     mass: float
     inertia: Of3
     arm_m: float
+    stiffness: float
+    damping: float
+    arms_stiffness: float
+    arms_damping: float
     x: OfPose
     velocity: Of3
     spin: Of3
@@ -114,6 +119,11 @@ class RigidBody(Record):
         out = [0.0] * 3
         momentum(self, self.x, self.spin, out)
         return tuple(out)
+
+    def hold(self, stiffness: float, damping: float, arms_stiffness: float, arms_damping: float) -> None:
+        """Hold it by this spring from now on, as the attributes."""
+        self.stiffness, self.damping = stiffness, damping
+        self.arms_stiffness, self.arms_damping = arms_stiffness, arms_damping
 
 
 @equation
@@ -212,10 +222,10 @@ def place(body: RigidBody, a: Reals) -> tuple[float, float, float]:
 
 
 @equation
-def step(body: RigidBody, dt: float, push: Reals, stiffness: float, damping: float, y: Reals, planes: Touched) -> bool:
+def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> bool:
     """Move the body by a step of `dt` [s]; false: it was not found, and the body is where it was.
 
-    push : constant force (12,) [N]. stiffness, damping, y : K [N/m], B [Ns/m] and set-position (12,) [m] of the spring.
+    push : constant force (12,) [N]. y : set-position (12,) of the spring that holds it [m].
     """
     u, w, rows = body.mean, body.w, body.rows
     momentum(body, body.x, body.spin, body.begun)
@@ -226,7 +236,7 @@ def step(body: RigidBody, dt: float, push: Reals, stiffness: float, damping: flo
     for _ in range(ROUNDS):
         body.rounds += 1
         turn(body, dt, w)
-        _balance(body, dt, push, stiffness, damping, y, planes)
+        _balance(body, dt, push, y, planes)
         eliminate(DOF, 1, rows)
         change = size = 0.0
         for i in range(3):
@@ -242,12 +252,10 @@ def step(body: RigidBody, dt: float, push: Reals, stiffness: float, damping: flo
 
 
 @equation
-def _balance(
-    body: RigidBody, dt: float, push: Reals, stiffness: float, damping: float, y: Reals, planes: Touched
-) -> None:
+def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> None:
     """What is missing in the equations of u and w, and how it changes with both, for `eliminate`."""
     x, u, w, rows, middle, reach = body.x, body.mean, body.w, body.rows, body.middle, body.arm_m
-    gain, half = 2.0 / dt, 0.5 * dt
+    gain, half, stiffness, damping = 2.0 / dt, 0.5 * dt, body.stiffness, body.damping
     for i in range(DOF):
         for j in range(DOF + 1):
             rows[i][j] = 0.0
@@ -270,6 +278,7 @@ def _balance(
         rows[3 + i][DOF] = (body.begun[i] - body.ended[i]) / dt
     _add_cross(rows, body.ended, -1.0)
     # spring, damper and push on the arms: the torque sum Pm x f
+    stiffness, damping = body.arms_stiffness, body.arms_damping
     for j in range(3):
         rod, i = arm(middle, reach, j), 3 + 3 * j
         f = (

@@ -117,9 +117,7 @@ class ToolContacts(Surroundings):
 
     # -- a step -------------------------------------------------------------------------------------------------------
 
-    def move(
-        self, body: RigidBody, dt: float, stiffness: float, damping: float, ybar: Vector
-    ) -> tuple[Vector, float] | None:
+    def move(self, body: RigidBody, dt: float, ybar: Vector) -> tuple[Vector, float] | None:
         """Move the body by a step of `dt` [s] on its coupling, among the solids.
 
         Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: the step was not found, and
@@ -128,7 +126,7 @@ class ToolContacts(Surroundings):
         state, planes = State(body), self._planes
         start = [(point, secant, self.place_of(body.x, point)) for point, secant in self._secants]
         planes.count = 0
-        if not step(body, dt, _STILL, stiffness, damping, ybar, planes):
+        if not step(body, dt, _STILL, ybar, planes):
             return None
         met: list[tuple[Vector, Secant, Vector]] = []
         energy = self.energy_J
@@ -137,7 +135,7 @@ class ToolContacts(Surroundings):
             return _STILL, 0.0
         self._anchor(met)
         for _ in range(1 + CORRECTIONS):
-            if not self._step(body, state, dt, stiffness, damping, ybar, met):
+            if not self._step(body, state, dt, ybar, met):
                 state.restore(body)
                 return None
             wrong = False
@@ -186,9 +184,8 @@ class ToolContacts(Surroundings):
                     secant.depth *= self.scale
 
     def _step(
-        self, body: RigidBody, state: State, dt: float, K: float, B: float, ybar: Vector,
-        met: list[tuple[Vector, Secant, Vector]],
-    ) -> bool:  # fmt: skip
+        self, body: RigidBody, state: State, dt: float, ybar: Vector, met: list[tuple[Vector, Secant, Vector]]
+    ) -> bool:
         """The step against these planes, first without friction, then with it."""
         planes = self._planes
         planes.count = len(met)
@@ -197,11 +194,11 @@ class ToolContacts(Surroundings):
             planes.depths[k], planes.stiffnesses[k] = secant.depth, secant.stiffness
             planes.dampings[k], planes.drags[k] = secant.damping, 0.0
         state.restore(body)
-        if not step(body, dt, _STILL, K, B, ybar, planes):
+        if not step(body, dt, _STILL, ybar, planes):
             return False
         if not self._rubs:
             return True
-        resistance = 2.0 * body.mass / dt + B + 0.5 * K * dt
+        resistance = 2.0 * body.mass / dt + body.damping + 0.5 * body.stiffness * dt
         rubs = False
         for k, (point, secant, x) in enumerate(met):
             if planes.pushes[k] == 0.0 or not secant.friction > 0.0:
@@ -218,7 +215,7 @@ class ToolContacts(Surroundings):
         if not rubs:
             return True
         state.restore(body)
-        return step(body, dt, _STILL, K, B, ybar, planes)
+        return step(body, dt, _STILL, ybar, planes)
 
     def _force(self, k: int, delta: Vector, dt: float) -> Vector:
         """What a plane did to its point in the step: push along the normal, and drag across [N]."""

@@ -21,7 +21,7 @@ from hapnet.records.record import FloatRows, Reals, Record, zero
 class Handle(Record):
     """A handle and the hand that holds it.
 
-    period, h : of a tick, and of a step [s]; steps : their number in a tick. own_damping : b [Ns/m].
+    period, h : of a tick, and of a step [s]; steps : their number in a tick. The body's damping is B_h + b.
     hand_share : of the hand's mass in the body's. hand_stiffness [N/m], hand_damping [Ns/m] : K_h, B_h.
 
     Attributes
@@ -34,7 +34,6 @@ class Handle(Record):
     steps: int
     period: float
     h: float
-    own_damping: float
     hand_share: float
     hand_stiffness: float
     hand_damping: float
@@ -59,7 +58,7 @@ def tick(handle: Handle, path: Annotated[FloatRows, (2, AXES)]) -> float:
             handle.push[i] = handle.held[i] + B * rate
             handle.begun[i] = body.x[i]
         before = kinetic(body)
-        if not bodies.step(body, h, handle.push, K, B + handle.own_damping, handle.aim, handle.free):
+        if not bodies.step(body, h, handle.push, handle.aim, handle.free):
             handle.unsettled += 1
             _rest(body)
         for i in range(AXES):
@@ -117,7 +116,8 @@ class SimulatedHandle(SimulatedDevice):
         made.body = RigidBody(whole, (2.0 * whole * arm_m * arm_m,) * 3, self.position, arm_m)
         settle(made.body)
         made.steps, made.period, made.h = substeps, period, period / substeps
-        made.own_damping, made.hand_share = damping, hand.mass / whole
+        made.body.hold(hand.stiffness, hand.damping + damping, hand.stiffness, hand.damping + damping)
+        made.hand_share = hand.mass / whole
         made.hand_stiffness, made.hand_damping = hand.stiffness, hand.damping
 
     @property

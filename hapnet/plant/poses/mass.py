@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.mechanics.pose import AXES
 from hapnet.plant.poses.body import RigidBody, settle
 from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.records.vectors import inner
@@ -19,8 +20,8 @@ HALVINGS = 12
 class ToolMass(Mass):
     """A tool among its solids, moved by the step of `hapnet.plant.poses.body`, which obeys (13) for any length.
 
-    mass [kg], damping B' [Ns/m], stiffness K' [N/m] : numbers, the same along all coordinates.
-    position : the pose (12,) [m] in which it starts at rest.
+    mass [kg] : a number. damping B' [Ns/m], stiffness K' [N/m] : a number for all coordinates, or one for each: one
+        number for the point's, and one for the arms'. position : the pose (12,) [m] in which it starts at rest.
 
     Raises InvalidParameter: a value is not allowed.
     """
@@ -29,12 +30,14 @@ class ToolMass(Mass):
         self, contacts: ToolContacts, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike, position: Vector
     ) -> None:
         self.contacts = contacts
-        self.K, self.B = _number("stiffness", stiffness), _number("damping", damping)
+        (K, K_arms), (B, B_arms) = _pair("stiffness", stiffness), _pair("damping", damping)
+        self._K, self._B = (K,) * 3 + (K_arms,) * 9, (B,) * 3 + (B_arms,) * 9
         m, tool, arm_m = _number("mass", mass), contacts.tool, contacts.arm_m
         a, b, c = (length * length for length in tool.size)
         least = 2.0 * m * arm_m * arm_m
         inertia = tool.inertia or tuple([max(least, m / 12.0 * moment) for moment in (b + c, a + c, a + b)])
         self.body = RigidBody(m, inertia, position, arm_m)
+        self.body.hold(K, B, K_arms, B_arms)
         settle(self.body)
 
     @property
@@ -54,8 +57,11 @@ class ToolMass(Mass):
 
     def place(self, position: Vector) -> None:
         self.contacts.require_outside(position)
-        self.body = RigidBody(self.body.mass, tuple(self.body.inertia), position, self.body.arm_m)
-        settle(self.body)
+        body = self.body
+        body.x[:] = position
+        for i in range(3):
+            body.velocity[i] = body.spin[i] = 0.0
+        settle(body)
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
         begun = self.position
@@ -74,8 +80,8 @@ class ToolMass(Mass):
 
     def _advance(self, dt: float, ybar: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
         """Force of the solids (12,) [N] and its work [J], what the damper dissipated [J], and the coupling's force."""
-        body, K, B = self.body, self.K, self.B
-        found = self.contacts.move(body, dt, K, B, ybar)
+        body = self.body
+        found = self.contacts.move(body, dt, ybar)
         if found is None:
             if not halvings:
                 raise HapnetError(f"a step of {dt:g} s of the tool was not found")
@@ -87,14 +93,28 @@ class ToolMass(Mass):
             )
             return f, first[1] + second[1], first[2] + second[2], pull
         mean, middle = body.mean, body.middle
-        pull = tuple([-B * v - K * (x - y) for v, x, y in zip(mean, middle, ybar, strict=True)])
-        return found[0], found[1], dt * B * inner(mean, mean), pull
+        damper = [b * v for b, v in zip(self._B, mean, strict=True)]
+        spring = [k * (x - y) for k, x, y in zip(self._K, middle, ybar, strict=True)]
+        pull = tuple([-a - b for a, b in zip(damper, spring, strict=True)])
+        return found[0], found[1], dt * inner(damper, mean), pull
+
+
+def _pair(name: str, value: ArrayLike) -> tuple[float, float]:
+    """The number of the point's coordinates, and that of the arms'."""
+    given = np.asarray(value, dtype=float)
+    if given.shape != (AXES,):
+        number = _number(name, value)
+        return number, number
+    first, second = float(given[0]), float(given[3])
+    if (given[:3] != first).any() or (given[3:] != second).any() or not min(first, second) > 0.0:
+        raise InvalidParameter(name, value, "one number above 0 for the point, and one for turning")
+    return first, second
 
 
 def _number(name: str, value: ArrayLike) -> float:
     given = np.asarray(value, dtype=float)
     if given.ndim != 0:
-        raise InvalidParameter(name, value, "one number with a pose: all its coordinates have the same")
+        raise InvalidParameter(name, value, "one number with a pose")
     number = float(given)
     if not 0.0 < number < float("inf"):
         raise InvalidParameter(name, value, "a positive number")

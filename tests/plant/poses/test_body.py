@@ -89,7 +89,7 @@ def test_a_free_spin_keeps_momentum_and_energy() -> None:
     body = body_at(STILL_POSE, np.array([0.1, 0.0, 0.0]), np.array([0.02, 8.0, -0.03]))
     momentum, energy = np.array(body.momentum), body.kinetic
     for _ in range(20_000):
-        assert step(body, 1e-3, STILL, 0.0, 0.0, STILL, NO_PLANES)
+        assert step(body, 1e-3, STILL, STILL, NO_PLANES)
     assert np.abs(np.array(body.momentum) - momentum).max() <= 1e-11 * np.linalg.norm(momentum)
     assert body.kinetic == pytest.approx(energy, rel=1e-11)
     assert body.x[0] == pytest.approx(2.0, rel=1e-11)
@@ -126,27 +126,29 @@ def test_beside_eulers_equations() -> None:
     for n in (500, 2000):
         body = body_at(STILL_POSE, np.zeros(3), spin)
         for _ in range(n):
-            assert step(body, 0.5 / n, push.tolist(), 0.0, 0.0, STILL, NO_PLANES)
+            assert step(body, 0.5 / n, push.tolist(), STILL, NO_PLANES)
         errors.append((Rotation.from_matrix(poses.rotation(body.x)) * expected.inv()).magnitude())
     assert errors[0] < 2e-4
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.05)
 
 
-def test_a_step_makes_and_loses_no_energy() -> None:
+@pytest.mark.parametrize(("K_arms", "B_arms"), [(500.0, 14.0), (60.0, 2.0)])
+def test_a_step_makes_and_loses_no_energy(K_arms: float, B_arms: float) -> None:
     """With any push, spring and damper, in random poses, for steps of 1 to 100 ms, through 180 degrees."""
     rng, found = np.random.default_rng(6), 0
-    K, B = 500.0, 14.0
+    K, B = (np.array([one] * 3 + [other] * 9) for one, other in ((500.0, K_arms), (14.0, B_arms)))
     for _ in range(400):
         body = body_at(random_pose(rng), rng.normal(0.0, 0.2, 3), rng.normal(0.0, 3.0, 3))
+        body.hold(500.0, 14.0, K_arms, B_arms)
         dt = float(rng.choice([1e-3, 1e-2, 5e-2, 1e-1]))
         push, y, begun = rng.normal(0.0, 1.0, AXES), np.array(random_pose(rng)), np.array(body.x)
-        before = body.kinetic + 0.5 * K * float((begun - y) @ (begun - y))
-        if not step(body, dt, push.tolist(), K, B, y.tolist(), NO_PLANES):
+        before = body.kinetic + 0.5 * float(K @ (begun - y) ** 2)
+        if not step(body, dt, push.tolist(), y.tolist(), NO_PLANES):
             assert body.x == begun.tolist()
             continue
         found += 1
         moved = np.array(body.x) - begun
-        after = body.kinetic + 0.5 * K * float((body.x - y) @ (body.x - y))
-        work, lost = float(push @ moved), B / dt * float(moved @ moved)
+        after = body.kinetic + 0.5 * float(K @ (body.x - y) ** 2)
+        work, lost = float(push @ moved), float(B @ moved**2) / dt
         assert work - lost == pytest.approx(after - before, abs=1e-14 * (1.0 + abs(work) + lost + before))
     assert found > 200
