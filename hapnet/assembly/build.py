@@ -36,6 +36,7 @@ from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
+from hapnet.plant.poses.hand import TurningHand
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
 from hapnet.plant.worlds.rigid import RigidScene
@@ -246,8 +247,9 @@ def device_side(
         with named_section("device"):
             hold(simulated.position, False)
         side = SampledDeviceSide(endpoint, simulated, hold, drive)
-    if isinstance(hand, LiveHand):
-        side.live_hand = hand
+    moved = hand.hand if isinstance(hand, TurningHand) else hand
+    if isinstance(moved, LiveHand):
+        side.live_hand = moved
     return side
 
 

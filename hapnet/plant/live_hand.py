@@ -7,6 +7,7 @@ from math import exp
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.plant.operator import Impedance
+from hapnet.units import POSE_AXES
 
 
 class LiveHand:
@@ -33,11 +34,11 @@ class LiveHand:
         self._goal = checks.vector("position", position, len(self._goal))
 
     def place(self, position: Vector) -> None:
-        """Be at rest at `position` [m], at once; before the first tick.
+        """Be at rest at `position` [m], of a pose at its point, at once; before the first tick.
 
         Raises InvalidParameter as `lead` does.
         """
-        self.lead(position)
+        self.lead(position[: len(self._goal)] if len(position) == POSE_AXES else position)
         self._position = self._goal
 
     def reference(self, t: float) -> Vector:

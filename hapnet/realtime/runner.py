@@ -49,6 +49,7 @@ from hapnet.summary.run import Summary, has_account
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.diagnosis import ConnectionDiagnosis
 from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
+from hapnet.units import POSE
 from hapnet.wire.encryption import Cipher
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import Signal
@@ -321,14 +322,15 @@ class RealtimeSide:
         self._reporter.notify(Notice("pause", hand.PAUSED if paused else "goes on", self._clock()))
 
     def lead(self, position: Vector) -> None:
-        """Lead the hand of the operator ``mouse`` to `position` [m], shape (n,).
+        """Lead the hand of the operator ``mouse`` to `position` [m], shape (n,); of a tool that turns (3,).
 
         Raises
         ------
         InvalidParameter : this side has no such hand, or `position` is not valid.
         """
         self._require_live_hand()
-        self.control.lead(checks.vector("position", position, self.setup.dof))
+        axes = 3 if self.setup.units == POSE else self.setup.dof
+        self.control.lead(checks.vector("position", position, axes))
 
     def place(self, position: Vector) -> None:
         """Begin at `position` [m], shape (n,), not where the scene and the hand begin; before `run`.

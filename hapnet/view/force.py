@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.mechanics.pose import torques
 from hapnet.view.history import Track
 
 STACK = ("contact model", "added damping", "rest of the spring", "damper")
@@ -49,6 +50,11 @@ def force_now(track: Track | None, unit: str = "N") -> list[tuple[str, str]]:
         ("– of it added damping", added),
         ("damper B v", damper),
     ]
+
+
+def torque_now(track: Track) -> str:
+    """The newest torque on a tool that turns."""
+    return f"{1e3 * float(np.linalg.norm(torques(track.position_m[-1], track.force_N[-1]))):.0f} mNm"
 
 
 def _value(value: float, unit: str) -> str:

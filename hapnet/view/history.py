@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -18,7 +18,7 @@ from hapnet.plant.worlds.picture import Part
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
-from hapnet.units import METRES, text_in
+from hapnet.units import METRES, POSE, text_in
 from hapnet.view.account import Account
 from hapnet.wire.messages import Role
 
@@ -245,6 +245,19 @@ def units(snapshot: Snapshot) -> str:
     sides = [side for side in (snapshot.device_status, snapshot.world_status) if side is not None]
     track = snapshot.device or snapshot.world
     return text_in(sides[0].about, track.position_m.shape[1]) if sides and track is not None else METRES
+
+
+def of_point(snapshot: Snapshot) -> Snapshot:
+    """Of a tool that turns, its point alone: three axes. Any other snapshot as it is."""
+    if units(snapshot) != POSE:
+        return snapshot
+    device, world = (None if track is None else _cut(track) for track in (snapshot.device, snapshot.world))
+    return replace(snapshot, device=device, world=world, planes=None)
+
+
+def _cut(track: Track) -> Track:
+    vectors = {name: getattr(track, name)[..., :3] for name in ("position_m", "set_position_m", "force_N", "parts_N")}
+    return replace(track, **vectors)
 
 
 def _scene_of(status: Status) -> tuple[object, object]:

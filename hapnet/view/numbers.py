@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable
 from itertools import groupby
 from pathlib import PurePath
 
 import viser
 
+from hapnet.mechanics.pose import angle_between
 from hapnet.recording.telemetry import Status
 from hapnet.summary.structure import Verdict
 from hapnet.summary.verdict import judge
 from hapnet.summary.words import felt
-from hapnet.units import within
+from hapnet.units import POSE, within
 from hapnet.view.choices import label_of, words_of
-from hapnet.view.force import force_now
-from hapnet.view.history import Episode, Snapshot, coupled, units
+from hapnet.view.force import force_now, torque_now
+from hapnet.view.history import Episode, Snapshot, coupled, of_point, units
 from hapnet.view.scenes import scene_label
 
 _VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
@@ -60,7 +62,12 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
         ("min so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
         ("min after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
     ]
-    force = force_now(snapshot.device, within(units(snapshot), "N"))
+    force = force_now(of_point(snapshot).device, within(units(snapshot), "N"))
+    if units(snapshot) == POSE and snapshot.device is not None:
+        force.append(("torque on the hand", torque_now(snapshot.device)))
+        if snapshot.world is not None:
+            angle = angle_between(snapshot.device.position_m[-1], snapshot.world.position_m[-1])
+            rows.append(("turned apart", f"{math.degrees(angle):.1f}°"))
     if recording:
         rows.append(("recording", PurePath(recording).name))
     about = device.about if device is not None else world.about if world is not None else {}

@@ -11,8 +11,9 @@ from hapnet.plant.arms.picture import ArmPicture
 from hapnet.plant.worlds.picture import Part
 from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.recording.telemetry import Status
+from hapnet.units import POSE
 from hapnet.view.controls import Controls
-from hapnet.view.history import History, Snapshot
+from hapnet.view.history import History, Snapshot, units
 from hapnet.view.numbers import Numbers
 from hapnet.view.panel import ABOUT, ControlPanel
 from hapnet.view.player import Player, PlayerPanel
@@ -101,8 +102,9 @@ class Page:
         if self._scene is None or self._drawn != wanted or self._parts is not snapshot.parts:
             lead = None if self._controls is None else self._lead
             dof, surfaces, *_ = wanted
-            parts = snapshot.parts or parts_of_words(words)
-            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts, ArmPicture.of(described))
+            parts, turns = snapshot.parts or parts_of_words(words), units(snapshot) == POSE
+            dof, arm = 3 if turns else dof, ArmPicture.of(described)
+            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts, arm, turns=turns)
             self._drawn, self._parts = wanted, snapshot.parts
             self._origin = (0.0,) * dof
         self._scene.update(snapshot)

@@ -13,7 +13,7 @@ from hapnet.checks import Array
 from hapnet.summary.verdict import has_reservoirs
 from hapnet.units import within
 from hapnet.view.force import STACK, force_of, stacked
-from hapnet.view.history import Snapshot, Track, coupled, units
+from hapnet.view.history import Snapshot, Track, coupled, of_point, units
 
 POINTS = 300
 """Points per curve."""
@@ -59,7 +59,8 @@ class Plots:
 
     def update(self, snapshot: Snapshot, surfaces: Iterable[Mapping[str, Any]]) -> None:
         """Draw `snapshot`; `surfaces` are the scene's flat walls, at rest: only in them is the handle's depth known."""
-        device, world, axes = snapshot.device, snapshot.world, units(snapshot)
+        axes, snapshot = units(snapshot), of_point(snapshot)
+        device, world = snapshot.device, snapshot.world
         self._force.title, self._depth.title = _FORCE.format(within(axes, "N")), _DEPTH.format(within(axes, "mm"))
         first = max((track.time_s[0] for track in (device, world) if track is not None), default=-self._seconds)
         at = np.linspace(min(max(first, -self._seconds), -1e-3), 0.0, POINTS)

@@ -23,7 +23,8 @@ from hapnet.plant.worlds.picture import Part
 from hapnet.view.bodies import Bodies
 from hapnet.view.contacts import ContactMarks, turned_to
 from hapnet.view.grab import Grab
-from hapnet.view.history import Snapshot
+from hapnet.view.history import Snapshot, of_point
+from hapnet.view.tool import HandleTool
 
 UNIT = 100.0
 """Scene units per metre."""
@@ -64,6 +65,7 @@ class Scene:
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
     wall_name : what a single wall is called. parts : what the world looks like beside its walls.
     arm : the device, if it is one; in radians, its tip stands for handle and proxy.
+    turns : the first of them is a tool that the handle turns.
     """
 
     def __init__(
@@ -75,6 +77,8 @@ class Scene:
         wall_name: str = "wall",
         parts: Sequence[Part] = (),
         arm: ArmPicture | None = None,
+        *,
+        turns: bool = False,
     ) -> None:
         self.dof = dof
         self._arm = arm
@@ -99,6 +103,7 @@ class Scene:
         self._target = ball("/target", _HANDLE_RADIUS, SLATE, opacity=0.25, visible=False)
         self._handle = ball("/handle", _HANDLE_RADIUS, BLUE, opacity=0.5 if parts else None)  # before the contacts
         self._proxy = ball("/proxy", _PROXY_RADIUS, ORANGE)
+        self._tool = HandleTool(scene, parts, UNIT) if turns else None
         self._mark = ball("/set_position", _MARK_RADIUS, SLATE)
         self._touch = scene.add_icosphere("/touch", _MARK_RADIUS, RED, cast_shadow=False, visible=False)
         self._spring = scene.add_line_segments(
@@ -136,8 +141,11 @@ class Scene:
 
     def update(self, snapshot: Snapshot) -> None:
         """Draw the newest sample of each side."""
+        whole, snapshot = snapshot.device, of_point(snapshot)
         device, world = snapshot.device, snapshot.world
         with self._server.atomic():
+            if self._tool is not None and whole is not None:
+                self._tool.update(whole)
             for track, node in ((device, self._handle), (world, self._proxy)):
                 node.visible = track is not None
                 if track is not None:

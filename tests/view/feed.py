@@ -91,7 +91,8 @@ class Feed:
 
     def _moved(self, sample: Sample, time_ns: int, rounds: int) -> Sample:
         """At another time; and what was sent and credited in the rounds before is not forgotten."""
-        assert isinstance(sample, DeviceSample | WorldSample)
+        if not isinstance(sample, DeviceSample | WorldSample):  # what the world looks like
+            return sample._replace(time_ns=time_ns)
         last = self._last[type(sample)]
         sent_J, credited_J = rounds * last.sent_J, rounds * last.credited_J
         return sample._replace(

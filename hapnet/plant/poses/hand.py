@@ -7,6 +7,7 @@ from math import cos, pi, sin, sqrt
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.mechanics.pose import ARM_M, coordinates
+from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance, Operator, minimum_jerk
 
 RATES = (1.0, 0.73, 0.59)
@@ -21,21 +22,21 @@ class TurningHand:
 
     Its impedance along the pose's coordinates is that of `hand`, so K_h turns with ``2 K_h l^2`` Nm/rad.
 
-    hand : of three axes. turn_rad : amplitude of each component of the rotation vector [rad]. turn_hz : the frequency
-    of the first. arm_m : l [m].
+    hand : of three axes; one that a mouse leads does not turn. turn_rad : amplitude of each component of the rotation
+        vector [rad]. turn_hz : the frequency of the first. arm_m : l [m].
     """
 
     def __init__(self, hand: Operator, turn_rad: float, turn_hz: float, arm_m: float = ARM_M) -> None:
         self.impedance: Impedance = hand.impedance
-        self._hand, self._arm_m = hand, arm_m
-        self._turn = checks.non_negative("operator_hand.turn_rad", turn_rad)
+        self.hand, self._arm_m = hand, arm_m
+        self._turn = 0.0 if isinstance(hand, LiveHand) else checks.non_negative("operator_hand.turn_rad", turn_rad)
         self._omega = 2.0 * pi * checks.non_negative("operator_hand.turn_hz", turn_hz)
 
     def reference(self, t: float) -> Vector:
         """The pose (12,) [m] at t [s]."""
         share = self._turn * minimum_jerk(t / _START_S)
         return turned(
-            self._hand.reference(t), tuple([share * sin(self._omega * rate * t) for rate in RATES]), self._arm_m
+            self.hand.reference(t), tuple([share * sin(self._omega * rate * t) for rate in RATES]), self._arm_m
         )
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from hapnet.checks import Array, Vector
 from hapnet.mechanics.pose import pose
 from hapnet.plant.poses.contacts import ToolContacts
-from hapnet.plant.worlds.outlines import cuboid
+from hapnet.plant.worlds.outlines import cuboid, cylinder
 from hapnet.plant.worlds.picture import Color, Part, Touch, part, shared
+from hapnet.plant.worlds.shapes import Cylinder
 from hapnet.plant.worlds.solids_picture import parts_of, touched
 
-TOOL: Color = (37, 99, 235, 230)
+TOOL: Color = (234, 88, 12, 230)
 
 
 class ToolPicture:
@@ -24,7 +25,10 @@ class ToolPicture:
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        return (part(*cuboid(self._contacts.tool.size), TOOL, 0), *parts_of(self._contacts.solids))
+        tool = self._contacts.tool
+        width, _, length = tool.size
+        form = cylinder(Cylinder((0.0, 0.0, 0.0), width / 2.0, length)) if tool.round else cuboid(tool.size)
+        return (part(*form, TOOL, 0), *parts_of(self._contacts.solids))
 
     def poses(self) -> Array:
         place, quaternion = pose(self._contacts.at, self._contacts.arm_m)

@@ -19,6 +19,7 @@ class Tool:
     """A rigid tool. The pose's point is its centre of mass, and its principal axes are the pose's arms.
 
     points : of its surface, (N, 3) [m] from the centre: only these touch. size : of the box that is drawn [m].
+    round : it is a cylinder along z instead.
     inertia : about its axes (3,) [kg m^2]; None: that of a box of this size with the world's virtual mass, but at least
         what that mass has at the ends of the pose's arms.
 
@@ -29,6 +30,7 @@ class Tool:
     points: tuple[Vector, ...]
     size: Vector = (0.01, 0.01, 0.01)
     inertia: Vector | None = None
+    round: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.points) <= MOST_POINTS:
@@ -54,9 +56,9 @@ def peg(radius: float, length: float, around: int = 8, along: int = 3) -> Tool:
         for z in heights
         for k in range(around)
     ]
-    return Tool("peg", ((0.0, 0.0, -0.5 * length), *rings), (2.0 * radius, 2.0 * radius, length))
+    return Tool("peg", ((0.0, 0.0, -0.5 * length), *rings), (2.0 * radius, 2.0 * radius, length), round=True)
 
 
 def stick(length: float) -> Tool:
     """A thin stick along its z axis, which touches with its lower end and with its middle [m]."""
-    return Tool("stick", ((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.0)), (0.004, 0.004, length))
+    return Tool("stick", ((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.0)), (0.004, 0.004, length), round=True)
