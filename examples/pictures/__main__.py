@@ -48,6 +48,7 @@ RECIPES = (
     simulated("run.png", f"{LINK} --seed 1"),
     Recipe(("examples.pictures.credit --out DIR",), {"credit.png": "credit.png"}),
     Recipe(("examples.pictures.grain --out DIR",), {"grain.png": "grain.png"}),
+    Recipe(("examples.pictures.peg --out DIR",), {"peg.gif": "peg.gif"}),
     Recipe(("examples.pictures.ten_minutes --out DIR",), {"ten-minutes.png": "ten-minutes.png"}),
     scene(
         "mesh.png",

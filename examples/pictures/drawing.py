@@ -32,11 +32,16 @@ def canvas(width_mm: float, height_mm: float) -> Figure:
 
 def saved(figure: Figure, name: str) -> None:
     """Write it into the directory that `--out` names."""
+    figure.savefig(out_directory() / name)
+
+
+def out_directory() -> Path:
+    """The directory that `--out` names."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, default=Path())
-    there = parser.parse_args().out
+    there: Path = parser.parse_args().out
     there.mkdir(parents=True, exist_ok=True)
-    figure.savefig(there / name)
+    return there
 
 
 def thinned(values: Array) -> Array:

@@ -37,8 +37,8 @@ _BLEND_S = 1.0
 
 
 def operator(params: Params, scene: World) -> Operator:
-    """The hand in this scene. Raises InvalidParameter."""
-    if scene.units == POSE:
+    """The hand in this scene; one of the user's own, or recorded, turns a tool itself. Raises InvalidParameter."""
+    if scene.units == POSE and not (is_recording(params.operator) or ":" in params.operator):
         motion = params.operator_hand
         return TurningHand(operator(params, seen_by_the_hand(scene)), motion.turn_rad, motion.turn_hz)
     hand = _intending(params, scene)

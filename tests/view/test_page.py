@@ -130,6 +130,16 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+def test_a_tool_that_turns_is_drawn_at_both_poses_and_led_by_three_axes(browser: Browser, tmp_path: Path) -> None:
+    with opened(browser, (1280, 720), operator="press", scene="tool:peg + hole?at=0,0,-20mm") as shown:
+        for words in ("torque on the hand", "mNm", "turned apart"):
+            expect(shown.page.get_by_text(words).first).to_be_visible()
+        shown.button("hand home").click()
+        assert shown.controls.wait(lambda: shown.controls.named("lead") == [((0.0, 0.0, 0.0),)], 20.0)
+        keep(shown.page, tmp_path, "tool")
+
+
+@pytest.mark.slow
 def test_a_run_that_is_not_passive_says_so(browser: Browser, tmp_path: Path) -> None:
     light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0, "rendering": "paper"}
     with opened(browser, (1280, 720), scene="free", operator="sine", coupling="zoh", watching=True, **light) as shown:
