@@ -65,7 +65,7 @@ class Scene:
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
     wall_name : what a single wall is called. parts : what the world looks like beside its walls.
     arm : the device, if it is one; in radians, its tip stands for handle and proxy.
-    turns : the first of them is a tool that the handle turns.
+    turns : one of the parts is a tool that the handle turns.
     """
 
     def __init__(
@@ -141,11 +141,13 @@ class Scene:
 
     def update(self, snapshot: Snapshot) -> None:
         """Draw the newest sample of each side."""
-        whole, snapshot = snapshot.device, of_point(snapshot)
+        whole, snapshot = snapshot, of_point(snapshot)
         device, world = snapshot.device, snapshot.world
         with self._server.atomic():
-            if self._tool is not None and whole is not None:
-                self._tool.update(whole)
+            if self._tool is not None and whole.device is not None:
+                self._tool.update(whole.device)
+                if world is not None and snapshot.scene is not None:
+                    self._tool.find(world.position_m[-1], snapshot.scene.bodies())
             for track, node in ((device, self._handle), (world, self._proxy)):
                 node.visible = track is not None
                 if track is not None:

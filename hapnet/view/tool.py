@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import viser
 
+from hapnet.checks import Array
 from hapnet.mechanics.pose import pose, torques
 from hapnet.plant.worlds.picture import Part
 from hapnet.view.history import Track
@@ -21,20 +22,27 @@ _AXES, _THICK = 2.5, 0.05  # of the frame, in scene units
 
 
 class HandleTool:
-    """Draws `parts` of the first body; `unit` is scene units per metre."""
+    """Draws those of `parts` whose body is where the proxy is; `unit` is scene units per metre."""
 
     def __init__(self, scene: viser.SceneApi, parts: Sequence[Part], unit: float) -> None:
-        self._unit = unit
+        self._scene, self._parts, self._unit = scene, parts, unit
         self._frame = scene.add_frame("/tool", axes_length=_AXES, axes_radius=_THICK, visible=False)
-        for number, part in enumerate(part for part in parts if part.body == 0):
-            scene.add_mesh_simple(
-                f"/tool/part_{number}", unit * part.vertices, part.triangles, color=BLUE, opacity=0.35,
-                flat_shading=not part.smooth, side="double", cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
         self._arrow = scene.add_arrows(
             "/torque", np.zeros((1, 2, 3)), VIOLET, shaft_radius=0.07, head_radius=0.19, head_length=0.4, visible=False
         )
         self._label = scene.add_label("/torque_label", "", anchor="bottom-center", visible=False)
+
+    def find(self, proxy: Array, bodies: Array) -> None:
+        """Which body is the tool? `proxy` (12,) [m]; `bodies` (B, 7): their poses now."""
+        if not self._parts or not len(bodies):
+            return
+        tool = int(np.linalg.norm(bodies[:, :3] - proxy[:3], axis=1).argmin())
+        for number, part in enumerate(part for part in self._parts if part.body == tool):
+            self._scene.add_mesh_simple(
+                f"/tool/part_{number}", self._unit * part.vertices, part.triangles, color=BLUE, opacity=0.35,
+                flat_shading=not part.smooth, side="double", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        self._parts = ()
 
     def update(self, device: Track) -> None:
         """Show the newest pose and torque."""

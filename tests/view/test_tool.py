@@ -13,6 +13,7 @@ from hapnet.mechanics.pose import ARM_M, along_coordinates
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance
 from hapnet.plant.poses.hand import TurningHand, turned
+from hapnet.plant.worlds.picture import part
 from hapnet.recording.samples import DeviceSample
 from hapnet.recording.telemetry import Status
 from hapnet.view.force import force_now, torque_now
@@ -54,7 +55,13 @@ def test_the_handle_lies_at_the_devices_pose() -> None:
         nodes = {}
         add = server.scene.add_frame
         server.scene.add_frame = lambda name, **more: nodes.setdefault(name, add(name, **more))
-        tool = HandleTool(server.scene, (), 100.0)
+        surfaces = []
+        server.scene.add_mesh_simple = lambda name, vertices, *_, **more: surfaces.append(vertices)
+        tool = HandleTool(server.scene, [part([[k, 0, 0]] * 3, [[0, 1, 2]], body=k) for k in (0, 1)], 100.0)
+        there = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [*PLACE, 1.0, 0.0, 0.0, 0.0]])
+        for _ in range(2):
+            tool.find(np.array(POSE), there)
+        assert [vertices[0].tolist() for vertices in surfaces] == [[100.0, 0.0, 0.0]]  # of the second body, and once
         device = history("pose").snapshot().device
         assert device is not None
         tool.update(device)
