@@ -144,10 +144,8 @@ class Scene:
         whole, snapshot = snapshot, of_point(snapshot)
         device, world = snapshot.device, snapshot.world
         with self._server.atomic():
-            if self._tool is not None and whole.device is not None:
-                self._tool.update(whole.device)
-                if world is not None and snapshot.scene is not None:
-                    self._tool.find(world.position_m[-1], snapshot.scene.bodies())
+            if self._tool is not None:
+                self._tool.update(whole)
             for track, node in ((device, self._handle), (world, self._proxy)):
                 node.visible = track is not None
                 if track is not None:

@@ -10,7 +10,7 @@ import viser
 from hapnet.checks import Array
 from hapnet.mechanics.pose import pose, torques
 from hapnet.plant.worlds.picture import Part
-from hapnet.view.history import Track
+from hapnet.view.history import Snapshot
 
 BLUE, VIOLET = (37, 99, 235), (147, 51, 234)
 
@@ -32,20 +32,13 @@ class HandleTool:
         )
         self._label = scene.add_label("/torque_label", "", anchor="bottom-center", visible=False)
 
-    def find(self, proxy: Array, bodies: Array) -> None:
-        """Which body is the tool? `proxy` (12,) [m]; `bodies` (B, 7): their poses now."""
-        if not self._parts or not len(bodies):
-            return
-        tool = int(np.linalg.norm(bodies[:, :3] - proxy[:3], axis=1).argmin())
-        for number, part in enumerate(part for part in self._parts if part.body == tool):
-            self._scene.add_mesh_simple(
-                f"/tool/part_{number}", self._unit * part.vertices, part.triangles, color=BLUE, opacity=0.35,
-                flat_shading=not part.smooth, side="double", cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
-        self._parts = ()
-
-    def update(self, device: Track) -> None:
+    def update(self, snapshot: Snapshot) -> None:
         """Show the newest pose and torque."""
+        device, world = snapshot.device, snapshot.world
+        if world is not None and snapshot.scene is not None and self._parts:
+            self._add(world.position_m[-1], snapshot.scene.bodies())
+        if device is None:
+            return
         place, quaternion = pose(device.position_m[-1])
         torque = 1e3 * torques(device.position_m[-1], device.force_N[-1])
         size = float(np.linalg.norm(torque))
@@ -56,3 +49,13 @@ class HandleTool:
         if self._arrow.visible:
             self._arrow.points = np.array([[middle, middle + TORQUE_UNIT * torque]], dtype=np.float32)
             self._label.position, self._label.text = middle + TORQUE_UNIT * torque, f"{size:.0f} mNm"
+
+    def _add(self, proxy: Array, bodies: Array) -> None:
+        """Draw the body that is where the proxy (12,) [m] is; `bodies` (B, 7): their poses now."""
+        tool = int(np.linalg.norm(bodies[:, :3] - proxy[:3], axis=1).argmin()) if len(bodies) else 0
+        for number, part in enumerate(part for part in self._parts if part.body == tool):
+            self._scene.add_mesh_simple(
+                f"/tool/part_{number}", self._unit * part.vertices, part.triangles, color=BLUE, opacity=0.35,
+                flat_shading=not part.smooth, side="double", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        self._parts = ()

@@ -9,12 +9,13 @@ import pytest
 
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
-from hapnet.mechanics.pose import ARM_M, along_coordinates
+from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance
 from hapnet.plant.poses.hand import TurningHand, turned
 from hapnet.plant.worlds.picture import part
-from hapnet.recording.samples import DeviceSample
+from hapnet.recording.drawing import SceneSample
+from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.recording.telemetry import Status
 from hapnet.view.force import force_now, torque_now
 from hapnet.view.history import History, of_point
@@ -58,13 +59,12 @@ def test_the_handle_lies_at_the_devices_pose() -> None:
         surfaces = []
         server.scene.add_mesh_simple = lambda name, vertices, *_, **more: surfaces.append(vertices)
         tool = HandleTool(server.scene, [part([[k, 0, 0]] * 3, [[0, 1, 2]], body=k) for k in (0, 1)], 100.0)
-        there = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [*PLACE, 1.0, 0.0, 0.0, 0.0]])
+        shown = history("pose")
+        shown.take(WorldSample(1, 0.01, POSE, *[(0.0,) * AXES] * 5, *[0.0] * 7))
+        shown.take(SceneSample(1, np.array([0, 0, 0, 1, 0, 0, 0, *PLACE, 1, 0, 0, 0], "<f4").tobytes(), b"", b""))
         for _ in range(2):
-            tool.find(np.array(POSE), there)
+            tool.update(shown.snapshot())
         assert [vertices[0].tolist() for vertices in surfaces] == [[100.0, 0.0, 0.0]]  # of the second body, and once
-        device = history("pose").snapshot().device
-        assert device is not None
-        tool.update(device)
         assert nodes["/tool"].position == pytest.approx([1.0, -2.0, 3.0])
         assert nodes["/tool"].wxyz == pytest.approx([math.cos(math.pi / 6.0), 0.0, 0.0, math.sin(math.pi / 6.0)])
         assert nodes["/tool"].visible
