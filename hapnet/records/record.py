@@ -26,7 +26,6 @@ PLANES = 4
 Floats = MutableSequence[float]
 Wholes = MutableSequence[int]
 FloatRows = MutableSequence[Floats]
-WholeRows = MutableSequence[Wholes]
 
 Reals = Sequence[float]
 """A vector that is only read."""

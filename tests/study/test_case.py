@@ -128,6 +128,8 @@ def test_free_space_has_no_contact() -> None:
         "drift_mm_per_min", "free_first_mm", "free_last_mm", "drag_last_N",  # 4 s only
         "stiffness_worst_percent", "true_force_error_last_percent", "world_force_error_percent", "contacts_ratio",
         "swing_N",  # a sine never stops
+        "free_rms_deg", "contact_rms_deg", "peak_torque_Nm", "torque_step_Nm",  # nothing turns
+        "torque_error_percent", "true_torque_error_percent",
     }  # fmt: skip
 
 
