@@ -13,6 +13,7 @@ from hapnet.assembly.units import LEVER_M
 from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.generated_hand import GeneratedHand
 from hapnet.plant.live_hand import LiveHand
@@ -23,7 +24,7 @@ from hapnet.plant.tremor import Tremor
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
-from hapnet.units import POSE, RADIANS
+from hapnet.units import POSE, RADIANS, units_of
 
 GENERATED = 1985
 """Together with a hand's number, the seed of its generator."""
@@ -73,6 +74,8 @@ def _moving(params: Params, scene: World) -> Operator:
     reach = declared_range(params.device, dof).reach
     start = _along(scene, hand.start_m)
     if name == LIVE:
+        if RADIANS in units_of(scene.units, dof):
+            raise InvalidParameter("operator", name, "another one: a mouse leads to places in metres, not to angles")
         return LiveHand(start, impedance)
     if name == "rest":
         return Rest(dof, impedance, start)

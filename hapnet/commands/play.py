@@ -17,7 +17,7 @@ from netem.groups import Without
 
 def play(
     *,
-    model: Annotated[ModelOptions, Without("operator", "hardware", "duration")],
+    model: Annotated[ModelOptions, Without("operator", "duration")],
     seed: flags.Seed = 0,
     links: LinkOptions,
     params: ParamsOptions,

@@ -272,7 +272,11 @@ def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [("hardware=examples.own_device:Rail", "hapnet view"), ("telemetry_hz=0", "what is published")],
+    [
+        ("hardware=examples.own_device:Rail", "hapnet view"),
+        ("telemetry_hz=0", "what is published"),
+        ("hardware=omni?axes=joints", "axes are in m"),
+    ],
 )
 def test_what_no_page_can_show_or_lead_is_refused(change: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["play", "--set", change]) == 2
