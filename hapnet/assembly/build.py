@@ -113,9 +113,10 @@ class Setup:
 
     @property
     def felt(self) -> Felt:
-        """How stiff the stiffest wall is felt; in a scene without flat walls that reads it, `world.wall.stiffness`."""
-        walls = [wall.stiffness for wall in self.scene.walls]
-        if not walls and "stiffness" in scene_parameters(self.params.scene):
+        """How stiff the stiffest wall or solid is felt; in a world without that reads it, `world.wall.stiffness`."""
+        solids = getattr(self.scene.contacts, "solids", None)
+        walls = [wall.stiffness for wall in (*self.scene.walls, *(solids or ()))]
+        if not walls and solids is None and "stiffness" in scene_parameters(self.params.scene):
             walls = [self.params.world.wall.stiffness]
         stiffest = max(walls, default=None)
         if self.params.coupling not in COUPLING_NAMES:  # what springs a law of the user's own has is not known

@@ -17,6 +17,7 @@ from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch
 from hapnet.plant.worlds.rigid import parts_of_words
 from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR, headed, sheet
 from hapnet.recording.drawing import SceneSample, unpack
+from hapnet.recording.poses import of_point
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.words import get
 
@@ -41,6 +42,7 @@ def scene_figure(recording: Recording) -> Figure | None:
 
     None: nothing is known of how the scene looks, or it has fewer axes and nothing moves.
     """
+    recording = of_point(recording)
     device, world, arm = recording.device, recording.world, ArmPicture.of(recording.meta)
     if device is None or world is None:
         return None

@@ -15,6 +15,7 @@ from hapnet.mechanics import pose
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import Params
 from hapnet.plots.run import figure
+from hapnet.plots.scene import scene_figure
 from hapnet.recording.export import export
 from hapnet.recording.mcap import RecordingWriter, read_recording
 from hapnet.recording.poses import of_point, of_turning
@@ -156,6 +157,14 @@ def test_the_figure_has_rotation_and_torque(result: Result) -> None:
     assert [label.partition(" ")[0] for label in labels[:4]] == ["position", "force", "rotation", "torque"]
     assert labels[2].endswith("[°]")
     assert labels[3].endswith("[Nm]")
+
+
+def test_the_scene_is_drawn_and_a_free_tool_feels_no_wall(result: Result) -> None:
+    drawn = scene_figure(result.recording)
+    assert drawn is not None
+    assert drawn.axes[0].get_zlabel() == "z [mm]"
+    assert prepare(params(scene="tool:stick")).felt["stiffness_N_m"] is None
+    assert prepare(params(scene="tool:stick + plane?at=0,0,-60mm&stiffness=2000")).felt["stiffness_N_m"] == 2000.0
 
 
 def test_a_case_has_angles_and_the_errors_of_the_torque() -> None:
