@@ -72,7 +72,8 @@ def scenes() -> list[tuple[str, str]]:
     from hapnet.plant.worlds.rigid import FROM_FILES, KINDS
 
     solids = [(name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES]
-    return [*((name, about(name)) for name in SCENES), *solids, *((name, "") for name in published(GROUP))]
+    soft = [("soft", "a soft block"), ("soft:organ", "a soft organ")]
+    return [*((name, about(name)) for name in SCENES), *solids, *soft, *((name, "") for name in published(GROUP))]
 
 
 def devices() -> list[str]:

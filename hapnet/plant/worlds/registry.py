@@ -5,7 +5,8 @@ A world is given as one of these:
 * ``NAME`` of a file in hapnet/plant/scenes/, or of a world that another package publishes as an entry point of
   `hapnet.worlds`; behind it its own parameters, as in ``box?size=0.02`` (`&` joins several, in SI units);
 * solids (`hapnet.plant.worlds.rigid`), such as ``sphere?radius=20mm``, also with a tool that turns in front
-  (`hapnet.plant.poses.scene`), or ``mujoco:FILE.xml``;
+  (`hapnet.plant.poses.scene`), a soft body (`hapnet.plant.worlds.soft`), such as ``soft:organ``, or
+  ``mujoco:FILE.xml``;
 * ``module:Name`` of the user's own (`hapnet.plant.worlds.own_worlds`), most simply what returns a `Scene` of walls:
 
       def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
@@ -23,7 +24,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.loading import published
 from hapnet.plant.poses import scene as tools
 from hapnet.plant.scenes import SCENES as SCENES
-from hapnet.plant.worlds import own_worlds, rigid
+from hapnet.plant.worlds import own_worlds, rigid, soft
 from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
 from hapnet.plant.worlds.protocol import World
@@ -67,7 +68,7 @@ def make_scene(name: str, **parameters: object) -> World:
             raise InvalidParameter("scene", name, allowed) from None
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
-    if not is_own(name) or name.startswith(MUJOCO) or tools.builder(name) or rigid.builder(name):
+    if not is_own(name) or name.startswith(MUJOCO) or tools.builder(name) or soft.builder(name) or rigid.builder(name):
         world: World = builder(**parameters)
         return world
     return own_worlds.made(builder, name, parameters)
@@ -79,9 +80,9 @@ def _builder(name: str) -> Callable[..., Any]:
         return partial(SCENES[plain], **_given(name, words, SCENES[plain])) if words else SCENES[plain]
     if name.startswith(MUJOCO):
         return partial(mujoco_world, name)
-    if (from_words := tools.builder(name) or rigid.builder(name)) is not None:
+    if (from_words := tools.builder(name) or soft.builder(name) or rigid.builder(name)) is not None:
         return from_words
-    names = (*SCENES, *rigid.KINDS, tools.KIND, *published(GROUP))
+    names = (*SCENES, *rigid.KINDS, tools.KIND, soft.WORD, *published(GROUP))
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
     return own_worlds.builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
 

@@ -1,0 +1,108 @@
+"""The linear equations of a soft body: conjugate gradients, and a factor at rest as their preconditioner.
+
+S at rest is factored once, for one step. A body that has turned since is at rest in the frames of its nodes, nearly: so
+with their rotations Theta the preconditioner is ``Theta S0^-1 Theta'``. It is positive definite whatever Theta is; a
+good one saves rounds. A few columns of ``S0^-1`` are kept: they say how the body gives way to forces on those nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array
+
+Indices = NDArray[np.int64]
+
+FACTORED_S = 0.2
+"""The step for which S is factored [s]: good for 10 to 100 ms, and nearly static: then S is the stiffness."""
+
+MOST_ROUNDS = 60
+MOST_COLUMNS = 400
+"""Nodes of which columns are kept: those that were touched last."""
+
+
+class Factor:
+    """S at rest, ``2m/T + (T/2 + beta) K`` for T = `FACTORED_S`, factored.
+
+    tets, grads, lam, mu : see `hapnet.plant.worlds.soft_elastic`. mass (N,) [kg]. free : so many nodes, the first ones,
+        can move.
+    """
+
+    def __init__(
+        self, tets: Indices, grads: Array, lam: Array, mu: Array, mass: Array, free: int, beta_s: float
+    ) -> None:
+        from scipy import sparse
+        from scipy.sparse.linalg import splu
+
+        self._free, self._beta_s = free, beta_s
+        self._slots: dict[int, int] = {}
+        self._kept: Array = np.empty((3 * MOST_COLUMNS, 3 * free))
+        g, unit = grads, np.eye(3)
+        blocks = lam[:, None, None, None, None] * np.einsum("eai,ebj->eaibj", g, g)
+        across = np.einsum("ebi,eaj->eaibj", g, g) + np.einsum("eak,ebk,ij->eaibj", g, g, unit)
+        blocks += mu[:, None, None, None, None] * across
+        rows = (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 12)
+        where = (np.repeat(rows, 12, axis=1).ravel(), np.tile(rows, (1, 12)).ravel())
+        size = 3 * len(mass)
+        stiff = sparse.csc_matrix((blocks.ravel(), where), (size, size))
+        inertia = sparse.diags(np.repeat(2.0 / FACTORED_S * mass, 3))
+        whole = ((0.5 * FACTORED_S + beta_s) * stiff + inertia)[: 3 * free, : 3 * free]
+        symmetric = {"SymmetricMode": True}
+        self._factor = splu(whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
+
+    @property
+    def static(self) -> float:
+        """What S0^-1 has to be multiplied with to be K^-1, about [s]."""
+        return 0.5 * FACTORED_S + self._beta_s
+
+    def softness(self, dt: float) -> float:
+        """By how much S is smaller for a step of `dt` [s] than for the one that it was factored for, about."""
+        return self.static / (0.5 * dt + self._beta_s)
+
+    def solve(self, dt: float, local: Array) -> Array:
+        """``S^-1 b``, about, with b and the result in the frames of the nodes, (3 free,)."""
+        found: Array = self._factor.solve(local) * self.softness(dt)
+        return found
+
+    def columns(self, nodes: Indices) -> Array:
+        """Those of ``S0^-1`` that belong to free nodes (m,), (3 free, 3 m): how the body gives way to forces there."""
+        if len(self._slots) + len(nodes) > MOST_COLUMNS:
+            self._slots.clear()
+        missing = [a for a in nodes.tolist() if a not in self._slots]
+        if missing:
+            unit = np.zeros((3 * self._free, 3 * len(missing)))
+            rows = (3 * np.array(missing)[:, None] + np.arange(3)).ravel()
+            unit[rows, np.arange(len(rows))] = 1.0
+            first = len(self._slots)
+            self._kept[3 * first : 3 * (first + len(missing))] = self._factor.solve(unit).T
+            self._slots.update({a: first + i for i, a in enumerate(missing)})
+        slots = np.array([self._slots[a] for a in nodes.tolist()], dtype=np.int64)
+        found: Array = self._kept[(3 * slots[:, None] + np.arange(3)).ravel()].T
+        return found
+
+
+def conjugate_gradients(
+    apply: Callable[[Array], Array], precondition: Callable[[Array], Array], b: Array, v: Array, tolerance: float
+) -> tuple[Array, int]:
+    """v with ``S v = b`` but for a residual r with ``r . v = 0``, from the guess v; and the number of rounds.
+
+    tolerance : of the error's norm in S, as a share of the solution's.
+    """
+    v = v.copy()
+    r = b - apply(v)
+    z = precondition(r)
+    p, left, rounds = z, float((r * z).sum()), 0
+    while rounds < MOST_ROUNDS and left > tolerance * tolerance * abs(float((b * v).sum())) and left > 0.0:
+        along = apply(p)
+        share = left / float((p * along).sum())
+        v += share * p
+        r -= share * along
+        z = precondition(r)
+        before, left = left, float((r * z).sum())
+        p = z + left / before * p
+        rounds += 1
+    work = float((v * apply(v)).sum())
+    return (v * (float((v * b).sum()) / work) if work > 0.0 else v), rounds

@@ -1,0 +1,68 @@
+"""The picture of a soft body: its surface, coloured by strain, and the ball.
+
+A colour is a shell of its own: it lies a hair outside the surface where the strain is larger than the colour's, and a
+hair inside where it is smaller. So where they meet is the line of that strain, and only vertices have to be sent.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.plant.worlds.outlines import part_of
+from hapnet.plant.worlds.picture import SOFT, Color, Part, Touch, at_rest, part
+from hapnet.plant.worlds.shapes import Sphere
+from hapnet.plant.worlds.soft_contacts import SoftContacts
+
+COLORS: tuple[tuple[float, Color], ...] = (
+    (0.0, (226, 150, 140, 255)), (0.05, (240, 190, 90, 255)), (0.1, (235, 125, 50, 255)), (0.2, (200, 40, 40, 255)),
+)  # fmt: skip
+"""Each with the strain from which on it is seen."""
+
+_BALL: Color = (51, 102, 170, 255)
+_HAIR_M = 2e-4
+_SHARP = 40.0
+
+
+class SoftPicture:
+    """Of this body and ball."""
+
+    def __init__(self, contacts: SoftContacts) -> None:
+        self._contacts = contacts
+        self._used, numbers = np.unique(contacts.body.surface, return_inverse=True)
+        self._triangles = numbers.reshape(-1, 3)
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        places = self._contacts.body.x[self._used]
+        ball = part_of(Sphere((0.0, 0.0, 0.0), self._contacts.skin.radius), _BALL, 0)
+        shells = [part(places, self._triangles, color, SOFT, smooth=True) for _, color in COLORS]
+        return (*shells, *(() if ball is None else (ball,)))
+
+    def poses(self) -> Array:
+        """The ball's."""
+        return at_rest([self._contacts.centre.tolist()])
+
+    def soft(self) -> Array:
+        """All shells, one after another."""
+        contacts = self._contacts
+        strains, normals = contacts.body.nodal_strains()[self._used], contacts.body.turned_normals()[self._used]
+        places = contacts.body.x[self._used]
+        hairs = [np.clip(_SHARP * (strains - least), -1.0, 1.0) if least else 0.0 * strains for least, _ in COLORS]
+        shells = [places + (_HAIR_M * i * hair)[:, None] * normals for i, hair in enumerate(hairs)]
+        return np.concatenate(shells)
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        """The points that push the ball."""
+        contacts = self._contacts
+        which = np.flatnonzero((contacts.forces**2).sum(axis=1) > 0.0)
+        if not len(which):
+            return []
+        points, outward = contacts.places(contacts.body.x)[which], contacts.outward()[which]
+        pushes = (-contacts.forces[which]).tolist()
+        return [
+            Touch(tuple(point), tuple(normal), contacts.skin.friction, tuple(push))
+            for point, normal, push in zip(points.tolist(), outward.tolist(), pushes, strict=True)
+        ]

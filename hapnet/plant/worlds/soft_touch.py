@@ -1,0 +1,179 @@
+"""The points of a soft body that touch a ball in one step: one linear solve, and exact energy.
+
+Points of the body's surface meet the ball with springs of depth q along a normal n, from the ball into the body. With
+rho the ball's velocity less the point's, u = n . rho, and theta the share of the way for which they touch, a point gets
+
+    f = k theta (q + theta T u/2) + b theta u along n, and c_t rho across it;    q1 = q + theta T u
+
+so ``f u T`` is what the spring gains and the dampers dissipate, for any theta. theta and the friction's c_t (mu f over
+the speed) are found beforehand: with both given, all forces are ``F = f0 n + H rho``, linear in the velocities. The
+ball's own equation ``A v_p = c - sum F_i`` is eliminated (a 3 x 3 Schur complement), the body's is solved by conjugate
+gradients to any tolerance and scaled so that its residual does no work, and then the ball's is solved exactly. So the
+account closes at any tolerance. Without the elimination the error would be the ball's: energy from nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.plant.worlds.soft_linear import Indices
+
+if TYPE_CHECKING:
+    from hapnet.plant.worlds.soft_contacts import SoftContacts
+
+_PASSES = 10
+_SAME, _SLIGHT = 0.02, 0.01
+"""No theta changes by more in the last pass; below the second it is 0."""
+
+_CREEP_MPS = 5e-5
+"""Below this speed friction is a damper: a contact that sticks creeps by less."""
+
+
+class Touch:
+    """The points of one step that may touch, and the equations with them.
+
+    contacts : whose they are. dt : of the step [s]. points : (k,), as indices of the surface's points.
+    free, compliance : the ball's velocity without contact [m/s], and its C = A^-1, 0 along axes that it has not (3, 3).
+
+    First the passes are made with an approximation of the body, in which only the points are left (`settle`): with G
+    their compliance by the factor at rest, ``rho = rho_free - (G + C) F`` and ``F = f0 n + H rho``. Then the body's
+    equation is solved with theta, normals and c_t as they came out.
+    """
+
+    def __init__(self, contacts: SoftContacts, dt: float, points: Indices, free: Array, compliance: Array) -> None:
+        body = contacts.body
+        self._contacts, self._dt, self.points = contacts, dt, points
+        self._free, self._compliance = free, compliance
+        self._nodes, self._weights = contacts.nodes[points], contacts.weights[points]
+        self._to_points, held = contacts.from_nodes(points)
+        self._columns = body.factor.columns(held)  # L
+        count = len(points)
+        rows = (3 * held[:, None] + np.arange(3)).ravel()
+        self._yield = body.factor.softness(dt) * self._columns[rows]  # of these nodes to one another
+        self._is_solved = False
+        self._put(np.zeros(count), np.zeros((count, 3)), np.zeros(count))
+        self.drag = contacts.drag[points]
+
+    def _put(self, theta: Array, normals: Array, drag: Array) -> None:
+        """These are theta, the normals and c_t."""
+        self.theta, self.normals, self.drag = theta, normals, np.where(theta > 0.0, drag, 0.0)
+        self._push = (self._contacts.skin.stiffness * theta * self._contacts.q[self.points])[:, None] * normals  # f0 n
+        firm = 0.5 * self._contacts.skin.stiffness * self._dt * theta * theta + self._contacts.skin.damping * theta
+        along = normals[:, :, None] * normals[:, None, :]
+        self._H = firm[:, None, None] * along + self.drag[:, None, None] * (np.eye(3) - along)
+
+    # -- the passes ---------------------------------------------------------------------------------------------------
+
+    def settle(self, v: Array, forces: Array, points: Array, depths: Array, place: Array) -> Array | None:
+        """Find theta, normals, c_t and the forces (k, 3) [N], of a body that moves with v (N, 3) under `forces`.
+
+        None: they are those that it was solved with.
+        """
+        k, dt = len(self.points), self._dt
+        given = self._to_points @ self._yield @ self._to_points.T  # G
+        given += np.tile(self._compliance, (k, k))
+        ball = self._free - self._compliance @ forces.sum(axis=0)
+        rho = ball - self.at_points(v)
+        free = rho.ravel() + given @ forces.ravel()
+        for turn in range(_PASSES):
+            after = points + dt * (ball - rho)
+            depth1, _ = self._contacts.gaps(after, place + dt * ball, self.points)
+            _, normals = self._contacts.gaps(0.5 * (points + after), place + 0.5 * dt * ball, self.points)
+            theta = shares(depths, depth1)
+            if turn or self._is_solved:
+                theta = np.where((forces * self.normals).sum(axis=1) < 0.0, 0.0, theta)
+                if np.abs(theta - self.theta).max(initial=0.0) < _SAME:
+                    if not turn:
+                        return None
+                    break
+                theta = 0.5 * (theta + self.theta)
+            self._put(
+                np.where(theta > _SLIGHT, theta, 0.0), normals, self.next_drag(rho, forces) if turn else self.drag
+            )
+            H = block_diagonal(self._H)
+            rho = np.linalg.solve(np.eye(3 * k) + given @ H, free - given @ self._push.ravel()).reshape(-1, 3)
+            forces = self.forces(rho)
+            ball = self._free - self._compliance @ forces.sum(axis=0)
+        self._is_solved = True
+        self._eliminate()
+        return forces
+
+    def next_drag(self, rho: Array, forces: Array) -> Array:
+        """c_t (k,) [Ns/m]: Coulomb's force over the present speed."""
+        push = np.maximum((forces * self.normals).sum(axis=1), 0.0)
+        slip = rho - (rho * self.normals).sum(axis=1)[:, None] * self.normals
+        found: Array = self._contacts.skin.friction * push / np.maximum(np.linalg.norm(slip, axis=1), _CREEP_MPS)
+        return found
+
+    def forces(self, rho: Array) -> Array:
+        """On the points (k, 3) [N]."""
+        found: Array = self._push + (self._H @ rho[:, :, None])[:, :, 0]
+        return found
+
+    # -- the body's equation, without the ball ------------------------------------------------------------------------
+
+    def _eliminate(self) -> None:
+        """``(I + C sum H) v_p = w - C sum (f0 n - H v_i)``, and what the preconditioner needs."""
+        whole = self._H.sum(axis=0)
+        self._schur = np.linalg.solve(np.eye(3) + self._compliance @ whole, self._compliance)
+        self._held = self._free - self._schur @ (whole @ self._free + self._push.sum(axis=0))
+        self.load = self.to_nodes(self._push + self._H @ self._held)
+        beside = self._H.reshape(-1, 3)
+        M = self._to_points.T @ (block_diagonal(self._H) - beside @ self._schur @ beside.T) @ self._to_points
+        inner = np.linalg.solve(np.eye(len(M)) + M @ self._yield, M)
+        self._inner = self._contacts.body.factor.softness(self._dt) ** 2 * inner
+
+    def at_points(self, v: Array) -> Array:
+        """A field of the nodes (N, 3) at the points (k, 3)."""
+        found: Array = np.einsum("pk,pki->pi", self._weights, v[self._nodes])
+        return found
+
+    def to_nodes(self, forces: Array) -> Array:
+        """Forces on the points (k, 3) as forces on the nodes (N, 3)."""
+        out = np.zeros_like(self._contacts.body.x)
+        np.add.at(out, self._nodes, self._weights[:, :, None] * forces[:, None, :])
+        out[self._contacts.body.free :] = 0.0
+        return out
+
+    def spread(self, forces: Array) -> Array:
+        """What forces on the points (k, 3) add to the nodes' velocities (N, 3), about."""
+        local = self._to_points.T @ forces.ravel()
+        return self._contacts.body.to_world(self._contacts.body.factor.softness(self._dt) * (self._columns @ local))
+
+    def apply(self, v: Array) -> Array:
+        """The body's matrix with the contacts in it, and without the ball, times v (N, 3)."""
+        held = (self._H @ self.at_points(v)[:, :, None])[:, :, 0]
+        back = self._H @ (self._schur @ held.sum(axis=0))
+        return self._contacts.body.response(self._dt, v) + self.to_nodes(held - back)
+
+    def precondition(self, residual: Array) -> Array:
+        """The preconditioner with the contacts in it, by Woodbury's formula."""
+        body = self._contacts.body
+        local = body.to_local(residual)
+        found = body.factor.solve(self._dt, local) - self._columns @ (self._inner @ (self._columns.T @ local))
+        return body.to_world(found)
+
+    def ball(self, v: Array) -> Array:
+        """v_p (3,) [m/s] with the body's mean velocity v."""
+        held = (self._H @ self.at_points(v)[:, :, None])[:, :, 0]
+        found: Array = self._held + self._schur @ held.sum(axis=0)
+        return found
+
+
+def shares(before: Array, after: Array) -> Array:
+    """theta: the share of a way that lies inside, from its depths at both ends."""
+    d0, d1 = np.maximum(before, -1.0), np.maximum(after, -1.0)
+    way = np.maximum(np.abs(d1 - d0), 1e-12)
+    inside = np.minimum(1.0, np.maximum(np.maximum(d0, d1), 0.0) / way)
+    return np.where(np.minimum(d0, d1) > 0.0, 1.0, inside)
+
+
+def block_diagonal(blocks: Array) -> Array:
+    """(3k, 3k) of (k, 3, 3)."""
+    k = len(blocks)
+    found = np.zeros((k, 3, k, 3))
+    found[np.arange(k), :, np.arange(k)] = blocks
+    return found.reshape(3 * k, 3 * k)

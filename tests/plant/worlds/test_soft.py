@@ -1,0 +1,291 @@
+"""A soft body: exact accounts at any tolerance and step, forces that do not depend on the step, and bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from hapnet.checks import Array
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds import soft_mesh
+from hapnet.plant.worlds.account import EnvironmentAccount
+from hapnet.plant.worlds.picture import SOFT
+from hapnet.plant.worlds.registry import make_scene
+from hapnet.plant.worlds.soft import SoftWorld
+from hapnet.plant.worlds.soft_body import Body, Material
+from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
+from hapnet.plant.worlds.soft_linear import conjugate_gradients
+from hapnet.plant.worlds.soft_touch import Touch
+
+Draw = Callable[[np.random.Generator], float]
+MILLISECOND: Draw = lambda rng: 0.001  # noqa: E731
+VARIABLE: Draw = lambda rng: float(rng.uniform(0.01, 0.05))  # noqa: E731
+TENTH: Draw = lambda rng: 0.1  # noqa: E731
+FRONT_M = 0.02
+MASS, DAMPING, STIFFNESS = 0.02, 14.0, 500.0
+
+
+def block(nodes: int = 216, tolerance: float = 0.01, dof: int = 3, **given: float) -> SoftContacts:
+    """A block whose face is 20 mm in front of a ball of 10 mm, its far side held, without weight if none is given."""
+    skin = Skin(friction=given.pop("friction", 0.3), stiffness=given.pop("contact", 500.0))
+    weight = given.pop("weight", 0.0)
+    places, tets = soft_mesh.block((0.06, 0.06, 0.06), nodes)
+    places[:, 0] += FRONT_M + skin.radius + 0.03
+    pinned = places[:, 0] > places[:, 0].max() - 1e-9
+    return SoftContacts(Body(places, tets, pinned, Material(gravity=(0.0, 0.0, weight), **given)), skin, dof, tolerance)
+
+
+class Run(NamedTuple):
+    """What a motion did: the last force [N], the worst error of one step's account [J], the least env_slack [J], the
+    least s, the contacts at the end."""
+
+    force: Array
+    closure_J: float
+    slack_J: float
+    scale: float
+    touching: int
+
+
+def moved(contacts: SoftContacts, draw: Draw, path: Callable[[float], tuple[float, ...]], seconds: float) -> Run:
+    """The ball on its spring, whose end follows `path`."""
+    mass = PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0,) * contacts.dof)
+    account = EnvironmentAccount(contacts, mass.position)
+    rng = np.random.default_rng(1)
+    time = work = worst = 0.0
+    least, stored, discarded = 1.0, contacts.stored_J(()), 0.0
+    force = np.zeros(contacts.dof)
+    while time < seconds:
+        dt = draw(rng)
+        time += dt
+        step = mass.step(dt, path(time), contacts)
+        work += step.work_J
+        account.observe(work, step.position)
+        lost = contacts.discarded_J - discarded
+        worst = max(worst, abs(-step.work_J - (contacts.stored_J(()) - stored) - lost))
+        stored, discarded = contacts.stored_J(()), contacts.discarded_J
+        least, force = min(least, contacts.scale), np.array(step.force)
+    return Run(force, worst, account.slack_min, least, int(contacts.forces.any(axis=1).sum()))
+
+
+def press(depth: float, speed: float = 0.05, aside: float = 0.0) -> Callable[[float], tuple[float, ...]]:
+    return lambda time: (min(depth, speed * time), aside * min(depth, speed * time), 0.0)
+
+
+def shaken(time: float) -> tuple[float, ...]:
+    """Violent: in, out and along at some 0.4 m/s."""
+    return (0.02 + 0.02 * np.sin(17.0 * time), 0.015 * np.sin(11.0 * time), 0.01 * np.cos(13.0 * time))
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 1e-3])
+@pytest.mark.parametrize("draw", [VARIABLE, TENTH], ids=["variable", "tenth"])
+def test_every_step_closes_whatever_the_tolerance(tolerance: float, draw: Draw) -> None:
+    run = moved(block(tolerance=tolerance, weight=-9.81), draw, shaken, 1.5)
+    assert run.closure_J <= 1e-12
+    assert run.slack_J >= -1e-12
+
+
+def test_the_ball_moves_as_its_own_equation_says() -> None:
+    contacts, mass = block(tolerance=0.1), PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0,) * 3)
+    for k in range(40):
+        x, v, dt = np.array(mass.position), np.array(mass.velocity), 0.03
+        step = mass.step(dt, (0.001 * k, 0.0, 0.0), contacts)
+        a = 2.0 * MASS / dt + DAMPING + 0.5 * STIFFNESS * dt
+        c = 2.0 * MASS / dt * v - STIFFNESS * (x - (0.001 * k, 0.0, 0.0))
+        assert a * np.array(step.velocity) == pytest.approx(c + step.force, abs=1e-12)
+    assert np.linalg.norm(step.force) > 0.5
+
+
+def test_without_the_elimination_energy_would_leak(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The ball is then as it was guessed, and the body is solved against that."""
+    whole = Touch._eliminate
+
+    def eliminate(touch: Touch) -> None:
+        true, touch._compliance = touch._compliance, np.zeros((3, 3))
+        whole(touch)
+        touch._compliance = true
+
+    monkeypatch.setattr(Touch, "_eliminate", eliminate)
+    contacts, mass = block(tolerance=0.1), PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0,) * 3)
+    errors = []
+    for k in range(40):
+        x, v, dt = np.array(mass.position), np.array(mass.velocity), 0.03
+        step = mass.step(dt, (0.001 * k, 0.0, 0.0), contacts)
+        a = 2.0 * MASS / dt + DAMPING + 0.5 * STIFFNESS * dt
+        lost = a * np.array(step.velocity) - 2.0 * MASS / dt * v + STIFFNESS * (x - (0.001 * k, 0.0, 0.0)) - step.force
+        errors.append(abs(float(lost @ step.velocity) * dt))
+    assert max(errors) > 1e-7
+
+
+def test_strains_that_are_not_anchored_are_energy_from_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unpaid(contacts: SoftContacts, points: Array, place: Array) -> Array:
+        contacts.body.strains[:] = contacts.body.true_strains()
+        depths, _ = contacts.gaps(points, place)
+        contacts.q = np.maximum(depths, 0.0)
+        return depths
+
+    monkeypatch.setattr(SoftContacts, "_anchor", unpaid)
+    assert moved(block(), TENTH, shaken, 1.5).closure_J > 1e-4
+
+
+@pytest.mark.slow
+def test_a_held_force_does_not_depend_on_the_step() -> None:
+    def held(draw: Draw) -> float:
+        return float(np.linalg.norm(moved(block(1000), draw, press(0.03), 1.6).force))
+
+    exact = held(MILLISECOND)
+    assert exact > 3.0
+    assert held(VARIABLE) == pytest.approx(exact, rel=0.03)
+    assert held(TENTH) == pytest.approx(exact, rel=0.06)
+
+
+@pytest.mark.slow
+def test_the_tolerance_is_not_felt() -> None:
+    rough, fine = (moved(block(1000, tolerance), VARIABLE, press(0.03), 1.6).force for tolerance in (0.1, 1e-3))
+    assert np.linalg.norm(rough) == pytest.approx(np.linalg.norm(fine), rel=0.01)
+
+
+def test_violent_motion_keeps_its_strains() -> None:
+    """Up to 50 ms, with a damping of 10 ms: what the linear step misses is small."""
+    assert moved(block(343), VARIABLE, shaken, 2.0).scale >= 0.99
+
+
+def test_indentation_agrees_with_an_independent_solver() -> None:
+    """The same mesh, pins and forces in scikit-fem, at small strains."""
+    skfem = pytest.importorskip("skfem")
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+    contacts = block(512, 1e-4, friction=0.0, beta_s=0.05)
+    body, rest = contacts.body, contacts.body.x.copy()
+    moved(contacts, VARIABLE, press(FRONT_M + 4e-4), 6.0)
+    assert np.abs(body.v).max() < 2e-3
+    basis = skfem.Basis(skfem.MeshTet(rest.T, body.tets.T), skfem.ElementVector(skfem.ElementTetP1()))
+    stiffness = skfem.asm(linear_elasticity(*lame_parameters(20e3, 0.4)), basis)
+    load = np.zeros(basis.N)
+    forces = np.zeros_like(rest)
+    np.add.at(forces, contacts.nodes, contacts.weights[:, :, None] * contacts.forces[:, None, :])
+    load[basis.nodal_dofs] = forces.T
+    held = basis.nodal_dofs[:, body.free :].ravel()
+    moves = skfem.solve(*skfem.condense(stiffness, load, D=held))[basis.nodal_dofs].T
+    deepest = int(np.argmax(np.linalg.norm(moves, axis=1)))
+    assert np.linalg.norm(moves[deepest]) > 1e-4
+    assert np.linalg.norm((body.x - rest)[deepest]) == pytest.approx(np.linalg.norm(moves[deepest]), rel=0.02)
+
+
+def twisted(degrees: float) -> SoftContacts:
+    """A block of 1,000 nodes, its front turned about the axis to its back."""
+    contacts = block(1000)
+    x, y, z = contacts.body.x.T
+    turn = np.radians(degrees) * (x.max() - x) / np.ptp(x)
+    contacts.body.x = np.stack([x, np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z], axis=1)
+    contacts.body.true_strains()
+    return contacts
+
+
+def rounds_with(turned: Callable[[Array], Array]) -> int:
+    body, dt = twisted(50.0).body, 0.03
+    body.push(dt, body.mean)
+    body.nodal[:] = turned(body.nodal)
+    b = np.random.default_rng(3).normal(size=body.x.shape)
+    b[body.free :] = 0.0
+    _, rounds = conjugate_gradients(
+        lambda v: body.response(dt, v), lambda r: body.to_world(body.factor.solve(dt, body.to_local(r))), b,
+        np.zeros_like(b), 1e-3,
+    )  # fmt: skip
+    return rounds
+
+
+def test_a_factor_that_turns_with_the_body_saves_rounds() -> None:
+    """Any rotation gives the same result; the wrong one only takes longer."""
+    right = rounds_with(lambda turns: turns)
+    assert right <= 12
+    assert rounds_with(lambda turns: np.broadcast_to(np.eye(3), turns.shape).copy()) > 1.5 * right
+    assert rounds_with(lambda turns: turns.transpose(0, 2, 1).copy()) > 1.5 * right
+
+
+def test_friction_holds_up_to_its_limit() -> None:
+    """A ball that is dragged along pulls with mu times its push."""
+    contacts = block(343, friction=0.3)
+    run = moved(contacts, lambda rng: 0.005, lambda t: (min(0.04, 0.05 * t), max(0.0, 0.02 * (t - 1.0)), 0.0), 1.8)
+    _, normals = contacts.gaps(contacts.places(contacts.body.x), contacts.centre)
+    push = (contacts.forces * normals).sum(axis=1)
+    across = np.linalg.norm(contacts.forces - push[:, None] * normals, axis=1)
+    assert run.touching >= 3
+    assert across.sum() / push.sum() == pytest.approx(0.3, rel=0.15)
+
+
+def test_the_planes_are_as_stiff_as_the_body() -> None:
+    """Of a ball that is held deeper and deeper, each time until it rests: the force that the planes of the place before
+    have said."""
+    contacts = block(343, friction=0.0, beta_s=0.05)
+    mass = PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0, 0.0, 0.0))
+    expected = None
+    for depth in (0.024, 0.028, 0.032):
+        for _ in range(100):
+            step = mass.step(0.01, (depth, 0.0, 0.0), contacts)
+        if expected is not None:
+            said = sum(one.stiffness * max(0.0, one.depth(step.position)) for one in expected)
+            assert said == pytest.approx(-step.force[0], rel=0.1)
+        expected = contacts.planes(step.position, 0.02)
+        said = sum(one.stiffness * max(0.0, one.depth(step.position)) for one in expected)
+        assert said == pytest.approx(-step.force[0], rel=0.03)
+    assert contacts.planes((-0.1, 0.0, 0.0), 0.02) == ()
+
+
+def test_an_organ_has_planes_that_bend_and_a_picture() -> None:
+    world = make_scene("soft:organ?nodes=300&lump=5&lump_at=-15mm,0mm,0mm")
+    assert isinstance(world, SoftWorld)
+    plane = world.contacts.planes((0.01, 0.01, 0.0), 0.03)[0]
+    assert plane.curvatures
+    assert all(bend.per_m > 0.0 for bend in plane.curvatures)  # it bulges towards the hand
+    parts = world.picture().parts
+    soft = [part for part in parts if part.body == SOFT]
+    assert len(world.picture().soft()) == sum(len(part.vertices) for part in soft)
+    assert world.picture().poses().shape == (1, 7)
+    young = world.contacts.body.mu / world.contacts.body.mu.min()
+    assert young.max() > 2.0
+
+
+@pytest.mark.parametrize("dof", [1, 2])
+def test_with_fewer_axes_the_ball_stays_on_them(dof: int) -> None:
+    contacts = block(dof=dof)
+    run = moved(contacts, VARIABLE, lambda time: press(0.03)(time)[:dof], 1.5)
+    assert run.closure_J <= 1e-12
+    assert run.force[0] < -1.0
+    plane = contacts.planes((0.022,) + (0.0,) * (dof - 1), 0.02)[0]
+    assert plane.normal[0] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        ("soft?young=-1", "young"), ("soft?poisson=0.6", "poisson"), ("soft?colour=red", "colour"),
+        ("soft?nodes=3", "nodes"), ("soft?pin=up", "pin"), ("soft?size=1mm", "size"), ("soft?at=1", "at"),
+        ("soft:nowhere.msh?unit=mm", "nowhere"), ("soft:organs", "organs"),
+    ],
+)  # fmt: skip
+def test_bad_words_are_one_clear_line(words: str, what: str) -> None:
+    with pytest.raises(InvalidParameter, match=what) as raised:
+        make_scene(words)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_file_of_tetrahedra_and_a_surface(tmp_path: str) -> None:
+    meshio = pytest.importorskip("meshio")
+    places, tets = soft_mesh.block((60.0, 40.0, 50.0), 64)
+    meshio.write(f"{tmp_path}/body.vtk", meshio.Mesh(places, [("tetra", tets)]), binary=False)
+    world = make_scene(f"soft:{tmp_path}/body.vtk?unit=mm")
+    assert isinstance(world, SoftWorld)
+    assert np.ptp(world.contacts.rest, axis=0) == pytest.approx((0.06, 0.04, 0.05), rel=0.2)
+    with pytest.raises(InvalidParameter, match="unit"):
+        make_scene(f"soft:{tmp_path}/body.vtk")
+    body = world.contacts.body
+    meshio.write(f"{tmp_path}/skin.ply", meshio.Mesh(1e3 * body.x, [("triangle", body.surface)]))
+    try:
+        import wildmeshing  # noqa: F401
+    except ImportError:
+        with pytest.raises(MissingLibrary, match="wildmeshing"):
+            make_scene(f"soft:{tmp_path}/skin.ply?unit=mm")

@@ -1,0 +1,37 @@
+"""Whole runs with a soft body: over links both halves of the theorem hold, and runs repeat."""
+
+from __future__ import annotations
+
+import pytest
+
+from hapnet.simulation.simulation import simulate
+
+SMALL = "soft?nodes=216"
+
+
+def run(scene: str, link: str, operator: str = "press", seconds: float = 4.0, **given: float) -> dict[str, object]:
+    names = {"scene": scene, "operator": operator, "duration_s": seconds, "link.up": link, "link.down": link}
+    result = simulate({**names, **given}, seed=1)
+    summary = result.summary
+    assert summary["verdict"]["passive"]
+    for side in ("device", "world"):
+        assert summary[side]["ledger"]["slack_J"] >= -1e-9
+    assert summary["environment"]["env_slack_J"] >= -1e-12
+    return dict(summary["motion"])
+
+
+@pytest.mark.parametrize("link", ["wifi", "4g"])
+def test_it_is_passive_over_links_and_repeats(link: str) -> None:
+    motion = run(SMALL, link)
+    assert motion["peak_force_N"] > 0.3  # type: ignore[operator]
+    assert run(SMALL, link) == motion
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["wifi", "4g", "lte"])
+@pytest.mark.parametrize("scene", ["soft", "soft:organ?lump=8&lump_at=-12mm,10mm,0mm&lump_radius=12mm&friction=0.5"])
+def test_whole_bodies_are_passive_over_links(scene: str, link: str) -> None:
+    if link == "lte":
+        link = "delay 35ms 12ms loss gemodel 1% 20% rate 20mbit"
+    motion = run(scene, link, "hand-6", 10.0)
+    assert motion["contacts"] > 0  # type: ignore[operator]

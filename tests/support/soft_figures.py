@@ -1,0 +1,145 @@
+"""What a step of a soft body costs, and how a device feels it.
+
+``python -m tests.support.soft_figures`` prints the figures of hapnet/plant/worlds/soft.md; set OMP_NUM_THREADS=1, since
+times are of one core. ``--flex`` adds MuJoCo's flex of that size, ``--felt`` the error of the force over links.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from hapnet.checks import Array
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds import soft_mesh
+from hapnet.plant.worlds.soft_body import Body, Material
+from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
+from hapnet.simulation.simulation import simulate
+
+TOUCHING = 12
+
+
+def median_ms(work: Callable[[], object], count: int) -> float:
+    """CPU time."""
+    found = []
+    for _ in range(count):
+        before = time.process_time()
+        work()
+        found.append(1e3 * (time.process_time() - before))
+    return float(np.median(found))
+
+
+def twisted(nodes: int, degrees: float, ball: float = 0.01) -> SoftContacts:
+    """A block whose front face is held, twisted against its back, which is held too; a ball beside it, along -y."""
+    places, tets = soft_mesh.block((0.06, 0.06, 0.06), nodes)
+    front = places[:, 0] < places[:, 0].min() + 1e-9
+    back = places[:, 0] > places[:, 0].max() - 1e-9
+    contacts = SoftContacts(Body(places, tets, front | back, Material(gravity=(0.0, 0.0, 0.0))), Skin(radius=ball), 3)
+    body = contacts.body
+    for share in np.linspace(0.0, 1.0, 11)[1:]:
+        x, y, z = contacts.body.x.T
+        turn = np.radians(degrees) * 0.1 * (x - x.min()) / np.ptp(x) * np.ones_like(share)
+        body.x = np.stack([x, np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z], axis=1)
+        body.strains[:] = body.true_strains()
+    return contacts
+
+
+def step_ms(nodes: int, degrees: float) -> tuple[float, float, float, int]:
+    """Median and 95th percentile of a step's CPU time, rounds, and points that touch, of a ball that slides."""
+    contacts = twisted(nodes, degrees)
+    mass, rng = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, -0.06, 0.0)), np.random.default_rng(1)
+    contacts.stored_J(())
+    clock, times, rounds, touching = 0.0, [], [], []
+    for k in range(90):
+        dt = float(rng.uniform(0.01, 0.05))
+        clock += dt
+        aim = (0.004 * np.sin(4.0 * clock), -0.06 + min(0.037, 0.05 * clock), 0.004 * np.cos(3.0 * clock))
+        before = time.process_time()
+        mass.step(dt, aim, contacts)
+        if k >= 40:
+            times.append(1e3 * (time.process_time() - before))
+            rounds.append(contacts.rounds)
+            touching.append(int(contacts.forces.any(axis=1).sum()))
+    return float(np.median(times)), float(np.quantile(times, 0.95)), float(np.mean(rounds)), int(np.median(touching))
+
+
+def bare_solve_ms(nodes: int) -> float:
+    """One sparse solve of the body's matrix at rest, which is assembled already."""
+    body = twisted(nodes, 0.0).body
+    g, unit = body.grads, np.eye(3)
+    blocks = body.lam[:, None, None, None, None] * np.einsum("eai,ebj->eaibj", g, g)
+    across = np.einsum("ebi,eaj->eaibj", g, g) + np.einsum("eak,ebk,ij->eaibj", g, g, unit)
+    blocks += body.mu[:, None, None, None, None] * across
+    rows = (3 * body.tets[:, :, None] + np.arange(3)).reshape(-1, 12)
+    where = (np.repeat(rows, 12, axis=1).ravel(), np.tile(rows, (1, 12)).ravel())
+    whole = sparse.csc_matrix((blocks.ravel(), where), (3 * len(body.x),) * 2)[: 3 * body.free, : 3 * body.free]
+    b = np.ones(3 * body.free)
+    return median_ms(lambda: spsolve(whole.tocsc(), b, permc_spec="MMD_AT_PLUS_A"), 3)
+
+
+def flex_ms(nodes: int) -> tuple[float, float]:
+    """MuJoCo's flex with as many nodes: CPU time of one step of 2 ms, and of the 15 that 30 ms need."""
+    import mujoco
+
+    side = round(nodes ** (1.0 / 3.0))
+    spacing = 0.06 / (side - 1)
+    model = mujoco.MjModel.from_xml_string(f"""
+      <mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+        <geom name="ball" type="sphere" size=".01" pos="0 -.035 0"/>
+        <flexcomp name="soft" type="grid" dim="3" count="{side} {side} {side}" spacing="{spacing} {spacing} {spacing}"
+          mass=".216" radius=".001"><contact selfcollide="none"/><edge damping="1"/>
+          <elasticity young="20000" poisson=".4" damping=".01"/><pin id="0 1 2 3 4 5"/></flexcomp>
+      </worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    one = median_ms(lambda: mujoco.mj_step(model, data), 30)
+    return one, 15.0 * one
+
+
+def felt(scene: str, operator: str, links: tuple[str, ...], seconds: float) -> dict[str, float]:
+    """The force's error over links, of its rms in contact [%], against the same body at 1 ms without a link."""
+
+    def course(link: str, **given: float) -> tuple[Array, Array]:
+        names = {"scene": scene, "operator": operator, "duration_s": seconds, "link.up": link, "link.down": link}
+        device = simulate({**names, **given}, seed=1).recording.device
+        assert device is not None
+        return (device["time_ns"] - device["time_ns"][0]) * 1e-9, device["force_N"]
+
+    true_s, true = course("", **{"world.step_min_s": 0.001, "world.step_max_s": 0.001})
+    found = {}
+    for link in links:
+        time_s, force = course(link)
+        whole = np.stack([np.interp(time_s, true_s, part) for part in true.T], axis=1)
+        touches = (np.linalg.norm(whole, axis=1) > 0.05) & (time_s > 1.0)
+        error = np.linalg.norm(force - whole, axis=1)[touches]
+        found[link] = 100.0 * float(np.sqrt((error**2).mean() / (whole[touches] ** 2).sum(axis=1).mean()))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--flex", action="store_true")
+    parser.add_argument("--felt", action="store_true")
+    chosen = parser.parse_args()
+    for nodes in (1000, 4913):
+        for degrees in (0.0, 50.0):
+            middle, late, rounds, touching = step_ms(nodes, degrees)
+            print(
+                f"{nodes} nodes, {degrees:g} deg: {middle:.1f} ms (95 %: {late:.1f}), {rounds:.1f} rounds, {touching}"
+            )
+        print(f"{nodes} nodes: one bare sparse solve {bare_solve_ms(nodes):.0f} ms")
+    if chosen.flex:
+        print("MuJoCo's flex, 1000 nodes: {:.1f} ms a step of 2 ms, {:.0f} ms for 30 ms".format(*flex_ms(1000)))
+    if chosen.felt:
+        for operator in ("press", "hand-6"):
+            print(
+                operator, {link: round(error, 1) for link, error in felt("soft", operator, ("wifi", "4g"), 8.0).items()}
+            )
+
+
+if __name__ == "__main__":
+    main()
