@@ -44,7 +44,9 @@ OUT = (
 _SHOWN = (
     _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
     _Column("true_force_error_percent", "true\nerror\n[%]", 1.0, 1),
+    _Column("true_torque_error_percent", "true\ntorque\n[%]", 1.0, 1),  # of a tool that turns, as the next but one
     _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
+    _Column("free_rms_deg", "free\nerror\n[°]", 1.0, 2),
     _Column("drag_N", "drag\n[N]", 1.0, 2),
     _Column("free_last_mm", "last\nminute\n[mm]", 1.0, 1),
     _Column("free_first_mm", "first\n10 s\n[mm]", 1.0, 1),
