@@ -111,7 +111,7 @@ class OperatorParams:
     turn_rad: float = _p(
         0.3, "of a pose: amplitude of each component of the hand's rotation [rad]", Range(at_least=0.0, at_most=3.0)
     )
-    turn_hz: float = _p(0.25, "of a pose: frequency of the first of them [Hz]", _NOT_NEGATIVE)
+    turn_hz: float = _p(0.25, "of a pose: frequency of the first of them [Hz]", Range(at_least=0.0, at_most=20.0))
     end_hold_s: float = _p(
         0.0,
         "the hand comes to rest and holds still for so long at the end of the run [s]; 0, or a short run: never",

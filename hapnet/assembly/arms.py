@@ -14,7 +14,7 @@ import numpy as np
 from hapnet import checks
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
-from hapnet.params import DeviceParams, Params, arm_file, is_arm
+from hapnet.params import DeviceParams, Params, arm_file, is_arm, is_tool
 from hapnet.plant.arms.device import TIP_AXES, SimulatedArm
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.picture import described
@@ -76,6 +76,8 @@ def with_arm(params: Params) -> Params:
     """
     if not is_arm(params.hardware):
         return params
+    if is_tool(params.scene):
+        raise InvalidParameter("hardware", params.hardware, "simulated, or a device that turns, in a scene with a tool")
     table, device = table_of(params.hardware), params.device
     if by_joints(params.hardware):
         dof = len(table.joints)

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates, coordinates, wrench
@@ -38,6 +39,8 @@ class Posed:
         self, device: Any, name: str, clock: Callable[[], float] = time.monotonic, arm_m: float = ARM_M
     ) -> None:
         if not callable(getattr(device, "orientation", None)):
+            if callable(close := getattr(device, "close", None)):
+                close()
             raise InvalidParameter("hardware", name, "a device that turns (orientation), for a scene with a tool")
         self._device, self._clock, self._arm_m = device, clock, arm_m
         self.gives_torque: bool = callable(getattr(device, "apply_wrench", None))
@@ -73,7 +76,17 @@ class Posed:
             applied = self._device.apply(force[:3])
             return None if applied is None else (*applied, *(0.0,) * (AXES - 3))
         applied = self._device.apply_wrench(*wrench(self._x, force, self._arm_m))
-        return None if applied is None else along_coordinates(self._x, applied[0], applied[1], self._arm_m)
+        if applied is None:
+            return None
+        try:
+            push, torque = (checks.vector("apply_wrench()", part, 3) for part in applied)
+        except (TypeError, ValueError):
+            raise HapnetError("apply_wrench() gives force and torque, three numbers each, or None") from None
+        return along_coordinates(self._x, push, torque, self._arm_m)
+
+    def orientation(self) -> None:
+        """Not sent beside the stream: the pose has it."""
+        return
 
     def acted(self) -> Vector | None:
         """The force that acted between the last two readings (12,) [N], if a device without torque reports it."""

@@ -67,6 +67,9 @@ def _for_all_coordinates(params: Params) -> Params:
     for name in _OF_SPRINGS:
         value = params.get(name)
         if isinstance(value, tuple) and len(value) == 2 and not isinstance(value[0], tuple):
+            if not min(value) > 0.0:
+                what = "N/m and Nm/rad" if name.endswith("stiffness") else "Ns/m and Nms/rad"
+                raise InvalidParameter(name, value, f"one number, or two above 0 in {what}")
             found[name] = (value[0],) * 3 + (value[1] / (2.0 * ARM_M**2),) * (AXES - 3)
     return params.set(found) if found else params
 

@@ -84,6 +84,12 @@ def rotation(x: ArrayLike, arm_m: float = ARM_M) -> Array:
     return turn
 
 
+def nearest(x: ArrayLike, arm_m: float = ARM_M) -> Vector:
+    """The coordinates (12,) [m] of the pose nearest to x (12,) [m]: a modulated set-position is none."""
+    found: Vector = tuple(np.asarray(x, dtype=float)[:3].tolist())
+    return (*found, *(arm_m * (rotation(x, arm_m).T - np.eye(3))).ravel().tolist())
+
+
 def pose(x: ArrayLike, arm_m: float = ARM_M) -> Pose:
     """The pose at x (12,) [m], or the one whose orientation is nearest to it."""
     w, i, j, k = quaternions(rotation(x, arm_m)).tolist()

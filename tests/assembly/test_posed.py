@@ -48,7 +48,7 @@ class Handle(Stylus):
 class Straight:
     """Does not turn."""
 
-    force_limit, resolution = 3.0, 0.0
+    force_limit, resolution, closed = 3.0, 0.0, 0
 
     def __init__(self, dof: int) -> None:
         self.dof = dof
@@ -58,6 +58,9 @@ class Straight:
 
     def apply(self, force: Vector) -> None:
         return None
+
+    def close(self) -> None:
+        Straight.closed += 1
 
 
 def test_a_turn_is_seen_in_the_coordinates_and_their_velocity() -> None:
@@ -116,3 +119,4 @@ def _rotated(x: Vector, by: np.ndarray) -> np.ndarray:
 def test_a_device_that_does_not_turn_is_refused() -> None:
     with pytest.raises(InvalidParameter, match="a device that turns"):
         UserDevice("tests.assembly.test_posed:Straight", AXES, DeviceParams(), "pose")
+    assert Straight.closed == 1

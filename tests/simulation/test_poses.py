@@ -83,6 +83,18 @@ def test_a_handle_in_a_hand_pays_for_its_motion() -> None:
         assert device.kinetic - before == pytest.approx(work + float(np.dot(force, moved)) - lost, abs=1e-15)
 
 
+def test_a_step_of_a_handle_that_is_not_found_at_once_is_cut() -> None:
+    """A stiff hand that turns by 2 rad within a step of 50 ms: all steps are found, and the handle follows."""
+    away = turned((0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
+    device = SimulatedHandle(Rest(AXES, Impedance(0.01, 1.0, 5000.0), away), period=0.05, substeps=1)
+    device.place((0.0,) * AXES)
+    device.references = [away]
+    for _ in range(40):
+        device.advance()
+    assert device.handle.unsettled == 0
+    assert poses.angle_between(device.position, away) < 0.1  # it still swings
+
+
 def test_turned_is_the_rotation_vector() -> None:
     x = turned((0.0, 0.0, 0.0), (0.0, 0.0, np.pi / 2), ARM_M)
     assert np.array(x[3:6]) == pytest.approx([-ARM_M, ARM_M, 0.0], abs=1e-15)

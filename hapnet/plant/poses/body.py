@@ -32,11 +32,14 @@ from hapnet.plant.worlds.coupled import force as push_of
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Floats, Reals, Record
 
-MOST = 32
+MOST = 128
 """The most planes in a step."""
 
 ROUNDS = 60
 """Most rounds of a step; 3 to 5 are usual."""
+
+GROWTHS = 6
+"""A step whose rounds change more than the ones before so often is not found."""
 
 _NONE = 3e-16
 """Changes below this share of the velocities are rounding."""
@@ -232,7 +235,7 @@ def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> 
     angular(body, body.spin, w)
     for i in range(3):
         u[i] = body.velocity[i]
-    before, body.rounds = inf, 0
+    before, growths, body.rounds = inf, 0, 0
     for _ in range(ROUNDS):
         body.rounds += 1
         turn(body, dt, w)
@@ -247,6 +250,9 @@ def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> 
         if change <= _NONE * _NONE * size or (change >= before and change <= _SMALL * _SMALL * (size + _SLOW * _SLOW)):
             _arrive(body, dt)
             return True
+        growths += 1 if change >= before else 0
+        if growths == GROWTHS:
+            return False
         before = change
     return False
 

@@ -134,10 +134,12 @@ class ToolContacts(Surroundings):
             self.energy_J = min(energy, ANCHOR_CEILING_J)
             return _STILL, 0.0
         self._anchor(met)
-        for _ in range(1 + CORRECTIONS):
+        for left in range(CORRECTIONS, -1, -1):  # a step is the last that is done, with the planes that count
             if not self._step(body, state, dt, ybar, met):
                 state.restore(body)
                 return None
+            if not left:
+                break
             wrong = False
             for point, secant, x in met:
                 end = self.place_of(body.x, point)

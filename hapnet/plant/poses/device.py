@@ -9,13 +9,17 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.pose import ARM_M, AXES, OfPose
+from hapnet.mechanics.pose import ARM_M, AXES, OfPose, nearest
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
 from hapnet.plant.poses import body as bodies
 from hapnet.plant.poses.body import RigidBody, Touched, kinetic, settle
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Reals, Record, zero
+from hapnet.records.vectors import copy
+
+MOST_PARTS = 1024
+"""A step that is not found is cut into so many parts at most."""
 
 
 class Handle(Record):
@@ -40,9 +44,11 @@ class Handle(Record):
     held: OfPose
     hand_force: OfPose
     unsettled: int
+    hand_work: float
     aim: OfPose
     push: OfPose
     begun: OfPose
+    reached: OfPose
     free: Touched
 
 
@@ -58,16 +64,33 @@ def tick(handle: Handle, path: Annotated[FloatRows, (2, AXES)]) -> float:
             handle.push[i] = handle.held[i] + B * rate
             handle.begun[i] = body.x[i]
         before = kinetic(body)
-        if not bodies.step(body, h, handle.push, handle.aim, handle.free):
-            handle.unsettled += 1
-            _rest(body)
+        _go_on(handle, h)
         for i in range(AXES):
-            moved = body.x[i] - handle.begun[i]
-            pull = handle.push[i] - handle.held[i] + K * (handle.aim[i] - body.middle[i]) - B * body.mean[i]
-            handle.hand_force[i] = pull
-            work += pull * moved
+            middle, moved = 0.5 * (handle.begun[i] + body.x[i]), body.x[i] - handle.begun[i]
+            handle.hand_force[i] = handle.push[i] - handle.held[i] + K * (handle.aim[i] - middle) - B * moved / h
+        work += handle.hand_work
         work -= handle.hand_share * (kinetic(body) - before)
     return work
+
+
+@equation
+def _go_on(handle: Handle, h: float) -> None:
+    """Move the handle by a step of `h` [s], in parts if it is not found at once, and the hand's work in it."""
+    body, left, part, K, B = handle.body, h, h, handle.hand_stiffness, handle.hand_damping
+    handle.hand_work = 0.0
+    while left > 0.25 * part:
+        copy(AXES, body.x, handle.reached)
+        if bodies.step(body, part, handle.push, handle.aim, handle.free):
+            left -= part
+            for i in range(AXES):
+                pull = handle.push[i] - handle.held[i] + K * (handle.aim[i] - body.middle[i]) - B * body.mean[i]
+                handle.hand_work += pull * (body.x[i] - handle.reached[i])
+        elif part > h / MOST_PARTS:
+            part *= 0.5
+        else:
+            handle.unsettled += 1
+            _rest(body)
+            left = 0.0
 
 
 @equation
@@ -125,6 +148,7 @@ class SimulatedHandle(SimulatedDevice):
         return (1.0 - self.handle.hand_share) * self.handle.body.kinetic
 
     def place(self, position: Vector) -> None:
+        position = nearest(position, self.arm_m)
         super().place(position)
         self.handle.body.x[:] = position
         settle(self.handle.body)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
-from hapnet.mechanics.pose import AXES
+from hapnet.mechanics.pose import AXES, nearest
 from hapnet.plant.poses.body import RigidBody, settle
 from hapnet.plant.poses.contacts import ToolContacts
-from hapnet.records.vectors import inner
+from hapnet.records.vectors import added, inner
 
 HALVINGS = 12
 """A step is cut in half at most so often: then it turns by less than Newton's method asks for."""
@@ -56,6 +58,7 @@ class ToolMass(Mass):
         contacts.require_outside(self.position)
 
     def place(self, position: Vector) -> None:
+        position = nearest(position, self.body.arm_m)
         self.contacts.require_outside(position)
         body = self.body
         body.x[:] = position
@@ -64,15 +67,19 @@ class ToolMass(Mass):
         settle(body)
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
-        begun = self.position
+        begun, before = self.position, self._potential(set_position)
         force, work, lost, pull = self._advance(dt, set_position, HALVINGS)
         moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
         velocity = tuple([part / dt for part in moved])
         if (square := inner(moved, moved)) > 0.0:  # of a step that was cut: the mean force that does the same work
-            more = (work - inner(force, moved)) / square
-            force = tuple([part + more * along for part, along in zip(force, moved, strict=True)])
+            force = _doing(work, force, moved, square)
+            pull = _doing(before - self._potential(set_position) - lost, pull, moved, square)
         self.contacts.at = end = self.position
         return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
+
+    def _potential(self, ybar: Vector) -> float:
+        """phi [J]."""
+        return 0.5 * added([k * (x - y) * (x - y) for k, x, y in zip(self._K, self.body.x, ybar, strict=True)])
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
         """Refused where the coupling is chosen: such a law has no spring here."""
@@ -97,6 +104,12 @@ class ToolMass(Mass):
         spring = [k * (x - y) for k, x, y in zip(self._K, middle, ybar, strict=True)]
         pull = tuple([-a - b for a, b in zip(damper, spring, strict=True)])
         return found[0], found[1], dt * inner(damper, mean), pull
+
+
+def _doing(work_J: float, force: Vector, moved: Sequence[float], square: float) -> Vector:
+    """The force nearest to `force` (12,) [N] that does this work on the way `moved` (12,) [m]."""
+    more = (work_J - inner(force, moved)) / square
+    return tuple([part + more * along for part, along in zip(force, moved, strict=True)])
 
 
 def _pair(name: str, value: ArrayLike) -> tuple[float, float]:

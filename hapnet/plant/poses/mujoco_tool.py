@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.checks import MOST_PLANES, Array, Vector
+from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES, DOF, coordinates, wrench
 from hapnet.plant.poses.contacts import rigid_plane
@@ -60,6 +61,8 @@ class MujocoToolEngine(MujocoEngine):
             if asked(scene).at or not touching.any():
                 break
             start[2] += 0.001
+        if touching.any():
+            raise InvalidParameter("scene", scene, "a model with room for the tool, or ?at=X,Y,Z [m] where it is free")
         self._home = np.array(start[:3])
         return found
 

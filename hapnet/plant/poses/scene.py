@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.pose import ARM_M, AXES, DOF
+from hapnet.mechanics.pose import ARM_M, AXES, DOF, nearest
 from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.poses.mass import ToolMass
 from hapnet.plant.poses.mujoco_tool import mujoco_tool_world
@@ -31,6 +31,8 @@ from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
 from hapnet.units import POSE
 
 KIND = "tool"
+
+_HALVINGS = 12
 
 TOOLS: dict[str, tuple[Callable[[Properties], Tool], str]] = {
     "box": (lambda given: box(given.lengths("size", (0.04, 0.03, 0.02))), "size=40mm,30mm,20mm"),
@@ -79,12 +81,18 @@ class ToolScene(WorldDefaults):
         return ToolPicture(self.contacts)
 
     def towards(self, position: Vector) -> Vector:
-        """`position`, if no point of the tool is inside there; else the start."""
-        try:
-            self.contacts.require_outside(position)
-        except InvalidParameter:
-            return self.start
-        return position
+        """The pose nearest to `position`, or the farthest one on the way there from the start that is free."""
+        low, high, path = 0.0, 1.0, position
+        if self._is_free(found := nearest(position, self.arm_m)):
+            return found
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            pose = nearest([middle * part for part in path], self.arm_m)
+            low, high = (middle, high) if self._is_free(pose) else (low, middle)
+        return nearest([low * part for part in path], self.arm_m)
+
+    def _is_free(self, pose: Vector) -> bool:
+        return self.contacts.penetration(pose) == 0.0
 
 
 def tool_scene(
@@ -122,7 +130,12 @@ def tool_of(spec: str) -> Tool:
         raise InvalidParameter(f"scene {spec}", name, f"tool:NAME, one of {', '.join(TOOLS)}", TOOLS)
     make, words = TOOLS[name]
     properties = Properties(spec, text)
-    made = make(properties)
+    try:
+        made = make(properties)
+    except InvalidParameter as error:
+        if error.name.startswith("scene "):
+            raise
+        raise InvalidParameter(f"scene {spec}: {error.name}", error.value, error.allowed) from error
     properties.finish(words)
     return made
 
@@ -143,4 +156,7 @@ def seen_by_the_hand(scene: World) -> Scene:
 
 def builder(text: str) -> Callable[..., World] | None:
     """A function that makes the world that `text` describes; None: it describes none with a tool."""
-    return partial(tool_scene, text) if kind_of(parts_in(text)[0])[0] == KIND else None
+    kinds = [kind_of(part)[0] for part in parts_in(text)]
+    if KIND in kinds[1:]:
+        raise InvalidParameter("scene", text, "the tool first, as in tool:peg + plane")
+    return partial(tool_scene, text) if kinds[0] == KIND else None
