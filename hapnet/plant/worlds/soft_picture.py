@@ -23,7 +23,7 @@ COLORS: tuple[tuple[float, Color], ...] = (
 
 _BALL: Color = (51, 102, 170, 255)
 _HAIR_M = 2e-4
-_SHARP = 40.0
+_SHARP, _INSIDE = 40.0, -6.0
 
 
 class SoftPicture:
@@ -50,7 +50,7 @@ class SoftPicture:
         contacts = self._contacts
         strains, normals = contacts.body.nodal_strains()[self._used], contacts.body.turned_normals()[self._used]
         places = contacts.body.x[self._used]
-        hairs = [np.clip(_SHARP * (strains - least), -1.0, 1.0) if least else 0.0 * strains for least, _ in COLORS]
+        hairs = [np.clip(_SHARP * (strains - least), _INSIDE, 1.0) if least else 0.0 * strains for least, _ in COLORS]
         shells = [places + (_HAIR_M * i * hair)[:, None] * normals for i, hair in enumerate(hairs)]
         return np.concatenate(shells)
 
