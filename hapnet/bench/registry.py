@@ -12,6 +12,7 @@ from hapnet.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.bench.link import link_release
 from hapnet.bench.mesh import world_step_mesh
 from hapnet.bench.page import page_mesh
+from hapnet.bench.plants import arm_tick, handle_tick
 from hapnet.bench.recovery import energy_recovery
 from hapnet.bench.row import Options, Row
 from hapnet.bench.servo import servo_busy_thread, servo_idle
@@ -34,6 +35,8 @@ ROWS: dict[str, Measure] = {
     "page_mesh": page_mesh,
     "servo_busy_thread": servo_busy_thread,
     "device_tick": device_tick,
+    "arm_tick": arm_tick,
+    "handle_tick": handle_tick,
     **{f"pspm_update_{n}dof": partial(pspm_update, n) for n in DIMENSIONS},
     **{f"integrator_step_{n}dof": partial(integrator_step, n) for n in DIMENSIONS},
     "world_step_wall": world_step_wall,
