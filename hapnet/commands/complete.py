@@ -68,12 +68,14 @@ def couplings() -> list[str]:
 
 def scenes() -> list[tuple[str, str]]:
     """Worlds by name with what they are, the solids that need no file, and what packages publish."""
+    from hapnet.plant.poses.scene import TOOLS
     from hapnet.plant.worlds.registry import GROUP, SCENES, about
     from hapnet.plant.worlds.rigid import FROM_FILES, KINDS
 
     solids = [(name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES]
-    soft = [("soft", "a soft block"), ("soft:organ", "a soft organ")]
-    return [*((name, about(name)) for name in SCENES), *solids, *soft, *((name, "") for name in published(GROUP))]
+    others = [(f"tool:{name}", words) for name, (_, words) in TOOLS.items()]
+    others += [("soft", "a soft block"), ("soft:organ", "a soft organ")]
+    return [*((name, about(name)) for name in SCENES), *solids, *others, *((name, "") for name in published(GROUP))]
 
 
 def devices() -> list[str]:

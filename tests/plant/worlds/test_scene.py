@@ -127,7 +127,11 @@ def test_parameters_and_defaults_are_told() -> None:
 @pytest.mark.parametrize(
     ("name", "parameters", "says"),
     [
-        ("nothing", {}, "free, wall, box, paper, moving, joints, sphere, .*, plane, mujoco:FILE.xml, or module:Name"),
+        (
+            "nothing",
+            {},
+            "free, wall, box, paper, moving, joints, sphere, .*, plane, tool, soft, mujoco:FILE.xml, or module:Name",
+        ),
         ("nowhere:Scene", {}, "nowhere"),
         (f"{__name__}:Missing", {}, "Missing"),
         (f"{__name__}:", {}, "module:Name"),
