@@ -184,7 +184,7 @@ def _connected(port: int) -> ClientConnection:
 
 
 _MOVING = ("/handle", "/proxy")
-_TORUS = "/part_0"
+_TORUS = "/body_part_0"
 
 
 def _version() -> str:
