@@ -134,7 +134,7 @@ def test_strains_that_are_not_anchored_are_energy_from_nothing(monkeypatch: pyte
 @pytest.mark.slow
 def test_a_held_force_does_not_depend_on_the_step() -> None:
     def held(draw: Draw) -> float:
-        return float(np.linalg.norm(moved(block(1000), draw, press(0.04), 1.8).force))
+        return float(np.linalg.norm(moved(block(343), draw, press(0.04), 1.8).force))
 
     exact = held(MILLISECOND)
     assert exact > 3.0
