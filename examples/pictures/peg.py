@@ -12,6 +12,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
 
@@ -126,9 +127,9 @@ def frames() -> list[Image.Image]:
     return made
 
 
-def _image(figure: object) -> Image.Image:
+def _image(figure: Figure) -> Image.Image:
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=110)  # type: ignore[attr-defined]
+    figure.savefig(file, format="png", dpi=110)
     return Image.open(file).convert("RGB")
 
 

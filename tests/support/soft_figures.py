@@ -88,6 +88,7 @@ def flex_ms(nodes: int) -> tuple[float, float]:
 
     side = round(nodes ** (1.0 / 3.0))
     spacing = 0.06 / (side - 1)
+    mujoco.set_mju_user_warning(lambda _: None)  # of an unstable body it would write a file here
     model = mujoco.MjModel.from_xml_string(f"""
       <mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
         <geom name="ball" type="sphere" size=".01" pos="0 -.035 0"/>
