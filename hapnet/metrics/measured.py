@@ -21,6 +21,7 @@ from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, Recording
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
+from hapnet.summary.from_samples import touching
 from hapnet.summary.structure import LinkPart, SidePart, Summary
 
 Better = Literal["higher", "lower", "nearer 0", "nearer 100"]
@@ -225,12 +226,6 @@ class Measured:
                 stiffness,
             )
         return None if self.walls is None else standing_force(positions, self.walls, stiffness)
-
-
-def touching(device: Columns, world: Columns) -> Mask:
-    """(N,) was the proxy in a wall at the newest sample before each of the device's?"""
-    latest = np.maximum(np.searchsorted(world["time_s"], device["time_s"], side="right") - 1, 0)
-    return np.asarray(world["penetration_m"][latest] > 0.0)
 
 
 Find: TypeAlias = Callable[[Measured], float | None]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.metrics.contact import contact_force, pressed_wall
-from hapnet.metrics.measured import Measured, Span, metric, scaled, touching
+from hapnet.metrics.measured import Measured, Span, metric, scaled
 from hapnet.metrics.obstacles import Obstacle, normal_where_deepest
 from hapnet.recording.samples import Columns, Recording
-from hapnet.summary.from_samples import position_error
+from hapnet.summary.from_samples import position_error, touching
 
 _MIN_DRAG_N = 0.01
 """A drag below this is taken as this, where forces are compared with it [N]: nobody would feel it."""

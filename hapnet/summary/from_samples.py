@@ -58,8 +58,7 @@ def motion(recording: Recording) -> Motion:
         result["contacts"] = int(inside[0]) + int(np.count_nonzero(inside[1:] & ~inside[:-1]))
     if device is not None and world is not None and recording.meta.get("aligned", True):
         error, known = position_error(device, world)
-        latest = np.searchsorted(world["time_s"], device["time_s"][known], side="right") - 1
-        contact = world["penetration_m"][latest] > 0.0
+        contact = touching(device, world)[known]
         result["free_rms_m"] = _rms(error[~contact])
         result["contact_rms_m"] = _rms(error[contact])
         if turning is not None and recording.device is not None and recording.world is not None:
@@ -79,6 +78,12 @@ def position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64]
     """Distance between device and proxy [m] where both are known, and (N,) at which of the device's samples that is."""
     known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
     return np.linalg.norm(device["position_m"][known] - _proxy(world, device, known), axis=1), known
+
+
+def touching(device: Columns, world: Columns) -> NDArray[np.bool_]:
+    """(N,) was the proxy in a wall at the newest sample before each of the device's?"""
+    latest = np.maximum(np.searchsorted(world["time_s"], device["time_s"], side="right") - 1, 0)
+    return np.asarray(world["penetration_m"][latest] > 0.0)
 
 
 def _proxy(world: Columns, device: Columns, known: NDArray[np.bool_]) -> Array:

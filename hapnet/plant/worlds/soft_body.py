@@ -17,13 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
-from hapnet.plant.worlds import soft_elastic
+from hapnet.plant.worlds.soft_elastic import equations
 from hapnet.plant.worlds.soft_linear import Factor, Indices, conjugate_gradients
 
 Marks = NDArray[np.bool_]
 _SETTLING_S, _SETTLES, _SETTLED_MPS = 0.1, 60, 1e-4
-MOST_COLUMNS = 400
-"""Of S0^-1, three a node, that are kept: those of the nodes that were touched last."""
 
 
 @dataclass(frozen=True)
@@ -93,24 +91,24 @@ class Body:
     @property
     def strained_J(self) -> float:
         """Of the stored strains [J]."""
-        return float(soft_elastic.energy(self.lam, self.mu, self.strains))
+        return float(equations().energy(self.lam, self.mu, self.strains))
 
     # -- a step's parts -----------------------------------------------------------------------------------------------
 
     def true_strains(self) -> Array:
         """Those of the present positions (E, 6), and the rotations with them."""
-        soft_elastic.turn(self.x, self.tets, self.grads, self.turns)
+        equations().turn(self.x, self.tets, self.grads, self.turns)
         found = np.zeros_like(self.strains)
         found[:, :3] = -1.0
-        soft_elastic.strain(self.x, self.tets, self.grads, self.turns, 1.0, found)
+        equations().strain(self.x, self.tets, self.grads, self.turns, 1.0, found)
         return found
 
     def push(self, dt: float, mean: Array) -> Array:
         """b without contacts (N, 3) [N], of a body turned as half way through a step of `dt` [s] with `mean`."""
         self.middle[:] = self.turns
-        soft_elastic.turn(self.x + 0.5 * dt * mean, self.tets, self.grads, self.middle)
+        equations().turn(self.x + 0.5 * dt * mean, self.tets, self.grads, self.middle)
         b: Array = (2.0 / dt * self.mass)[:, None] * self.v + self.weight
-        soft_elastic.stress(self.tets, self.grads, self.middle, self.lam, self.mu, self.strains, self.h, b)
+        equations().stress(self.tets, self.grads, self.middle, self.lam, self.mu, self.strains, self.h, b)
         b[self.free :] = 0.0
         self.nodal[:] = (self._around @ self.middle.reshape(-1, 9)).reshape(-1, 3, 3)
         return b
@@ -118,7 +116,7 @@ class Body:
     def stiffness(self, v: Array) -> Array:
         """K v (N, 3)."""
         out = np.zeros_like(v)
-        soft_elastic.stiff(self.tets, self.h, self.lam, self.mu, v, out)
+        equations().stiff(self.tets, self.h, self.lam, self.mu, v, out)
         out[self.free :] = 0.0
         return out
 
@@ -144,7 +142,7 @@ class Body:
 
     def advance(self, dt: float, mean: Array) -> None:
         """Make the step with the mean velocity (N, 3) [m/s]."""
-        soft_elastic.strain(mean, self.tets, self.grads, self.middle, dt, self.strains)
+        equations().strain(mean, self.tets, self.grads, self.middle, dt, self.strains)
         self.x += dt * mean
         self.v = 2.0 * mean - self.v
         self.mean = mean

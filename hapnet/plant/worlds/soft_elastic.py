@@ -1,4 +1,4 @@
-"""The equations of a corotated elastic body, a loop over its tetrahedra each; numba compiles them (extra `soft`).
+"""The equations of a corotated elastic body, a loop over its tetrahedra each; a body compiles them (extra `soft`).
 
 A tetrahedron has a constant gradient ``F = sum x_a g_a'`` of its position, with g_a the gradients of its shape
 functions at rest, and the rotation R nearest to F. Its strain in the frame that turns along is
@@ -9,8 +9,10 @@ then the stiffness of the body is that of linear elasticity with h_a in place of
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from math import cos, sin, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 from hapnet.records.machine_code import compiled
 
@@ -18,7 +20,7 @@ TURNS, NEAR = 8, 1e-5
 """The most rounds in which a rotation is found, and the change [rad] below which it is."""
 
 
-def _turn(x: Any, tets: Any, grads: Any, turns: Any) -> None:
+def turn(x: Any, tets: Any, grads: Any, turns: Any) -> None:
     """Find the rotations R (E, 3, 3) at the positions x (N, 3), from those before (Mueller, Bender et al. 2016)."""
     for e in range(len(tets)):
         f = turns[e].copy()
@@ -51,7 +53,7 @@ def _turn(x: Any, tets: Any, grads: Any, turns: Any) -> None:
                 r[2, j] = c * a2 + s * (k0 * a1 - k1 * a0) + along * k2
 
 
-def _strain(x: Any, tets: Any, grads: Any, turns: Any, scale: float, strains: Any) -> None:
+def strain(x: Any, tets: Any, grads: Any, turns: Any, scale: float, strains: Any) -> None:
     """``strains += scale sym(R' sum x_a g_a')``: of positions the strains but for -I, of velocities their rates."""
     for e in range(len(tets)):
         r, f = turns[e], turns[e].copy()
@@ -70,7 +72,7 @@ def _strain(x: Any, tets: Any, grads: Any, turns: Any, scale: float, strains: An
             )  # fmt: skip
 
 
-def _energy(lam: Any, mu: Any, strains: Any) -> float:
+def energy(lam: Any, mu: Any, strains: Any) -> float:
     """Of these strains [J]; lam, mu (E,) : Lame's constants times the volume [J]."""
     total = 0.0
     for e in range(len(strains)):
@@ -81,7 +83,7 @@ def _energy(lam: Any, mu: Any, strains: Any) -> float:
     return total
 
 
-def _stress(tets: Any, grads: Any, turns: Any, lam: Any, mu: Any, strains: Any, h: Any, force: Any) -> None:
+def stress(tets: Any, grads: Any, turns: Any, lam: Any, mu: Any, strains: Any, h: Any, force: Any) -> None:
     """Add the strains' forces on the nodes to `force` (N, 3), and put the turned gradients into h (E, 4, 3)."""
     for e in range(len(tets)):
         r, s = turns[e], strains[e]
@@ -98,7 +100,7 @@ def _stress(tets: Any, grads: Any, turns: Any, lam: Any, mu: Any, strains: Any, 
                 force[node, i] -= r[i, 0] * t0 + r[i, 1] * t1 + r[i, 2] * t2
 
 
-def _stiff(tets: Any, h: Any, lam: Any, mu: Any, v: Any, out: Any) -> None:
+def stiff(tets: Any, h: Any, lam: Any, mu: Any, v: Any, out: Any) -> None:
     """``out += K v``, both (N, 3): the stiffness with turned gradients h, applied without being assembled."""
     for e in range(len(tets)):
         l00, l01, l02, l10, l11, l12, l20, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -120,4 +122,17 @@ def _stiff(tets: Any, h: Any, lam: Any, mu: Any, v: Any, out: Any) -> None:
             out[node, 2] += s02 * h0 + s12 * h1 + s22 * h2
 
 
-turn, strain, energy, stress, stiff = map(compiled, (_turn, _strain, _energy, _stress, _stiff))
+class Equations(NamedTuple):
+    """The loops, compiled."""
+
+    turn: Callable[..., None]
+    strain: Callable[..., None]
+    energy: Callable[..., float]
+    stress: Callable[..., None]
+    stiff: Callable[..., None]
+
+
+@cache
+def equations() -> Equations:
+    """All of them; this loads the compiler."""
+    return Equations(*map(compiled, (turn, strain, energy, stress, stiff)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -289,3 +291,10 @@ def test_a_file_of_tetrahedra_and_a_surface(tmp_path: str) -> None:
     except ImportError:
         with pytest.raises(MissingLibrary, match="wildmeshing"):
             make_scene(f"soft:{tmp_path}/skin.ply?unit=mm")
+
+
+def test_the_worlds_are_known_without_loading_the_compiler() -> None:
+    """Each command knows all worlds at its start; only a soft body needs numba, when it is made."""
+    code = "import sys, hapnet.plant.worlds.registry; print(sorted({'numba', 'scipy', 'meshio'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
