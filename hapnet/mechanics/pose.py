@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, Reals
+from hapnet.records.record import Floats, Reals
 from hapnet.units import POSE_AXES
 
 AXES = POSE_AXES
@@ -44,7 +44,6 @@ ARM_M = 0.04
 
 OfPose = Annotated[Floats, (AXES,)]
 Of3 = Annotated[Floats, (3,)]
-Matrix3 = Annotated[FloatRows, (3, 3)]
 
 Quaternion = tuple[float, float, float, float]
 """w, x, y, z."""
@@ -133,11 +132,17 @@ def angle_between(one: ArrayLike, other: ArrayLike, arm_m: float = ARM_M) -> flo
     return float(angles_between(one, other, arm_m))
 
 
+def arms(x: ArrayLike, arm_m: float = ARM_M) -> Array:
+    """The arms P_j at x (..., 12) [m], a row each (..., 3, 3)."""
+    ends = np.asarray(x, dtype=float)[..., 3:]
+    found: Array = arm_m * np.eye(3) + ends.reshape(*ends.shape[:-1], 3, 3)
+    return found
+
+
 def torques(x: ArrayLike, f: ArrayLike, arm_m: float = ARM_M) -> Array:
     """The torques (..., 3) [Nm] of forces f (..., 12) [N] along the coordinates at x (..., 12) [m]: as `turning`."""
-    arms, along = (np.asarray(part, dtype=float)[..., 3:] for part in (x, f))
-    shape = (*arms.shape[:-1], 3, 3)
-    torque: Array = np.cross(arm_m * np.eye(3) + arms.reshape(shape), along.reshape(shape)).sum(axis=-2)
+    rods = arms(x, arm_m)
+    torque: Array = np.cross(rods, np.asarray(f, dtype=float)[..., 3:].reshape(rods.shape)).sum(axis=-2)
     return torque
 
 
@@ -150,9 +155,30 @@ def wrench(x: Sequence[float], f: Sequence[float], arm_m: float = ARM_M) -> tupl
 
 def along_coordinates(x: Sequence[float], force: Sequence[float], torque: Sequence[float], arm_m: float) -> Vector:
     """The smallest force (12,) [N] along the coordinates at x (12,) that is this force [N] and torque [Nm]."""
-    arms = arm_m * np.eye(3) + np.reshape(np.asarray(x, dtype=float)[3:], (3, 3))
-    turned = np.cross(np.asarray(torque, dtype=float), arms) / (2.0 * arm_m * arm_m)
+    turned = np.cross(np.asarray(torque, dtype=float), arms(x, arm_m)) / (2.0 * arm_m * arm_m)
     return (*[float(part) for part in force], *turned.ravel().tolist())
+
+
+@equation
+def arm(x: Reals, arm_m: float, j: int) -> tuple[float, float, float]:
+    """The arm P_j at x (12,) [m]."""
+    i = 3 + 3 * j
+    return (
+        x[i] + (arm_m if j == 0 else 0.0),
+        x[i + 1] + (arm_m if j == 1 else 0.0),
+        x[i + 2] + (arm_m if j == 2 else 0.0),
+    )
+
+
+@equation
+def in_world(x: Reals, arm_m: float, a: Reals) -> tuple[float, float, float]:
+    """R a: a vector in the body's axes (3,) as it lies in the world's, ``sum a_j P_j/l``."""
+    p, q, r = 0.0, 0.0, 0.0
+    for j in range(3):
+        share = a[j] / arm_m
+        rod = arm(x, arm_m, j)
+        p, q, r = p + share * rod[0], q + share * rod[1], r + share * rod[2]
+    return p, q, r
 
 
 @equation
@@ -160,14 +186,7 @@ def turning(x: Reals, f: Reals, arm_m: float, out: Floats) -> None:
     """The torque [Nm] of f (12,) [N] at x (12,) [m]: ``sum P_j x f_j`` over the arms P_j."""
     out[0] = out[1] = out[2] = 0.0
     for j in range(3):
-        i = 3 + 3 * j
-        a, b, c = x[i], x[i + 1], x[i + 2]
-        if j == 0:
-            a += arm_m
-        elif j == 1:
-            b += arm_m
-        else:
-            c += arm_m
+        i, (a, b, c) = 3 + 3 * j, arm(x, arm_m, j)
         out[0] = out[0] + (b * f[i + 2] - c * f[i + 1])
         out[1] = out[1] + (c * f[i] - a * f[i + 2])
         out[2] = out[2] + (a * f[i + 1] - b * f[i])

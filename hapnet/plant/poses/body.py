@@ -26,7 +26,7 @@ from typing import Annotated
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose
+from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose, arm, in_world
 from hapnet.plant.worlds.coupled import eliminate
 from hapnet.plant.worlds.coupled import force as push_of
 from hapnet.records.equation import equation
@@ -56,7 +56,7 @@ class Touched(Record):
 
     places : a, the points in the body's axes [m]. normals : into the solid (3,), of any length. depths [m],
     stiffnesses [N/m], dampings [Ns/m] : as in `hapnet.plant.worlds.coupled.Coupled`. drags : across the normals, of
-    friction [Ns/m]. pushes : along the normals, none above 0 [N]. speeds : of the points along them [m/s].
+    friction [Ns/m]. pushes : along the normals, none above 0 [N].
     """
 
     count: int
@@ -67,7 +67,6 @@ class Touched(Record):
     dampings: Annotated[Floats, (MOST,)]
     drags: Annotated[Floats, (MOST,)]
     pushes: Annotated[Floats, (MOST,)]
-    speeds: Annotated[Floats, (MOST,)]
 
 
 class RigidBody(Record):
@@ -119,9 +118,7 @@ class RigidBody(Record):
     @property
     def momentum(self) -> Vector:
         """Angular momentum about the point, in the world's axes [kg m^2/s]."""
-        out = [0.0] * 3
-        momentum(self, self.x, self.spin, out)
-        return tuple(out)
+        return momentum(self)
 
     def hold(self, stiffness: float, damping: float, arms_stiffness: float, arms_damping: float) -> None:
         """Hold it by this spring from now on, as the attributes."""
@@ -139,45 +136,16 @@ def kinetic(body: RigidBody) -> float:
 
 
 @equation
-def arm(x: Reals, length: float, j: int) -> tuple[float, float, float]:
-    """The arm P_j at x [m]."""
-    i = 3 + 3 * j
-    return (
-        x[i] + (length if j == 0 else 0.0),
-        x[i + 1] + (length if j == 1 else 0.0),
-        x[i + 2] + (length if j == 2 else 0.0),
-    )
-
-
-@equation
-def momentum(body: RigidBody, x: Reals, spin: Reals, out: Floats) -> None:
+def momentum(body: RigidBody) -> tuple[float, float, float]:
     """R I W."""
-    out[0] = out[1] = out[2] = 0.0
-    for j in range(3):
-        share = body.inertia[j] * spin[j] / body.arm_m
-        a, b, c = arm(x, body.arm_m, j)
-        out[0] = out[0] + share * a
-        out[1] = out[1] + share * b
-        out[2] = out[2] + share * c
+    about, spin = body.inertia, body.spin
+    return in_world(body.x, body.arm_m, (about[0] * spin[0], about[1] * spin[1], about[2] * spin[2]))
 
 
 @equation
 def settle(body: RigidBody) -> None:
     """`v` at the state."""
-    angular(body, body.spin, body.begun)
-    moving(body, body.x, body.velocity, body.begun, body.v)
-
-
-@equation
-def angular(body: RigidBody, spin: Reals, out: Floats) -> None:
-    """The angular velocity in the world's axes."""
-    out[0] = out[1] = out[2] = 0.0
-    for j in range(3):
-        share = spin[j] / body.arm_m
-        a, b, c = arm(body.x, body.arm_m, j)
-        out[0] = out[0] + share * a
-        out[1] = out[1] + share * b
-        out[2] = out[2] + share * c
+    moving(body, body.x, body.velocity, in_world(body.x, body.arm_m, body.spin), body.v)
 
 
 @equation
@@ -214,25 +182,14 @@ def turn(body: RigidBody, dt: float, w: Reals) -> None:
 
 
 @equation
-def place(body: RigidBody, a: Reals) -> tuple[float, float, float]:
-    """From the point c to the place `a` in the body's axes [m], in the middle of the step."""
-    x, y, z = 0.0, 0.0, 0.0
-    for j in range(3):
-        p, q, r = arm(body.middle, body.arm_m, j)
-        share = a[j] / body.arm_m
-        x, y, z = x + share * p, y + share * q, z + share * r
-    return x, y, z
-
-
-@equation
 def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> bool:
     """Move the body by a step of `dt` [s]; false: it was not found, and the body is where it was.
 
     push : constant force (12,) [N]. y : set-position (12,) of the spring that holds it [m].
     """
     u, w, rows = body.mean, body.w, body.rows
-    momentum(body, body.x, body.spin, body.begun)
-    angular(body, body.spin, w)
+    body.begun[0], body.begun[1], body.begun[2] = momentum(body)
+    w[0], w[1], w[2] = in_world(body.x, body.arm_m, body.spin)
     for i in range(3):
         u[i] = body.velocity[i]
     before, growths, body.rounds = inf, 0, 0
@@ -270,9 +227,7 @@ def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched)
         pulled = stiffness * (y[i] - x[i] - half * u[i]) - damping * u[i]
         rows[i][DOF] = gain * body.mass * (body.velocity[i] - u[i]) + push[i] + pulled
     # R1 I W1, and R1 I R0' as its derivative by W1
-    for j in range(3):
-        p, q, r = arm(x, reach, j)
-        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / reach - body.spin[j]
+    _spin_on(body)
     body.ended[0] = body.ended[1] = body.ended[2] = 0.0
     for j in range(3):
         start, end, share = arm(x, reach, j), arm(body.ends, reach, j), body.inertia[j] / (reach * reach)
@@ -306,16 +261,25 @@ def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched)
 
 
 @equation
+def _spin_on(body: RigidBody) -> None:
+    """W1 into `spun`: ``2 R0' w - W0``."""
+    w = body.w
+    for j in range(3):
+        p, q, r = arm(body.x, body.arm_m, j)
+        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / body.arm_m - body.spin[j]
+
+
+@equation
 def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
     """The part of a plane in `_balance`."""
     rows, u, w, n = body.rows, body.mean, body.w, planes.normals[k]
-    r, half = place(body, planes.places[k]), 0.5 * dt
+    r, half = in_world(body.middle, body.arm_m, planes.places[k]), 0.5 * dt
     turned, moved = _cross(r, n), _cross(w, r)
     speed = 0.0
     for i in range(3):
         speed += n[i] * (u[i] + moved[i])
     f, rate = push_of(planes.stiffnesses[k], planes.dampings[k], planes.depths[k], speed, dt)
-    planes.pushes[k], planes.speeds[k], drag = f, speed, planes.drags[k]
+    planes.pushes[k], drag = f, planes.drags[k]
     square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
     rate -= drag / square
     force = (
@@ -349,11 +313,9 @@ def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
 @equation
 def _arrive(body: RigidBody, dt: float) -> None:
     """The state at the step's end."""
-    x, u, w, reach = body.x, body.mean, body.w, body.arm_m
+    x, u, w = body.x, body.mean, body.w
     turn(body, dt, w)
-    for j in range(3):
-        p, q, r = arm(x, reach, j)
-        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / reach - body.spin[j]
+    _spin_on(body)
     for i in range(3):
         body.middle[i] = x[i] + 0.5 * dt * u[i]
         x[i] = x[i] + dt * u[i]

@@ -13,11 +13,11 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from hapnet.checks import MOST_PLANES, Array, Vector
+from hapnet.checks import MOST_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
-from hapnet.mechanics.pose import AXES
+from hapnet.mechanics.pose import AXES, arms, in_world
 from hapnet.plant.poses.body import MOST, RigidBody, Touched, step
 from hapnet.plant.poses.tool import Tool
 from hapnet.plant.worlds.friction import coefficient, tangential
@@ -31,6 +31,10 @@ from hapnet.records.vectors import added, dot
 
 CORRECTIONS = 4
 """The most rounds in which secants are corrected; 1 is usual."""
+
+
+Met = tuple[Vector, Secant, Vector]
+"""A point of the tool, a solid near it, and where the point is at the step's start [m]."""
 
 
 class State:
@@ -111,7 +115,7 @@ class ToolContacts(Surroundings):
         found.sort(key=lambda one: one[0])
         made = []
         for distance, point, normal, secant in found[:MOST_PLANES]:
-            r = np.asarray(point) @ arms_at(position, self.arm_m) / self.arm_m
+            r = in_world(position, self.arm_m, point)
             made.append(rigid_plane(position, self.arm_m, r, normal, distance, secant.stiffness, secant.damping))
         return tuple(made)
 
@@ -128,10 +132,9 @@ class ToolContacts(Surroundings):
         planes.count = 0
         if not step(body, dt, _STILL, ybar, planes):
             return None
-        met: list[tuple[Vector, Secant, Vector]] = []
-        energy = self.energy_J
+        met: list[Met] = []
         if not self._meet(body, start, met):
-            self.energy_J = min(energy, ANCHOR_CEILING_J)
+            self.energy_J = min(self.energy_J, ANCHOR_CEILING_J)
             return _STILL, 0.0
         self._anchor(met)
         for left in range(CORRECTIONS, -1, -1):  # a step is the last that is done, with the planes that count
@@ -144,10 +147,7 @@ class ToolContacts(Surroundings):
             for point, secant, x in met:
                 end = self.place_of(body.x, point)
                 wrong = secant.correct(x, _minus(end, x), end, dt * GOOD_MPS) or wrong
-            before = len(met)
-            if self._meet(body, start, met) and len(met) > before:
-                wrong = True
-            if not wrong:
+            if not (self._meet(body, start, met) or wrong):
                 break
         force, work, held = [0.0] * AXES, 0.0, 0.0
         for k, (point, secant, x) in enumerate(met):
@@ -162,20 +162,18 @@ class ToolContacts(Surroundings):
         self.energy_J = min(max(held, self.energy_J - work), held + ANCHOR_CEILING_J)
         return tuple(force), work
 
-    def _meet(
-        self, body: RigidBody, start: list[tuple[Vector, Secant, Vector]], met: list[tuple[Vector, Secant, Vector]]
-    ) -> bool:
+    def _meet(self, body: RigidBody, start: list[Met], met: list[Met]) -> bool:
         """Which planes does the displacement meet that were not met yet? Is there any?"""
-        known = {id(secant) for _, secant, _ in met}
+        before, known = len(met), {id(secant) for _, secant, _ in met}
         for point, secant, x in start:
             if id(secant) in known or len(met) == MOST:
                 continue
             delta = _minus(self.place_of(body.x, point), x)
             if secant.meets(x, delta, hypot(*delta)):
                 met.append((point, secant, x))
-        return bool(met)
+        return len(met) > before
 
-    def _anchor(self, met: list[tuple[Vector, Secant, Vector]]) -> None:
+    def _anchor(self, met: list[Met]) -> None:
         """Scale the depths down if the energy for them is not there."""
         true_J = added(onset_J(secant) for _, secant, _ in met)
         self.scale = 1.0
@@ -185,9 +183,7 @@ class ToolContacts(Surroundings):
                 if secant.depth > 0.0:
                     secant.depth *= self.scale
 
-    def _step(
-        self, body: RigidBody, state: State, dt: float, ybar: Vector, met: list[tuple[Vector, Secant, Vector]]
-    ) -> bool:
+    def _step(self, body: RigidBody, state: State, dt: float, ybar: Vector, met: list[Met]) -> bool:
         """The step against these planes, first without friction, then with it."""
         planes = self._planes
         planes.count = len(met)
@@ -234,15 +230,9 @@ class ToolContacts(Surroundings):
 _STILL: Vector = (0.0,) * AXES
 
 
-def arms_at(x: Sequence[float], arm_m: float) -> Array:
-    """The arms P_j at x (12,) [m], a row each."""
-    arms: Array = arm_m * np.eye(3) + np.reshape(np.asarray(x[3:], dtype=float), (3, 3))
-    return arms
-
-
 def rigid_plane(
-    x: Sequence[float], arm_m: float, r: Array, normal: Vector, distance: float, stiffness: float, damping: float,
-    speed: float = 0.0,
+    x: Sequence[float], arm_m: float, r: Sequence[float], normal: Vector, distance: float, stiffness: float,
+    damping: float, speed: float = 0.0,
 ) -> Plane:  # fmt: skip
     """A plane in the coordinates of a pose, as it acts on a body that stays rigid.
 
@@ -250,7 +240,7 @@ def rigid_plane(
     away. Its gradient there is ``(n, a_j n/l)``; only the part along rigid motions does work:
     ``(n, (r x n) x P_j/(2 l^2))``. stiffness [N/m], damping [Ns/m], speed [m/s] : along n.
     """
-    turned = np.cross(np.cross(r, normal), arms_at(x, arm_m)) / (2.0 * arm_m * arm_m)
+    turned = np.cross(np.cross(np.array(r), np.array(normal)), arms(x, arm_m)) / (2.0 * arm_m * arm_m)
     N = np.concatenate([normal, turned.ravel()])
     size = float(np.linalg.norm(N))
     unit = tuple((N / size).tolist())

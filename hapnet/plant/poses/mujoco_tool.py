@@ -142,7 +142,7 @@ class ToolPlanes(SpherePlanes):
                 other, normal, -float(contact.dist), np.array(contact.pos), contact.solref, contact.solimp
             )
             # the contact's point lies midway between the surfaces
-            mine = touched.point + 0.5 * float(contact.dist) * -normal - centre
+            mine = (touched.point + 0.5 * float(contact.dist) * -normal - centre).tolist()
             made = rigid_plane(
                 position,
                 ARM_M,
