@@ -115,13 +115,9 @@ def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedD
     """
     device = params.device
     period, limit = 1.0 / device.servo_hz, device.force_limit_N or None
-    if scene.units == POSE and not is_arm(params.hardware):
-        return SimulatedHandle(
-            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
-            resolution=device.resolution_m, force_limit=limit,
-        )  # fmt: skip
     if not is_arm(params.hardware):
-        return SimulatedDevice(
+        kind = SimulatedHandle if scene.units == POSE else SimulatedDevice
+        return kind(
             hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
             resolution=device.resolution_m, force_limit=limit,
         )  # fmt: skip

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
-from hapnet.checks import Vector
+from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.plant.arms import motion
 from hapnet.plant.arms.chain import JOINTS
 from hapnet.plant.arms.device import SimulatedArm
@@ -34,15 +34,5 @@ def enter(ends: Sequence[ArmEnd]) -> bool:
     return True
 
 
-class CompiledArm(SimulatedArm):
+class CompiledArm(CompiledTicks, SimulatedArm):
     """A `SimulatedArm` whose ticks are compiled."""
-
-    def runs(self, array: Any, end: Any, run: Any) -> None:
-        """array, end : the end's memory. run : the compiled tick."""
-        self._array, self._end, self._run = array, end, run
-
-    def _tick(self, begin: Vector, end: Vector) -> float:
-        self._end.path[0][: self.dof], self._end.path[1][: self.dof] = begin, end
-        self._run(self._array)
-        work: float = self._end.work
-        return work

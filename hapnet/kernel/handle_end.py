@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
+from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.mechanics.pose import AXES
 from hapnet.plant.poses import device as handles
 from hapnet.plant.poses.device import Handle, SimulatedHandle
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Reals, Record
+from hapnet.records.record import FloatRows, Record
 
 
 class HandleEnd(Record):
@@ -32,15 +33,5 @@ def enter(ends: Sequence[HandleEnd]) -> bool:
     return True
 
 
-class CompiledHandle(SimulatedHandle):
+class CompiledHandle(CompiledTicks, SimulatedHandle):
     """A `SimulatedHandle` whose ticks are compiled."""
-
-    def runs(self, array: Any, end: Any, run: Any) -> None:
-        """array, end : the end's memory. run : the compiled tick."""
-        self._array, self._end, self._run = array, end, run
-
-    def _tick(self, begin: Reals, end: Reals) -> float:
-        self._end.path[0][:], self._end.path[1][:] = begin, end
-        self._run(self._array)
-        work: float = self._end.work
-        return work

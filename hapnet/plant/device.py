@@ -220,9 +220,13 @@ class SimulatedDevice(Record):
         self.time = self.ticks * self.period
         begin, end = self.references[-1], self.operator.reference(self.time)
         self.references = [end]
-        work = tick(self.model, self.state, (begin, end), 0)
+        work = self._tick(begin, end)
         self.position = tuple(self.state.position)
         return work
+
+    def _tick(self, begin: Vector, end: Vector) -> float:
+        """A tick into `state`, while the hand's reference goes from `begin` to `end` [m]. Returns the hand's work [J]."""
+        return tick(self.model, self.state, (begin, end), 0)
 
     def run(self, ticks: int) -> list[TickResult]:
         """Run `ticks` ticks, with no input in between. Returns the result of each."""

@@ -7,12 +7,15 @@ import pytest
 
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.errors import InvalidParameter
+from hapnet.kernel.handle_end import CompiledHandle
+from hapnet.kernel.real_time import CompiledDevices
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import Params
-from hapnet.plant.operator import Impedance, Rest
+from hapnet.plant.operator import Impedance, Rest, Sine
 from hapnet.plant.poses.device import SimulatedHandle
 from hapnet.plant.poses.hand import TurningHand, turned
+from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import simulate
 from tests.support.theorem_cases import TOLERANCE_J
 
@@ -119,3 +122,19 @@ def test_turning_may_have_a_stiffness_of_its_own() -> None:
     assert soft["motion"]["peak_torque_Nm"] < 0.7 * plain["motion"]["peak_torque_Nm"]
     with pytest.raises(InvalidParameter, match="one number above 0 for the point, and one for turning"):
         simulate({**changes, "world.stiffness": [*range(1, 13)], "duration_s": 0.1})
+
+
+@pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
+def test_a_handles_compiled_ticks_have_the_same_bits() -> None:
+    rng = np.random.default_rng(6)
+    plain, compiled = (SimulatedHandle(TurningHand(Sine(3, Impedance()), 0.5, 0.7), damping=0.3) for _ in range(2))
+    assert CompiledDevices().simulated(compiled) is compiled
+    assert type(compiled) is CompiledHandle
+    for k in range(300):
+        if k % 30 == 0:
+            force = tuple(rng.normal(0.0, 0.3, AXES).tolist())
+        assert compiled.apply(force) == plain.apply(force)
+        assert compiled.advance() == plain.advance()
+        assert (compiled.position, compiled.velocity, compiled.hand_force) == (
+            plain.position, plain.velocity, plain.hand_force,
+        )  # fmt: skip

@@ -124,22 +124,18 @@ class SimulatedArm(SimulatedDevice):
         """Refused: an arm's force is held from tick to tick."""
         raise InvalidParameter("device.servo", "continuous", "sampled with an arm")
 
-    def advance(self) -> float:
+    def _tick(self, begin: Vector, end: Vector) -> float:
         arm, state = self.arm, self.state
-        self.ticks += 1
-        self.time = self.ticks * self.period
-        begin, end = self.references[-1], self.operator.reference(self.time)
-        self.references = [end]
-        work = self._tick(begin, end)
+        work = self._run(begin, end)
         for mine, ours in (
             (arm.x, state.position), (arm.v, state.velocity), (arm.hand_force, state.hand_force),
             (arm.force, state.torque), (arm.force, state.actuator_force),
         ):  # fmt: skip
             copy(self.dof, mine, ours)
-        self.position = tuple(state.position)
         return work
 
-    def _tick(self, begin: Vector, end: Vector) -> float:
+    def _run(self, begin: Vector, end: Vector) -> float:
+        """A tick of the arm's record; compiled ones have another."""
         return motion.tick(self.arm, (begin, end), 0)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -15,7 +16,7 @@ from hapnet.plant.operator import Operator
 from hapnet.plant.poses import body as bodies
 from hapnet.plant.poses.body import RigidBody, Touched, kinetic, settle
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Reals, Record, zero
+from hapnet.records.record import Reals, Record, zero
 from hapnet.records.vectors import copy
 
 MOST_PARTS = 1024
@@ -53,7 +54,7 @@ class Handle(Record):
 
 
 @equation
-def tick(handle: Handle, path: Annotated[FloatRows, (2, AXES)]) -> float:
+def tick(handle: Handle, path: Sequence[Reals]) -> float:
     """One tick, while the hand's reference goes from path[0] to path[1] [m]. Returns the hand's work [J]."""
     body, h, K, B, work = handle.body, handle.h, handle.hand_stiffness, handle.hand_damping, 0.0
     for done in range(handle.steps):
@@ -114,32 +115,18 @@ class SimulatedHandle(SimulatedDevice):
     Raises InvalidParameter: a value is not allowed.
     """
 
-    def __init__(
-        self,
-        operator: Operator,
-        *,
-        mass: float = 0.045,
-        damping: float = 0.3,
-        period: float = 1e-3,
-        substeps: int = 4,
-        resolution: float = 0.0,
-        force_limit: float | None = None,
-        arm_m: float = ARM_M,
-    ) -> None:
-        super().__init__(
-            operator, mass=mass, damping=damping, period=period, substeps=substeps, resolution=resolution,
-            force_limit=force_limit,
-        )  # fmt: skip
+    def __init__(self, operator: Operator, *, arm_m: float = ARM_M, **others: Any) -> None:
+        super().__init__(operator, **others)
         if self.dof != AXES:
             raise InvalidParameter("operator", f"{self.dof} axes", f"a hand that gives poses, of {AXES} coordinates")
         self.arm_m = checks.positive("arm_m", arm_m)
         hand = operator.impedance
-        whole = mass + hand.mass
+        whole, damping = self.mass + hand.mass, hand.damping + self.damping
         self.handle = made = zero(Handle)
         made.body = RigidBody(whole, (2.0 * whole * arm_m * arm_m,) * 3, self.position, arm_m)
+        made.body.hold(hand.stiffness, damping, hand.stiffness, damping)
         settle(made.body)
-        made.steps, made.period, made.h = substeps, period, period / substeps
-        made.body.hold(hand.stiffness, hand.damping + damping, hand.stiffness, hand.damping + damping)
+        made.steps, made.period, made.h = self._substeps, self.period, self.period / self._substeps
         made.hand_share = hand.mass / whole
         made.hand_stiffness, made.hand_damping = hand.stiffness, hand.damping
 
@@ -164,17 +151,13 @@ class SimulatedHandle(SimulatedDevice):
         """Refused: a handle's force is held from tick to tick."""
         raise InvalidParameter("device.servo", "continuous", "sampled with a pose")
 
-    def advance(self) -> float:
+    def _tick(self, begin: Vector, end: Vector) -> float:
         handle, state = self.handle, self.state
-        self.ticks += 1
-        self.time = self.ticks * self.period
-        begin, end = self.references[-1], self.operator.reference(self.time)
-        self.references = [end]
-        work = self._tick(begin, end)
+        work = self._run(begin, end)
         state.position[:], state.velocity[:] = handle.body.x, handle.body.v
         state.hand_force[:], state.actuator_force[:] = handle.hand_force, handle.held
-        self.position = tuple(state.position)
         return work
 
-    def _tick(self, begin: Reals, end: Reals) -> float:
-        return tick(self.handle, [list(begin), list(end)])
+    def _run(self, begin: Vector, end: Vector) -> float:
+        """A tick of the handle's record; compiled ones have another."""
+        return tick(self.handle, (begin, end))
