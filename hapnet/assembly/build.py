@@ -114,11 +114,10 @@ class Setup:
     @property
     def felt(self) -> Felt:
         """How stiff the stiffest wall or solid is felt; in a world without that reads it, `world.wall.stiffness`."""
-        solids = getattr(self.scene.contacts, "solids", None)
-        walls = [wall.stiffness for wall in (*self.scene.walls, *(solids or ()))]
-        if not walls and solids is None and "stiffness" in scene_parameters(self.params.scene):
-            walls = [self.params.world.wall.stiffness]
-        stiffest = max(walls, default=None)
+        known = self.scene.stiffnesses
+        if known is None and "stiffness" in scene_parameters(self.params.scene):
+            known = (self.params.world.wall.stiffness,)
+        stiffest = max(known or (), default=None)
         if self.params.coupling not in COUPLING_NAMES:  # what springs a law of the user's own has is not known
             return of_springs(None, stiffest)
         return felt(self.params, self.coupling.scaled, stiffest)
@@ -141,8 +140,9 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 def _prepared(params: Params, default_servo: str) -> Setup:
     params = with_arm(params)
     scene, warnings = _scene(params)
-    if (turned := with_units(params, scene)) != params:
-        params, (scene, _) = turned, _scene(turned)
+    before, params = params, with_units(params, scene)
+    if any(params.get(name) != before.get(name) for name in _SCENE_PARAMETERS.values()):
+        scene, _ = _scene(params)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
     params = _with_stages(with_springs(params), coupling(params.coupling))
@@ -155,8 +155,8 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         raise InvalidParameter("coupling", params.coupling, allowed)
     servo = device.servo
     if servo == "auto":
-        acts_within = spec.continuous is not None and params.rendering == "paper" and not is_arm(params.hardware)
-        acts_within = acts_within and scene.units != POSE
+        acts_within = spec.continuous is not None and params.rendering == "paper"
+        acts_within = acts_within and not is_arm(params.hardware) and scene.units != POSE
         servo = default_servo if acts_within else "sampled"
     elif servo == "continuous" and spec.continuous is None:
         raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")

@@ -225,7 +225,7 @@ class SimulatedDevice(Record):
         return work
 
     def _tick(self, begin: Vector, end: Vector) -> float:
-        """A tick into `state`, while the hand's reference goes from `begin` to `end` [m]. Returns the hand's work [J]."""
+        """A tick into `state`, as the hand's reference goes from `begin` to `end` [m]. Returns the hand's work [J]."""
         return tick(self.model, self.state, (begin, end), 0)
 
     def run(self, ticks: int) -> list[TickResult]:

@@ -70,6 +70,10 @@ class ToolScene(WorldDefaults):
         self.contacts.require_outside(self.start)
         self._steps = Scene(name, 1, (), min_s, max_s)
 
+    @property
+    def stiffnesses(self) -> tuple[float, ...]:
+        return tuple([solid.stiffness for solid in self.contacts.solids])
+
     def next_step_s(self, rng: np.random.Generator) -> float:
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return self._steps.next_step_s(rng)

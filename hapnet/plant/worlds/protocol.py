@@ -47,6 +47,11 @@ class WorldDefaults(Protocol):
         return ()
 
     @property
+    def stiffnesses(self) -> tuple[float, ...] | None:
+        """Of its walls and solids [N/m]; None: it has neither, or theirs are not known."""
+        return tuple([wall.stiffness for wall in self.walls]) or None
+
+    @property
     def surfaces(self) -> tuple[Surface, ...]:
         """The surfaces that plots draw."""
         return ()

@@ -76,6 +76,10 @@ class RigidScene(WorldDefaults):
         """Has any surface effects, which the device renders?"""
         return any(solid.effects is not None for solid in self.contacts.solids)
 
+    @property
+    def stiffnesses(self) -> tuple[float, ...]:
+        return tuple([solid.stiffness for solid in self.contacts.solids])
+
     def next_step_s(self, rng: np.random.Generator) -> float:
         """Draw the duration of the next step, T_k [s]: uniform in [min_s, max_s]."""
         return self._empty.next_step_s(rng)
