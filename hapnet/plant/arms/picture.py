@@ -16,6 +16,7 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.curvature import across
 from hapnet.mechanics.pose import quaternions
 from hapnet.plant.arms.chain import difference, place
 from hapnet.plant.arms.device import TIP_AXES, inverse
@@ -117,8 +118,6 @@ def _capsule(end: Sequence[float], radius: float, color: Color, body: int) -> Pa
     length = float(np.linalg.norm(along))
     vertices, triangles = ball(24, length / radius)
     if length > 0.0:
-        z = along / length
-        x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
-        x /= np.linalg.norm(x)
-        vertices = vertices @ np.stack([x, np.cross(z, x), z])
+        unit = along / length
+        vertices = vertices @ np.array([*across(tuple(unit.tolist())), unit])
     return part(radius * vertices + 0.5 * along, triangles, color, body, smooth=True)

@@ -20,8 +20,8 @@ from hapnet.plant.poses.contacts import rigid_plane
 from hapnet.plant.poses.tool import Tool
 from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.plant.worlds.mujoco_engine import MujocoEngine
-from hapnet.plant.worlds.mujoco_model import Model, asked, load, shape_of_proxy
-from hapnet.plant.worlds.mujoco_planes import SpherePlanes, Touched
+from hapnet.plant.worlds.mujoco_model import Model, add_free_body, asked, load
+from hapnet.plant.worlds.mujoco_planes import NearGeom, SpherePlanes
 from hapnet.units import POSE
 
 _MARGIN_M = 0.03
@@ -49,7 +49,7 @@ class MujocoToolEngine(MujocoEngine):
         super().__init__(scene, AXES)
 
     def _load(self, scene: str, mass: float) -> Model:
-        found = load(scene, DOF, mass, partial(_add_tool, self._tool))
+        found = load(scene, DOF, mass, partial(_add_tool, self._tool, mass))
         self._place = int(found.model.jnt_qposadr[found.model.body_jntadr[found.body]])
         start = found.data.qpos[self._place : self._place + 7]
         start[:3], start[3:] = asked(scene).at or (0.0, 0.0, 0.0), _STILL
@@ -137,29 +137,19 @@ class ToolPlanes(SpherePlanes):
                 continue
             if contact.dist > reach_m:
                 continue
-            normal = np.array(contact.frame[:3]) * (1.0 if first else -1.0)
-            touched = Touched(
-                other, normal, -float(contact.dist), np.array(contact.pos), contact.solref, contact.solimp
-            )
-            # the contact's point lies midway between the surfaces
-            mine = (touched.point + 0.5 * float(contact.dist) * -normal - centre).tolist()
-            made = rigid_plane(
-                position,
-                ARM_M,
-                mine,
-                tuple(normal.tolist()),
-                -touched.depth,
-                *self._soft(touched),
-                self._speed(touched),
-            )
-            planes.append((-touched.depth, made))
+            n, point, distance = np.array(contact.frame[:3]), np.array(contact.pos), float(contact.dist)
+            normal = n if first else -n
+            near = NearGeom(other, normal, -distance, point, contact.solref, contact.solimp)
+            r = point - 0.5 * distance * normal - centre  # the contact's point lies midway between the surfaces
+            soft, speed = self._soft(near), self._speed(near)
+            made = rigid_plane(position, ARM_M, r.tolist(), tuple(normal.tolist()), distance, *soft, speed)
+            planes.append((distance, made))
         planes.sort(key=lambda one: one[0])
         return tuple([plane for _, plane in planes[:MOST_PLANES]])
 
 
-def _add_tool(tool: Tool, engine: Any, spec: Any, mass: float) -> None:
-    """Add the tool as a model of its own, which has MuJoCo's defaults and not those of `spec`."""
+def _add_tool(tool: Tool, mass: float, engine: Any, spec: Any) -> None:
     kind, size = engine.mjtGeom.mjGEOM_BOX, [0.5 * length for length in tool.size]
     if tool.name == "peg":
         kind, size = engine.mjtGeom.mjGEOM_CYLINDER, [0.5 * tool.size[0], 0.5 * tool.size[2], 0.0]
-    shape_of_proxy(engine, spec, mass, kind, size, margin=_MARGIN_M)
+    add_free_body(engine, spec, {"type": kind, "size": size, "mass": mass}, _MARGIN_M)

@@ -9,6 +9,7 @@ import numpy as np
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.curvature import across
 from hapnet.plant.worlds.shapes import Near
 from hapnet.records.vectors import inner
 
@@ -37,9 +38,9 @@ class Hole:
         """Distance [m] and gradient: of the plane, the hole's side or the chamfer, whichever is nearest in front."""
         away = [a - b for a, b in zip(position, self.at, strict=True)]
         deep = inner(away, self.normal)
-        across = [a - deep * n for a, n in zip(away, self.normal, strict=True)]
-        out = hypot(*across)
-        inwards = tuple([-part / out for part in across]) if out else _ANY
+        aside = [a - deep * n for a, n in zip(away, self.normal, strict=True)]
+        out = hypot(*aside)
+        inwards = tuple([-part / out for part in aside]) if out else _ANY
         plane = Near(-deep, tuple([-n for n in self.normal]))
         side = Near(self.radius - out, inwards)
         slant = Near(
@@ -51,11 +52,9 @@ class Hole:
     @property
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices (N, 3) [m] and triangles (M, 3): the plane round the mouth, and the hole's side."""
-        n = np.array(self.normal)
-        one = np.cross(n, np.eye(3)[np.abs(n).argmin()])
-        one /= np.linalg.norm(one)
+        n, basis = np.array(self.normal), np.array(across(self.normal))
         turns = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-        ring = np.cos(turns)[:, None] * one + np.sin(turns)[:, None] * np.cross(n, one)
+        ring = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ basis
         wide = self.radius + self.chamfer
         rows = [4.0 * wide * ring, wide * ring, self.radius * ring + self.chamfer * n]
         rows.append(self.radius * ring + (self.chamfer + 6.0 * self.radius) * n)

@@ -10,7 +10,7 @@ begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -93,10 +93,10 @@ def _numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in text.split(",") if part.strip())
 
 
-def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any, float], None] | None = None) -> Model:
+def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | None = None) -> Model:
     """The model that `scene` names, with a proxy of `mass` [kg] if a sphere is added, which moves on `dof` axes.
 
-    add : adds something else than the sphere, given engine, model and mass; it turns.
+    add : adds a free body in place of the sphere, given engine and model. Whoever does that puts it where it is free.
 
     Raises MissingLibrary; InvalidParameter: there is no such file, it is no model, or it has no such body.
     """
@@ -113,7 +113,7 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any, float], Non
         total = float(spec.compiler.settotalmass)
         spec.compiler.settotalmass = -1.0  # the sphere is no part of the model's mass
         if add is not None:
-            add(engine, spec, mass)
+            add(engine, spec)
         elif not want.proxy:
             _add_sphere(engine, spec, want, dof, mass)
         model = spec.compile()
@@ -125,7 +125,7 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any, float], Non
             raise InvalidParameter("scene", scene, allowed)
         model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
         model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a jump back: energy from nowhere
-        return _with_proxy(engine, model, data, scene, want, dof)
+        return _with_proxy(engine, model, data, scene, want, dof, lifts=add is None)
     except InvalidParameter:
         raise
     except Exception as error:
@@ -137,31 +137,34 @@ def _quiet(warning: str) -> None:
 
 
 def _add_sphere(engine: Any, spec: Any, want: Asked, dof: int, mass: float) -> None:
-    """Add the sphere as a model of its own, which has MuJoCo's defaults and not those of `spec`."""
-    own = engine.MjSpec()
-    body = own.worldbody.add_body(name=_PROXY, pos=list(want.at or (0.0, 0.0, 0.0)))
-    body.gravcomp = 1.0
-    for axis in range(dof):
-        along = [float(i == axis) for i in range(3)]
-        body.add_joint(name=f"{_PROXY}_{'xyz'[axis]}", type=engine.mjtJoint.mjJNT_SLIDE, axis=along)
-    body.add_geom(
-        name=_PROXY, type=engine.mjtGeom.mjGEOM_SPHERE, size=[want.radius, 0.0, 0.0], mass=mass,
-        contype=_ALL, conaffinity=_ALL, priority=-1, rgba=[0.9, 0.5, 0.1, 1.0],  # what it touches has the friction
-    )  # fmt: skip
-    spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+    """Add the sphere, on slide joints."""
+
+    def slide(body: Any) -> None:
+        for axis in range(dof):
+            along = [float(i == axis) for i in range(3)]
+            body.add_joint(name=f"{_PROXY}_{'xyz'[axis]}", type=engine.mjtJoint.mjJNT_SLIDE, axis=along)
+
+    geom = {"type": engine.mjtGeom.mjGEOM_SPHERE, "size": [want.radius, 0.0, 0.0], "mass": mass}
+    _add_proxy(engine, spec, want.at, slide, geom)
 
 
-def shape_of_proxy(engine: Any, spec: Any, mass: float, kind: Any, size: list[float], margin: float) -> None:
-    """Add a free body without weight as the proxy, one geom of this kind and size; contacts within `margin` [m] are
-    listed, and push where it touches."""
+def add_free_body(engine: Any, spec: Any, geom: Mapping[str, Any], margin_m: float) -> None:
+    """Add a free body as the proxy: one `geom`, type, size and mass. Contacts within `margin_m` are listed."""
+    _add_proxy(engine, spec, (), lambda body: body.add_freejoint(name=_PROXY), {**geom, "gap": margin_m})
+
+
+def _add_proxy(
+    engine: Any, spec: Any, at: Sequence[float], join: Callable[[Any], None], geom: Mapping[str, Any]
+) -> None:
+    """Add a body without weight as a model of its own, which has MuJoCo's defaults and not those of `spec`."""
     own = engine.MjSpec()
-    body = own.worldbody.add_body(name=_PROXY)
+    body = own.worldbody.add_body(name=_PROXY, pos=list(at or (0.0, 0.0, 0.0)))
     body.gravcomp = 1.0
-    body.add_freejoint(name=_PROXY)
+    join(body)
+    # what it touches has the friction
     body.add_geom(
-        name=_PROXY, type=kind, size=size, mass=mass, contype=_ALL, conaffinity=_ALL, priority=-1,
-        rgba=[0.9, 0.5, 0.1, 1.0], margin=0.0, gap=margin,
-    )  # fmt: skip
+        name=_PROXY, contype=_ALL, conaffinity=_ALL, priority=-1, rgba=[0.9, 0.5, 0.1, 1.0], margin=0.0, **geom
+    )
     spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
 
 
@@ -174,7 +177,7 @@ def _weigh(engine: Any, model: Any, total: float) -> None:
     engine.mj_setConst(model, engine.MjData(model))  # it moves what it is given
 
 
-def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int) -> Model:
+def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int, *, lifts: bool) -> Model:
     kinds, site = engine.mjtObj, -1
     if want.proxy:
         body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, want.proxy))
@@ -192,7 +195,7 @@ def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof
         first = int(model.body_dofadr[body])
         dofs = tuple(range(first, first + dof))
     key = _begin(engine, model, data, scene, want, dofs)
-    if dofs and not want.at and int(model.jnt_type[model.body_jntadr[body]]) != int(engine.mjtJoint.mjJNT_FREE):
+    if dofs and lifts and not want.at:
         _raise(engine, model, data, body, want.radius)
     engine.mj_forward(model, data)
     geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())

@@ -48,7 +48,7 @@ _SOFTEST, _STIFFEST = 1.0, 1e6
 """Stiffnesses are sent within these limits [N/m]."""
 
 
-class Touched(NamedTuple):
+class NearGeom(NamedTuple):
     """A geom near the sphere: its number, the unit normal (3,) into it, the depth and the point [m], and how the engine
     pushes back."""
 
@@ -110,7 +110,7 @@ class SpherePlanes:
         planes = [plane for one in found if (plane := self._plane(position, one)) is not None]
         return tuple(sorted(planes, key=lambda plane: -plane.depth(position))[:MOST_PLANES])
 
-    def _touched(self) -> Iterator[Touched]:
+    def _touched(self) -> Iterator[NearGeom]:
         data, own = self._found.data, self._own
         count, seen = data.ncon, list[tuple[int, Array]]()
         if not count:
@@ -126,9 +126,9 @@ class SpherePlanes:
                 continue
             seen.append((other, normal))
             depth = float(contact.includemargin - contact.dist)
-            yield Touched(other, normal, depth, np.array(contact.pos), contact.solref, contact.solimp)
+            yield NearGeom(other, normal, depth, np.array(contact.pos), contact.solref, contact.solimp)
 
-    def _near(self, touched: set[int], reach_m: float) -> Iterator[Touched]:
+    def _near(self, touched: set[int], reach_m: float) -> Iterator[NearGeom]:
         engine, model, data, own = self._found.engine, self._found.model, self._found.data, self._own
         centre = data.geom_xpos[own]
         away = np.linalg.norm(data.geom_xpos[self._others] - centre, axis=1)
@@ -140,7 +140,7 @@ class SpherePlanes:
             length = float(np.linalg.norm(unit))
             if 0.0 < distance < reach_m and length > 0.0:
                 solref, solimp = self._material(geom)
-                yield Touched(geom, unit / length, -float(distance), self._segment[3:].copy(), solref, solimp)
+                yield NearGeom(geom, unit / length, -float(distance), self._segment[3:].copy(), solref, solimp)
 
     def _material(self, geom: int) -> tuple[Array, Array]:
         """`solref` and `solimp` of a contact with this geom, mixed as the engine does."""
@@ -155,7 +155,7 @@ class SpherePlanes:
         solref = np.minimum(*refs) if direct and 0.0 < share < 1.0 else share * refs[0] + (1.0 - share) * refs[1]
         return solref, share * model.geom_solimp[own] + (1.0 - share) * model.geom_solimp[geom]
 
-    def _plane(self, position: Vector, touch: Touched) -> Plane | None:
+    def _plane(self, position: Vector, touch: NearGeom) -> Plane | None:
         """The plane for the sphere's centre, as it is cut by the hand's axes; None: it is across all of them."""
         into: Vector = tuple(touch.normal.tolist())
         length = hypot(*into[: self._dof])
@@ -172,7 +172,7 @@ class SpherePlanes:
                 bends = tuple([Curvature(unit, _along(bends, unit)) for unit in across(normal)]) if bends else ()
         return Plane(normal, offset, stiffness, damping, self._speed(touch) / length, bends, friction)
 
-    def _soft(self, touch: Touched) -> tuple[float, float]:
+    def _soft(self, touch: NearGeom) -> tuple[float, float]:
         """Stiffness [N/m] and damping [Ns/m] of the engine's contact."""
         model = self._found.model
         weights = model.body_invweight0[:, 0]
@@ -195,7 +195,7 @@ class SpherePlanes:
         gain = impedance / ((1.0 - impedance) * light)
         return min(max(k * impedance * gain, _SOFTEST), _STIFFEST), max(b * gain, 0.0)
 
-    def _speed(self, touch: Touched) -> float:
+    def _speed(self, touch: NearGeom) -> float:
         """Of the touched body's point, along the normal [m/s]."""
         model, data = self._found.model, self._found.data
         body = int(model.geom_bodyid[touch.geom])
@@ -204,7 +204,7 @@ class SpherePlanes:
         self._found.engine.mj_jac(model, data, self._jacobian, None, touch.point, body)
         return float(touch.normal @ (self._jacobian @ data.qvel))
 
-    def _bends(self, touch: Touched, into: Vector) -> Curvatures:
+    def _bends(self, touch: NearGeom, into: Vector) -> Curvatures:
         """How the surface of all places where the sphere's centre just touches bends; empty: flat, an edge, unknown."""
         kinds, model = self._found.engine.mjtGeom, self._found.model
         kind, size = int(model.geom_type[touch.geom]), model.geom_size[touch.geom].tolist()
