@@ -85,7 +85,8 @@ class Params:
 
     scene: str = _p(
         "wall",
-        "free, wall, box, paper, moving, joints, solids (sphere, mesh:FILE, sdf:...), mujoco:FILE.xml, module:name",
+        "free, wall, box, paper, moving, joints, solids (sphere, mesh:FILE, sdf:...), tool:box + solids, soft, "
+        "mujoco:FILE.xml, module:name",
     )
     operator: str = _p(
         "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"

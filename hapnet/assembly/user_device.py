@@ -354,9 +354,8 @@ class UserDevice:
         Raises InvalidParameter: device.known_mass_kg is not one number, or one for each axis.
         """
         limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
-        if not params.self_test_N or isinstance(
-            self.device, Posed
-        ):  # how heavy a pose is along its coordinates is not known
+        # along a pose's coordinates nobody knows how heavy a handle is
+        if not params.self_test_N or isinstance(self.device, Posed):
             return None
         mass = checks.vector("device.known_mass_kg", cast(ArrayLike, params.known_mass_kg))
         if len(mass) not in (1, self.dof):

@@ -24,7 +24,8 @@ Scene = Annotated[
     str | None,
     typer.Option(
         help="free, wall, box, paper, moving, joints; solids: sphere, cuboid, cylinder, plane, 'mesh:FILE?unit=mm', "
-        "sdf:module:function (several joined by ' + '); mujoco:FILE.xml; or module:name.",
+        "sdf:module:function (several joined by ' + '), also with a tool that turns in front: 'tool:box + plane'; "
+        "soft; mujoco:FILE.xml; or module:name.",
         autocompletion=complete.scenes,
     ),
 ]
