@@ -97,7 +97,8 @@ def _main(
     log = Log(role, words, log_to, progress=given.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
-    for end in real_time.missing(setup.coupling, (real_time.SERVO if role == "device" else real_time.WORLD,), params):
+    own = real_time.SERVO if role == "device" else real_time.WORLD
+    for end in real_time.missing(setup.coupling, (own,), setup.params):
         log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
         real_time.make_ready(end)
     written, started_by_run = output.Written(), PARENT in os.environ

@@ -24,13 +24,14 @@ from hapnet.kernel.servo_end import CompiledServo, ServoEnd
 from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
-from hapnet.params import Params, is_arm, is_tool
+from hapnet.params import Params, is_arm
 from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
 from hapnet.plant.poses.device import SimulatedHandle
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records import machine_code
 from hapnet.records.record import AXES, Record
+from hapnet.units import POSE
 
 SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
 """The ends, a simulated arm, and a handle that turns."""
@@ -60,10 +61,13 @@ def make_ready(name: str) -> Any:
 
 
 def part_of_device(params: Params) -> str:
-    """What of the simulated device is compiled by itself: an arm, or the handle of a tool; empty: nothing."""
+    """What of the simulated device is compiled by itself: an arm, or the handle of a tool; empty: nothing.
+
+    params : with the units of the world.
+    """
     if is_arm(params.hardware):
         return ARM
-    return HANDLE if params.hardware == "simulated" and is_tool(params.scene) else ""
+    return HANDLE if params.hardware == "simulated" and params.units == POSE else ""
 
 
 def missing(spec: CouplingSpec[Any], wanted: Iterable[str], params: Params = _DEFAULTS) -> list[str]:
@@ -73,7 +77,7 @@ def missing(spec: CouplingSpec[Any], wanted: Iterable[str], params: Params = _DE
         return []
     compiled = zip((SERVO, WORLD), spec.compiled or (), strict=False)
     device = part_of_device(params)
-    needed = {end for end, law in compiled if law is None} if not is_tool(params.scene) else set()
+    needed = {end for end, law in compiled if law is None} if params.units != POSE else set()
     needed |= {device} if device else set()
     asked = [end for one in wanted for end in ((one, device) if one == SERVO else (one,))]
     return [end for end in asked if end in needed and not sources.are_compiled(end)]

@@ -10,13 +10,14 @@ from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
-from hapnet.params import Params, is_arm, is_tool
+from hapnet.params import Params, is_arm
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.rigid import RigidScene, describes
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records.machine_code import no_compiler
 from hapnet.records.record import AXES
+from hapnet.units import POSE
 from netem import LinkProfile
 
 _MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ, and over a step of the admission, they must fit 63 bits
@@ -85,7 +86,7 @@ def with_device(setup: Setup) -> Setup:
     """The setup, with the ticks of an arm or of a tool's handle compiled where that pays; the rest of such a run is the
     reference's."""
     params = setup.params
-    if not (is_arm(params.hardware) or is_tool(params.scene)) or no_compiler() is not None:
+    if not (is_arm(params.hardware) or params.units == POSE) or no_compiler() is not None:
         return setup
     from hapnet.kernel import real_time  # here, since it imports every end
 
