@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hapnet.checks import one_of
 from hapnet.commands import complete, flags, output
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
-from hapnet.params import Params
+from hapnet.params import Params, is_tool
 from netem.groups import Without
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hapnet.metrics.impedance import Curve
     from hapnet.study.stable_stiffness import Case
-    from hapnet.study.transparency import Task
+    from hapnet.study.transparency import Curves, Task
     from hapnet.study.z_width import ZWidth
 
 LINKS = ("lan", "4g")
@@ -51,6 +51,14 @@ class TransparencyOptions:
         ),
     ] = None
     seeds: Annotated[str, typer.Option(metavar="A:B", help="Seeds from A to B - 1.")] = "0:3"
+    motion: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Of a tool: along-x, -y or -z, or about-x, -y or -z; repeat it, or separate names by commas. "
+            "Default: along the axis into the first solid, and about the next one.",
+        ),
+    ] = None
     z_width: Annotated[
         bool,
         typer.Option(
@@ -70,7 +78,6 @@ def transparency(
     model: Annotated[
         ModelOptions,
         Without(
-            "scene",
             "operator",
             "coupling",
             "deadband",
@@ -87,8 +94,10 @@ def transparency(
 ) -> int:
     """Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.
 
-    Prints a table; writes a figure and all numbers as JSON. --z-width adds the stiffest wall without limit cycles, and
-    the stiffest stable spring of the device, over servo rates and own dampings, beside Colgate's bound.
+    Prints a table; writes a figure and all numbers as JSON. With --scene 'tool:box + plane' a tool is moved along an
+    axis and turned about another: in N/m and Nm/rad, beside the tool itself. --z-width adds the stiffest wall without
+    limit cycles, and the stiffest stable spring of the device, over servo rates and own dampings, beside Colgate's
+    bound.
     """
     chosen = params.over(Params(), model.named())
     if params.show_params:
@@ -104,7 +113,10 @@ def transparency(
     from hapnet.study.plans import links_of
     from hapnet.study.transparency import Task
 
-    names = names_of(options.coupling) or list(COUPLING_NAMES)
+    motions = _motions(options, chosen)
+    # a tool moves on a spring of its own, which waves and velocities do not give it
+    usable = [name for name in COUPLING_NAMES if not any(motions) or "world" in coupling(name).set_positions]
+    names = names_of(options.coupling) or usable
     for name in names:
         coupling(name)
     for name in ("coupling", "link.up", "link.down"):
@@ -112,9 +124,10 @@ def transparency(
             raise InvalidParameter(name, chosen.get(name), f"its default: here --{name.partition('.')[0]} sets it")
     links, seeds = links_of(list(options.link or LINKS), ()), seed_range(options.seeds)
     tasks = [
-        Task(name, link, chosen.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand)
+        Task(name, link, chosen.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand, motion=motion)
         for name in dict.fromkeys(names)
         for link, (up, down) in links.items()
+        for motion in motions
         for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(options))]
     ]
     cases = stable_stiffness.cases(chosen) if options.z_width else []
@@ -128,7 +141,7 @@ def transparency(
     with Progress(output.progress_console(), "measuring", len(tasks), "runs") as bar:
         found = dealt(transparency.run, tasks, workers, lambda share: bar.update(share * len(tasks)))
         bar.stage("drawing")
-        curves: dict[tuple[str, str], Curve] = {}
+        curves: Curves = {}
         widths: dict[tuple[str, str, str], ZWidth] = {}
         springs: dict[Case, ZWidth] = {}
         for task, result in zip(tasks, found, strict=True):
@@ -138,12 +151,16 @@ def transparency(
             elif task.hand is not None:
                 assert not isinstance(result, Transmission)
                 widths[task.coupling, task.link, task.hand] = result
-            elif (task.coupling, task.link) not in curves:
+            elif (key := (task.coupling, task.link, task.motion)) not in curves:
                 same = [
-                    r for t, r in zip(tasks, found, strict=True) if t[:2] == task[:2] and isinstance(r, Transmission)
+                    r
+                    for t, r in zip(tasks, found, strict=True)
+                    if (*t[:2], t.motion) == key and isinstance(r, Transmission)
                 ]
-                curves[task.coupling, task.link] = curve(same)
-        save_figure(transmitted(curves), directory / "transparency.png")
+                curves[key] = curve(same)
+        for motion in motions:
+            shown = {names[:2]: one for names, one in curves.items() if names[2] == motion}
+            save_figure(transmitted(shown, motion), directory / _figure(motion))
         if springs:
             save_figure(stable_stiffness.drawn(springs, chosen), directory / "stable-stiffness.png")
     whole = transparency.as_dict(curves, widths)
@@ -152,14 +169,16 @@ def transparency(
     output.write_json(whole, str(directory / "transparency.json"))
     words.print(_table(curves, widths))
     words.print(
-        f"3 dB off: the lowest frequency, of 0.5 to 20 Hz, at which what is transmitted is 3 dB from the true wall; "
-        f"median and quartiles over {len(seeds)} seeds. A device is moved by 2 mm about 10 mm inside the wall.",
+        f"3 dB off: the lowest frequency, of 0.5 to 20 Hz, at which what is transmitted is 3 dB from the true "
+        f"{'tool' if any(motions) else 'wall'}; median and quartiles over {len(seeds)} seeds. A device is moved by 2 mm"
+        f"{', or turned by 2.9°,' if any(motions) else ''} about 10 mm inside the wall.",
         markup=False,
     )
     if springs:
         words.print(_springs(springs, chosen))
         words.print(f"{stable_stiffness.JUDGED}. {_HELD}", markup=False)
-    output.show_files(words, ("transparency.png", "stable-stiffness.png", "transparency.json"), directory)
+    figures = (*map(_figure, motions), "stable-stiffness.png", "transparency.json")
+    output.show_files(words, figures, directory)
     output.write_json(whole, json_to)
     return 0
 
@@ -182,22 +201,48 @@ def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
     estimate(console, transparency.run_one, kinds, workers)
 
 
+def _motions(given: TransparencyOptions, params: Params) -> tuple[str, ...]:
+    """Of a tool; "" alone: into a wall. Raises InvalidParameter: what is asked for does not fit the scene."""
+    from hapnet.commands.studies import names_of
+
+    named = tuple(names_of(given.motion))
+    if not is_tool(params.scene):
+        if named:
+            raise InvalidParameter("--motion", named[0], "none without a tool, as in --scene tool:box")
+        return ("",)
+    from hapnet.study.tool_impedance import MOTIONS, motions
+
+    if given.z_width:
+        raise InvalidParameter("--z-width", params.scene, "a scene with a wall: a tool has none")
+    for name in named:
+        one_of("--motion", name, MOTIONS)
+    return tuple(dict.fromkeys(named)) or motions(params)
+
+
+def _figure(motion: str) -> str:
+    return f"transparency{'-' * bool(motion)}{motion}.png"
+
+
 def _hands(given: TransparencyOptions) -> tuple[str, ...]:
     from hapnet.study.transparency import HANDS
 
     return tuple(HANDS) if given.z_width else ()
 
 
-def _table(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, str], ZWidth]) -> Table:
+def _table(curves: Curves, widths: dict[tuple[str, str, str], ZWidth]) -> Table:
     from rich.table import Table
 
     hands = list(dict.fromkeys(hand for *_, hand in widths))
+    tool = any(motion for *_, motion in curves)
     table = Table("coupling", "link", "3 dB off [Hz]", *(f"stiffest wall, {hand} [N/m]" for hand in hands))
-    for (coupling, link), found in curves.items():
-        off = found.off_3dB_hz
+    if tool:
+        table = Table("coupling", "link", "motion", "at 0.5 Hz", "true", "3 dB off [Hz]")
+    for (coupling, link, motion), found in curves.items():
+        off, unit = found.off_3dB_hz, "Nm/rad" if found.turns else "N/m"
         cells = [_width(widths[coupling, link, hand]) for hand in hands]
         spread = "" if off.q1 == off.q3 else f" ({_hz(off.q1)} to {_hz(off.q3)})"
-        table.add_row(coupling, link, f"{_hz(off.median)}{spread}", *cells)
+        first = [motion, *(f"{z:.3g} {unit}" for z in (found.stiffness[0].median, found.truth[0].real))] if tool else []
+        table.add_row(coupling, link, *first, f"{_hz(off.median)}{spread}", *cells)
     return table
 
 

@@ -60,7 +60,7 @@ class Curve:
     """The transmitted impedance over several runs, at each frequency [Hz].
 
     stiffness [N/m], damping [Ns/m], magnitude [N/m] : of what was transmitted. truth : the true impedance [N/m].
-    off_3dB_hz : infinite for a run that is nowhere 3 dB off up to 20 Hz.
+    off_3dB_hz : infinite for a run that is nowhere 3 dB off up to 20 Hz. turns : of a rotation: all in Nm/rad, Nms/rad.
     """
 
     frequency_hz: tuple[float, ...]
@@ -69,6 +69,7 @@ class Curve:
     magnitude: tuple[Quartiles, ...]
     truth: tuple[complex, ...]
     off_3dB_hz: Quartiles
+    turns: bool = False
 
     @property
     def true_damping(self) -> list[float]:
@@ -77,9 +78,10 @@ class Curve:
 
     @property
     def off(self) -> float:
-        """By how much the median stiffness differs from the true wall's, at most, as a share of that."""
+        """By how much the median stiffness differs from the true one, at most, as a share of the largest true |Z|."""
+        greatest = max(map(abs, self.truth))
         pairs = zip(self.stiffness, self.truth, strict=True)
-        return max((abs(one.median - z.real) / z.real for one, z in pairs if z.real > 0.0), default=math.inf)
+        return max(abs(one.median - z.real) for one, z in pairs) / greatest if greatest else math.inf
 
 
 def transmitted(

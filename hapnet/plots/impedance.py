@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from hapnet.mechanics.pose import ARM_M
 from hapnet.metrics.impedance import Curve, Quartiles
 from hapnet.plots.style import COLOURS, sheet
 
@@ -21,9 +22,14 @@ STIFFNESS_SHOWN, DAMPING_SHOWN = (-0.7, 1.9), (-12.0, 12.0)
 TICKS_HZ = (0.5, 1, 2, 5, 10, 20)
 
 
-def transmitted(curves: dict[tuple[str, str], Curve]) -> Figure:
-    """One column per link: stiffness and damping over frequency, with quartiles, beside the true wall's."""
+def transmitted(curves: dict[tuple[str, str], Curve], motion: str = "") -> Figure:
+    """One column per link: stiffness and damping over frequency, with quartiles, beside the true wall's.
+
+    motion : of a tool, whose curves these are.
+    """
     links = list(dict.fromkeys(link for _, link in curves))
+    turns, thing = any(one.turns for one in curves.values()), "tool" if motion else "wall"
+    units = ("Nm/rad", "Nms/rad") if turns else ("N/m", "Ns/m")
     with sheet(120) as made:
         axes = made.subplots(2, len(links), sharex=True, sharey="row", squeeze=False)
         for column, link in enumerate(links):
@@ -36,19 +42,22 @@ def transmitted(curves: dict[tuple[str, str], Curve]) -> Figure:
                 _line(below, found.frequency_hz, found.damping, coupling, style)
             any_of = next(iter(shown.values()))
             for axis, truth in ((above, [z.real for z in any_of.truth]), (below, any_of.true_damping)):
-                axis.semilogx(any_of.frequency_hz, truth, "k--", label="true wall, through the springs")
+                axis.semilogx(any_of.frequency_hz, truth, "k--", label=f"true {thing}, through the springs")
             off, best = min((one.off, name) for name, one in shown.items())
-            said = f"{link}: {best} shows the wall's stiffness within {100.0 * off:.2g} %"
+            said = f"{link}: {best} shows the {thing}'s stiffness within {100.0 * off:.2g} %"
+            if motion:
+                said = f"{motion.replace('-', ' ')}, {said}"
             above.set_title(fill(said, 100 // len(links)), parse_math=False)
             below.set_xlabel("frequency [Hz]")
             below.set_xlim(any_of.frequency_hz[0], TICKS_HZ[-1])
             below.set_xticks(TICKS_HZ, map(str, TICKS_HZ))
             below.minorticks_off()
-        truest = max(z.real for found in curves.values() for z in found.truth)
-        axes[0][0].set_ylim(*(share * truest for share in STIFFNESS_SHOWN))
-        axes[1][0].set_ylim(*DAMPING_SHOWN)
-        axes[0][0].set_ylabel("transmitted stiffness [N/m]")
-        axes[1][0].set_ylabel("transmitted damping [Ns/m]")
+        true = [z.real for found in curves.values() for z in found.truth]
+        low, high = (share * max(map(abs, true)) for share in STIFFNESS_SHOWN)
+        axes[0][0].set_ylim(min(low, 1.2 * min(true)), high)
+        axes[1][0].set_ylim(*(2.0 * ARM_M**2 * bound if turns else bound for bound in DAMPING_SHOWN))
+        axes[0][0].set_ylabel(f"transmitted stiffness [{units[0]}]")
+        axes[1][0].set_ylabel(f"transmitted damping [{units[1]}]")
         handles, labels = axes[0][0].get_legend_handles_labels()
         made.legend(handles, labels, loc="outside lower center", ncols=5)
     return made

@@ -2,28 +2,30 @@
 
 The motion is imposed: the hand is so stiff that the device follows its reference, whatever the coupling does. It goes
 10 mm into the wall and then through a multisine of 2 mm, 0.5 to 20 Hz. Only the device's own position and force are
-used, as on hardware. `hapnet.metrics.impedance` has the sources.
+used, as on hardware. `hapnet.metrics.impedance` has the sources, `hapnet.study.tool_impedance` the motions of a tool.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
-from hapnet.assembly.build import prepare
-from hapnet.checks import Vector
+from hapnet.assembly.build import Setup, prepare
+from hapnet.checks import Array, Vector
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import scalar_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.metrics.impedance import Curve, Line, Quartiles, harmonics_between, multisine, off_hz, transmitted
 from hapnet.metrics.misses import quantile
 from hapnet.params import Params
-from hapnet.plant.operator import Impedance, minimum_jerk
+from hapnet.plant.operator import Impedance, Operator, minimum_jerk
 from hapnet.plant.worlds.walls import Wall
+from hapnet.recording.samples import Recording
 from hapnet.simulation.simulation import Simulation
 
 MIN_HZ, MOST_HZ, LINES = 0.5, 20.0, 20
@@ -36,22 +38,42 @@ _APPROACH_S, _REST_S = 1.0, 1.0
 HARMONICS = harmonics_between(MIN_HZ, MOST_HZ, PERIOD_S, LINES)
 
 
-class Imposed:
-    """A minimum-jerk move along `normal` to `DEPTH_M` inside the wall, a rest, and the multisine from then on.
+_SIGNAL = multisine(HARMONICS, PERIOD_S, 1.0)
 
-    The multisine grows over its first period; the periods after that are for measuring.
+
+def approach(t: float) -> float:
+    """The share of the way in that is gone at t [s]: a minimum-jerk move, then a rest."""
+    return minimum_jerk(t / _APPROACH_S)
+
+
+def swing(t: float) -> float:
+    """The multisine at t [s], at most 1. It grows over its first period; the periods after that are for measuring."""
+    since = t - _APPROACH_S - _REST_S
+    return minimum_jerk(since / PERIOD_S) * _SIGNAL(since) if since > 0.0 else 0.0
+
+
+class Way(NamedTuple):
+    """A motion that is imposed.
+
+    hand : makes it. along : how far the device is on it in a recording (N,) [m or rad], and the force against it
+        (N,) [N or Nm]. truth : the true impedance at a frequency [Hz].
     """
+
+    hand: Operator
+    along: Callable[[Recording], tuple[Array, Array]]
+    truth: Callable[[float], complex]
+
+
+class Imposed:
+    """A hand that moves along `normal` to `DEPTH_M` inside the wall, and to and fro there."""
 
     def __init__(self, wall: Wall, start: Vector) -> None:
         self.impedance = IMPOSING
         self._start, self._normal = start, wall.normal
         self._path = DEPTH_M - wall.penetration(start)
-        self._signal = multisine(HARMONICS, PERIOD_S, AMPLITUDE_M)
 
     def reference(self, t: float) -> Vector:
-        along = self._path * minimum_jerk(t / _APPROACH_S)
-        if (since := t - _APPROACH_S - _REST_S) > 0.0:
-            along += minimum_jerk(since / PERIOD_S) * self._signal(since)
+        along = self._path * approach(t) + AMPLITUDE_M * swing(t)
         return tuple([x + along * n for x, n in zip(self._start, self._normal, strict=True)])
 
 
@@ -59,12 +81,14 @@ class Imposed:
 class Transmission:
     """The impedance that one run transmitted, the true one at the same frequencies, and where they differ.
 
-    off_3dB_hz : the lowest frequency at which the two are 3 dB apart; None: not up to 20 Hz.
+    off_3dB_hz : the lowest frequency at which the two are 3 dB apart; None: not up to 20 Hz. turns : is it of
+        a rotation?
     """
 
     lines: tuple[Line, ...]
     truth: tuple[complex, ...]
     off_3dB_hz: float | None
+    turns: bool = False
 
 
 def true_impedance(params: Params, wall: Wall, frequency_hz: float) -> complex:
@@ -82,35 +106,44 @@ def true_impedance(params: Params, wall: Wall, frequency_hz: float) -> complex:
     return K * solid / (K_world + solid)
 
 
-def transmission(params: Params, seed: int, periods: int = 4) -> Transmission:
+def transmission(params: Params, seed: int, periods: int = 4, motion: str = "") -> Transmission:
     """Impose the motion on the first wall of the scene, and estimate the impedance over so many periods.
 
     The operator and the duration of `params` are not used. Two periods or more also give the estimates' spread.
+    motion : of a tool, a name in `hapnet.study.tool_impedance`; empty: into the wall.
 
     Raises HapnetError, netem.NetemError: the parameters do not make a run; InvalidParameter if the scene has no wall.
     """
+    from hapnet.study import tool_impedance  # it has this module's signals
+
     begin_s = _APPROACH_S + _REST_S + PERIOD_S
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
     own = {"operator": "rest", "duration_s": begin_s + periods * PERIOD_S + 0.5, "record_hz": params.device.servo_hz}
-    params = params.set({**servo, **own})
-    setup = prepare(params, "sampled")
-    params = setup.params
-    if not setup.scene.walls:
-        raise InvalidParameter("scene", params.scene, "one with a wall at rest, to be moved through")
-    wall = setup.scene.walls[0]
-    setup = replace(setup, hand=Imposed(wall, setup.scene.start))
-    device = Simulation(params, seed, setup).run().recording.device
-    assert device is not None, "a simulated run has both sides"
-    normal, step_s = np.array(wall.normal), 1.0 / params.device.servo_hz
+    setup = prepare(params.set({**servo, **own}), "sampled")
+    way = tool_impedance.way_of(setup, motion) if motion else _into_the_wall(setup)
+    recording = Simulation(setup.params, seed, replace(setup, hand=way.hand)).run().recording
+    step_s = 1.0 / setup.params.device.servo_hz
     first = round(begin_s / step_s)
     measured = slice(first, first + periods * round(PERIOD_S / step_s))
-    along, resistance = device["position_m"][measured] @ normal, -(device["force_N"][measured] @ normal)
-    lines = transmitted(along, resistance, step_s, PERIOD_S, HARMONICS)
+    along, resistance = way.along(recording)
+    lines = transmitted(along[measured], resistance[measured], step_s, PERIOD_S, HARMONICS)
+    turns = bool(motion) and tool_impedance.turns(motion)
+    truth = tuple(way.truth(line.frequency_hz) for line in lines)
+    return Transmission(tuple(lines), truth, off_hz(lines, way.truth), turns)
 
-    def truth(frequency_hz: float) -> complex:
-        return true_impedance(params, wall, frequency_hz)
 
-    return Transmission(tuple(lines), tuple(truth(line.frequency_hz) for line in lines), off_hz(lines, truth))
+def _into_the_wall(setup: Setup) -> Way:
+    if not setup.scene.walls:
+        allowed = "one with a wall at rest, to be moved through, or a tool among solids"
+        raise InvalidParameter("scene", setup.params.scene, allowed)
+    wall = setup.scene.walls[0]
+    normal = np.array(wall.normal)
+
+    def along(recording: Recording) -> tuple[Array, Array]:
+        assert recording.device is not None, "a simulated run has both sides"
+        return recording.device["position_m"] @ normal, -(recording.device["force_N"] @ normal)
+
+    return Way(Imposed(wall, setup.scene.start), along, lambda hz: true_impedance(setup.params, wall, hz))
 
 
 def curve(found: Sequence[Transmission]) -> Curve:
@@ -123,6 +156,7 @@ def curve(found: Sequence[Transmission]) -> Curve:
         tuple(_quartiles(abs(line.impedance) for line in at) for at in lines),
         found[0].truth,
         _quartiles(inf if one.off_3dB_hz is None else one.off_3dB_hz for one in found),
+        found[0].turns,
     )
 
 

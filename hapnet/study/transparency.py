@@ -19,7 +19,10 @@ HANDS: dict[str, dict[str, float]] = {"firm hand": {}, "relaxed hand": dict(RELA
 
 
 class Task(NamedTuple):
-    """One run, with `hand` one bisection of the Z-width, or with `case` one of the stiffest stable K."""
+    """One run, with `hand` one bisection of the Z-width, or with `case` one of the stiffest stable K.
+
+    motion : of a run, as `impedance.transmission` takes it.
+    """
 
     coupling: str
     link: str
@@ -27,6 +30,7 @@ class Task(NamedTuple):
     seed: int
     hand: str | None = None
     case: Case | None = None
+    motion: str = ""
 
 
 def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transmission | ZWidth]:
@@ -43,31 +47,36 @@ def run_one(task: Task) -> Transmission | ZWidth:
     if task.case is not None:
         return stiffest(task.case.of(task.params))
     if task.hand is None:
-        return impedance.transmission(task.params, task.seed)
+        return impedance.transmission(task.params, task.seed, motion=task.motion)
     return z_width(task.params.set(HANDS[task.hand]), Z_SEEDS)
 
 
-def as_dict(curves: dict[tuple[str, str], Curve], widths: dict[tuple[str, str, str], ZWidth]) -> dict[str, Any]:
+Curves = dict[tuple[str, str, str], Curve]
+"""By coupling, link and motion (empty: into a wall)."""
+
+
+def as_dict(curves: Curves, widths: dict[tuple[str, str, str], ZWidth]) -> dict[str, Any]:
     """All of it for JSON; an infinite frequency is None: nowhere 3 dB off up to 20 Hz."""
 
     def finite(value: float) -> float | None:
         return None if value == inf else value
 
+    def one_of(coupling: str, link: str, motion: str, found: Curve) -> dict[str, Any]:
+        stiffness, damping = ("Nm_per_rad", "Nms_per_rad") if found.turns else ("N_per_m", "Ns_per_m")
+        return {
+            "coupling": coupling, "link": link, **({"motion": motion} if motion else {}),
+            "off_3dB_hz": {name: finite(value) for name, value in asdict(found.off_3dB_hz).items()},
+            "frequency_hz": found.frequency_hz,
+            f"stiffness_{stiffness}": [asdict(one) for one in found.stiffness],
+            f"damping_{damping}": [asdict(one) for one in found.damping],
+            f"true_stiffness_{stiffness}": [z.real for z in found.truth],
+            f"true_damping_{damping}": found.true_damping,
+        }  # fmt: skip
+
     return {
-        "curves": [
-            {
-                "coupling": coupling, "link": link,
-                "off_3dB_hz": {name: finite(value) for name, value in asdict(found.off_3dB_hz).items()},
-                "frequency_hz": found.frequency_hz,
-                "stiffness_N_per_m": [asdict(one) for one in found.stiffness],
-                "damping_Ns_per_m": [asdict(one) for one in found.damping],
-                "true_stiffness_N_per_m": [z.real for z in found.truth],
-                "true_damping_Ns_per_m": found.true_damping,
-            }
-            for (coupling, link), found in curves.items()
-        ],
+        "curves": [one_of(*names, found) for names, found in curves.items()],
         "z_width_N_per_m": [
             {"coupling": coupling, "link": link, "hand": hand, **found._asdict()}
             for (coupling, link, hand), found in widths.items()
         ],
-    }  # fmt: skip
+    }

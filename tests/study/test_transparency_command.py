@@ -32,9 +32,24 @@ def test_a_local_model_transmits_the_wall_up_to_20_hz_over_a_delay_and_a_wave_do
         (["--set", "link.up=4g"], "link.up"),
         (["--link", "moon"], "--link"),
         (["--seeds", "3:3"], "--seeds"),
+        (["--motion", "along-z"], "--motion"),
+        (["--scene", "tool:box", "--motion", "up"], "--motion"),
+        (["--scene", "tool:box", "--z-width"], "--z-width"),
+        (["--scene", "tool:box", "--coupling", "wave"], "coupling"),
     ],
 )
 def test_what_is_wrong_is_one_line(words: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["transparency", *words]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"hapnet: {named} is ")
+
+
+@pytest.mark.slow
+def test_a_tool_is_moved_and_turned_in_units_of_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--scene", "tool:box", "--coupling", "pspm", "--link", "lan", "--seeds", "0:1", "--motion", "about-y"]
+    assert cli.main(["transparency", *words, "--out", str(tmp_path)]) == 0
+    assert "Nm/rad" in capsys.readouterr().out
+    (curve,) = json.loads((tmp_path / "transparency.json").read_text("utf-8"))["curves"]
+    assert curve["motion"] == "about-y"
+    assert len(curve["stiffness_Nm_per_rad"]) == len(curve["true_damping_Nms_per_rad"]) == len(curve["frequency_hz"])
+    assert (tmp_path / "transparency-about-y.png").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""Figures of tools that turn: ``python -m tests.support.tools`` prints them.
+"""Figures of tools that turn: ``python -m tests.support.tools`` prints them, ``--endurance`` those of 600 s.
 
 The true wrench is the one of the tool that rests where coupling and solids balance, for the device's pose now: found
 by scipy's least squares over rotation vectors, with none of hapnet's contact code.
@@ -99,11 +99,72 @@ def felt(result: Result) -> Felt:
     )
 
 
+@dataclass(frozen=True)
+class Window:
+    """A part of a long run. place_mm, turn_deg : from device to proxy, rms, where no corner of the device's pose is in
+    the table. force_error, torque_error : as in `Felt`, in % of the true peak in this part."""
+
+    place_mm: float
+    turn_deg: float
+    force_error: float
+    torque_error: float
+
+
+def window(result: Result, begin_s: float, end_s: float) -> Window:
+    device, world = result.recording.device, result.recording.world
+    assert device is not None
+    assert world is not None
+    K, K_world = result.summary["environment"]["springs_N_m"]
+    rows = np.flatnonzero((device["time_s"] >= begin_s) & (device["time_s"] < end_s))[::EVERY]
+    times, x, f = (device[name][rows] for name in ("time_s", "position_m", "force_N"))
+    proxy = np.stack([np.interp(times, world["time_s"], one) for one in world["position_m"].T], axis=1)
+    true = np.array([true_force(place, K, K_world) for place in x])
+    free = ~true.any(axis=1)
+    # of two arms' ends that are turned by an angle a against one another: |x - y|^2 = 8 l^2 sin(a/2)^2 in all
+    apart = np.linalg.norm((x - proxy)[free, 3:], axis=1) / np.sqrt(8.0) / ARM_M
+    angles = 2.0 * np.arcsin(np.minimum(apart, 1.0))
+    wrenches = [(wrench(at, got), wrench(at, right)) for at, got, right in zip(x, f, true, strict=True)]
+    errors = []
+    for k in (0, 1):
+        got, right = (np.array([pair[which][k] for pair in wrenches]) for which in (0, 1))
+        peak = float(np.linalg.norm(right, axis=1).max())
+        errors.append(100.0 * _rms(got - right) / peak if peak else 0.0)
+    return Window(1e3 * _rms((x - proxy)[free, :3]), float(np.degrees(_rms(angles[:, None]))), *errors)
+
+
+def _rms(rows: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(rows * rows, axis=1))))
+
+
+def endurance(link: str, coupling: str, seconds: float) -> str:
+    """Hand-21 with a box on a table: the first 10 s and the last minute, a line."""
+    over = {"link.up": link, "link.down": link, "operator": "hand-21", "coupling": coupling, "duration_s": seconds}
+    result = run(over, seed=21)
+    summary = result.summary
+    shares = [100.0 * (summary[side]["modulated_share"] or 0.0) for side in ("world", "device")]
+    slack = min(summary[side]["ledger"]["slack_J"] or 0.0 for side in ("device", "world"))
+    parts = window(result, 0.0, 10.0), window(result, max(0.0, seconds - 60.0), seconds)
+    shown = "; ".join(
+        f"{one.place_mm:.2f} mm, {one.turn_deg:.2f} deg, force {one.force_error:.1f} %, torque {one.torque_error:.1f} %"
+        for one in parts
+    )
+    return (
+        f"{link} {coupling}: {shown}; modulated {shares[0]:.2f} and {shares[1]:.2f} %, "
+        f"passive {summary['verdict']['passive']}, slack {slack:.0e} J"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--endurance", type=float, nargs="?", const=600.0, metavar="SECONDS")
     parser.add_argument("--links", default="4g")
     parser.add_argument("--turns", default="0,0.05,0.1,0.2", help="amplitudes of the hand's rotation [rad]")
     given = parser.parse_args()
+    if given.endurance:
+        for link in given.links.split(","):
+            for coupling in ("pspm", "zoh"):
+                print(endurance(link, coupling, given.endurance), flush=True)
+        return
     for link in given.links.split(","):
         for turn in map(float, given.turns.split(",")):
             made = felt(run({"link.up": link, "link.down": link, "operator_hand.turn_rad": turn}))

@@ -1,0 +1,86 @@
+"""The impedance of a tool that turns, beside that of a rigid body on springs."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import pytest
+
+from hapnet.assembly.build import prepare
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.pose import ARM_M
+from hapnet.params import Params
+from hapnet.study.impedance import transmission
+from hapnet.study.tool_impedance import motions, way_of
+
+K, FAR, MASS = 100.0, 500.0, 0.02
+SPRINGS: dict[str, object] = {"device.stiffness": K, "world.stiffness": FAR, "world.mass": MASS}
+TURN = 2.0 * ARM_M**2
+"""Of a spring along the coordinates in N/m, the same in Nm/rad; of a mass at the arms' ends, the moment of inertia."""
+
+BOX = "tool:box?size=120mm,60mm,40mm"
+TABLE = "plane?normal=0,0,-1&at=0,0,-30mm"
+KW, BW = 3000.0, 10.0
+
+
+def truth(scene: str, motion: str, hz: float) -> complex:
+    return way_of(prepare(Params().set({**SPRINGS, "scene": scene})), motion).truth(hz)
+
+
+def in_series(solid: complex, near: float = K, far: float = FAR) -> complex:
+    return near * solid / (far + solid)
+
+
+@pytest.mark.parametrize("hz", [0.5, 6.0, 20.0])
+def test_a_free_tool_is_its_mass_and_its_inertia(hz: float) -> None:
+    s = 2j * math.pi * hz
+    assert truth(BOX, "along-y", hz) == pytest.approx(in_series(MASS * s * s), rel=1e-6)
+    about = {  # of a box, m (a^2 + b^2)/12, but at least that of the mass at the arms' ends
+        "about-x": max(TURN * MASS, MASS * (0.06**2 + 0.04**2) / 12.0),
+        "about-z": max(TURN * MASS, MASS * (0.12**2 + 0.06**2) / 12.0),
+    }
+    for motion, inertia in about.items():
+        assert truth(BOX, motion, hz) == pytest.approx(in_series(inertia * s * s, TURN * K, TURN * FAR), rel=1e-6)
+
+
+@pytest.mark.parametrize("hz", [0.5, 6.0, 20.0])
+def test_a_box_on_a_table_stands_on_its_corners(hz: float) -> None:
+    """Four springs and dampers; turned, with their levers, and less by the weight that tips over: - h N."""
+    s = 2j * math.pi * hz
+    scene = f"{BOX} + {TABLE}"
+    assert motions(Params().set({"scene": scene})) == ("along-z", "about-x")
+    solid = 4.0 * (KW + BW * s) + MASS * s * s
+    assert truth(scene, "along-z", hz) == pytest.approx(in_series(solid), rel=1e-6)
+    pressed_N = 0.01 / (1.0 / FAR + 1.0 / (4.0 * KW))
+    inertia = max(TURN * MASS, MASS * (0.06**2 + 0.04**2) / 12.0)
+    tipping = 4.0 * 0.03**2 * (KW + BW * s) + inertia * s * s - pressed_N * 0.02
+    assert truth(scene, "about-x", hz) == pytest.approx(in_series(tipping, TURN * K, TURN * FAR), rel=1e-3)
+    assert truth(scene, "about-z", hz) == pytest.approx(truth(BOX, "about-z", hz), abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ["along-x", "about-y"])
+def test_a_held_spring_transmits_mass_and_inertia_as_theory_says(motion: str) -> None:
+    """``K (1 - H exp(-j w t)) + j w B`` as for a wall, with ``H = K'/(K' + j w B' - M w^2)``, and in rotation all
+    of it times 2 l^2, as the box's inertia is that of the arms' ends."""
+    damping, scale = 14.0, TURN if motion.startswith("about") else 1.0
+    quick = {
+        "world.step_min_s": 0.002, "world.step_max_s": 0.002, "device.pspm_period_s": 0.001,
+        "device.step_limit_N": 0.0, "world.step_limit_N": 0.0, "device.damping": 0.1, "world.damping": damping,
+        "rendering": "paper", "coupling": "zoh", "link.up": "delay 20ms", "link.down": "delay 20ms",
+    }  # fmt: skip
+    found = transmission(Params().set({**SPRINGS, **quick, "scene": "tool:box"}), 1, periods=1, motion=motion)
+    assert found.turns == motion.startswith("about")
+    for line in found.lines:
+        s = 2j * math.pi * line.frequency_hz
+        H = FAR / (FAR + s * damping + MASS * s * s)
+        theory = scale * (K * (1.0 - H * cmath.exp(-s * 0.042)) + 0.1 * s)
+        assert line.impedance == pytest.approx(theory, rel=0.03)
+
+
+def test_another_world_is_refused() -> None:
+    with pytest.raises(InvalidParameter, match="a tool among solids"):
+        transmission(Params(), 0, 1, "along-z")
+    with pytest.raises(InvalidParameter, match="motion"):
+        transmission(Params().set({"scene": BOX}), 0, 1, "along-w")
