@@ -182,6 +182,12 @@ def in_world(x: Reals, arm_m: float, a: Reals) -> tuple[float, float, float]:
 
 
 @equation
+def cross(a: Reals, b: Reals) -> tuple[float, float, float]:
+    """``a x b``."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@equation
 def turning(x: Reals, f: Reals, arm_m: float, out: Floats) -> None:
     """The torque [Nm] of f (12,) [N] at x (12,) [m]: ``sum P_j x f_j`` over the arms P_j."""
     out[0] = out[1] = out[2] = 0.0

@@ -216,11 +216,14 @@ def _path(axes: Any, position: Array, color: str, label: str) -> None:
 
 
 def _frame(axes: Any, points: Array, azimuth: float) -> None:
-    """All of it, the same scale along all axes."""
+    """All of it, the same scale along all axes; a long box is drawn smaller, so that its labels have room."""
     low, high = points.min(axis=0) * _MM, points.max(axis=0) * _MM
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(np.maximum(high - low, 1.0), zoom=1.15)
+    sides = np.maximum(high - low, 1.0)
+    axes.set_box_aspect(sides, zoom=min(1.15, 0.7 * float(np.linalg.norm(sides) / sides.max())))
+    for name, side in zip("xyz", sides, strict=True):
+        axes.locator_params(axis=name, nbins=7 if side > 0.4 * sides.max() else 3)
     axes.view_init(elev=25.0, azim=azimuth)
 
 

@@ -2,7 +2,8 @@
 
 Viewers know these schemas, so they show the lines, and draw the rest in 3D, without configuration. Names, numbers and
 types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; of one or two axes
-the others are 0. Of a tool that turns, frames and poses turn too. More than three other axes are no place in space, so
+the others are 0. Of a tool that turns, frames and poses turn too. What the world and an arm look like is an update of a
+scene, each part in the frame that it moves with. More than three other axes are no place in space, so
 nothing is drawn of them.
 """
 
@@ -10,11 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.mechanics.pose import Pose, Quaternion, pose
+from hapnet.plant.worlds.picture import RESTS, Part
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.units import METRES, POSE, RADIANS
 
@@ -31,7 +33,13 @@ _CHILD = {DeviceSample: "device", WorldSample: "proxy"}
 _SIDE = {DeviceSample: "device", WorldSample: "world"}
 _TIME = "google.protobuf.Timestamp"
 LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
-_FIELDS = {
+MOST_BODIES = 16
+"""Further bodies that move have neither frame nor shape."""
+
+MOST_VERTICES = 20_000
+"""Of the shapes together; larger ones are left out."""
+
+_FIELDS = {  # a field's number where those before it are not used
     "Vector3": {"x": "double", "y": "double", "z": "double"},
     "Quaternion": {"x": "double", "y": "double", "z": "double", "w": "double"},
     "Pose": {"position": "Vector3", "orientation": "Quaternion"},
@@ -40,6 +48,16 @@ _FIELDS = {
         "rotation": "Quaternion",
     },
     "PoseInFrame": {"timestamp": _TIME, "frame_id": "string", "pose": "Pose"},
+    "Point3": {"x": "double", "y": "double", "z": "double"},
+    "Color": {"r": "double", "g": "double", "b": "double", "a": "double"},
+    "TriangleListPrimitive": {
+        "pose": "Pose", "points": "Point3[]", "color": "Color", "indices": "5 fixed32[]",
+    },
+    "SceneEntity": {
+        "timestamp": _TIME, "frame_id": "string", "id": "string", "frame_locked": "5 bool",
+        "triangles": "12 TriangleListPrimitive[]",
+    },
+    "SceneUpdate": {"entities": "2 SceneEntity[]"},
     "Log": {
         "timestamp": _TIME, "level": "Level", "message": "string", "name": "string", "file": "string",
         "line": "fixed32",
@@ -88,10 +106,35 @@ def shown(time_ns: int, sample: DeviceSample | WorldSample, units: str = METRES)
         yield f"/{_SIDE[kind]}/set_position", Shown(time_ns, *tied)
 
 
-def links(time_ns: int, poses: Iterable[Sequence[float]]) -> Iterator[tuple[str, Shown]]:
-    """An arm's links as frames; `poses` : place [m] and quaternion w, x, y, z of each."""
-    for number, (x, y, z, w, i, j, k) in enumerate(poses, 1):
-        yield f"/device/link_{number}", Shown(time_ns, (x, y, z), (w, i, j, k), f"link_{number}")
+def bodies(name: str, time_ns: int, poses: Iterable[Sequence[float]]) -> Iterator[tuple[str, Shown]]:
+    """What moves as frames, ``/device/link`` as link_1, link_2, ...
+
+    name : a topic without the number. poses : place [m] and quaternion w, x, y, z of each.
+    """
+    for number, (x, y, z, w, i, j, k) in enumerate(islice(poses, MOST_BODIES), 1):
+        yield f"{name}_{number}", Shown(time_ns, (x, y, z), (w, i, j, k), _frame(name, number))
+
+
+class Shapes(NamedTuple):
+    """Surfaces in frames: of those that rest in `FRAME`, of the others in those that `bodies` names."""
+
+    time_ns: int
+    parts: tuple[tuple[str, Part], ...]
+
+
+def shapes(name: str, time_ns: int, parts: Iterable[Part]) -> Shapes:
+    """The shapes of what `bodies` shows, and of what rests. What is soft has none."""
+    found: list[tuple[str, Part]] = []
+    room = MOST_VERTICES
+    for part in parts:
+        if RESTS <= part.body < MOST_BODIES and len(part.vertices) <= room:
+            room -= len(part.vertices)
+            found.append((FRAME if part.body == RESTS else _frame(name, part.body + 1), part))
+    return Shapes(time_ns, tuple(found))
+
+
+def _frame(name: str, number: int) -> str:
+    return f"{name.rpartition('/')[2]}_{number}"
 
 
 def log_schema() -> Schema:
@@ -126,6 +169,27 @@ def pose_schema() -> Schema:
         return {"timestamp": _stamp(one.time_ns), "frame_id": FRAME, "pose": place}
 
     return _schema("PoseInFrame", in_frame)
+
+
+def shapes_schema() -> Schema:
+    """``foxglove.SceneUpdate``, from `Shapes`."""
+
+    def update(one: Shapes) -> dict[str, Any]:
+        return {"entities": [entity(one.time_ns, k, *part) for k, part in enumerate(one.parts, 1)]}
+
+    def entity(time_ns: int, number: int, frame: str, part: Part) -> dict[str, Any]:
+        surface = {
+            "pose": {"position": {}, "orientation": {"w": 1.0}},
+            "points": [dict(zip("xyz", vertex, strict=True)) for vertex in part.vertices.tolist()],
+            "color": {name: channel / 255.0 for name, channel in zip("rgba", part.color, strict=True)},
+            "indices": part.triangles.ravel().tolist(),
+        }
+        return {
+            "timestamp": _stamp(time_ns), "frame_id": frame, "id": f"part {number}", "frame_locked": True,
+            "triangles": [surface],
+        }  # fmt: skip
+
+    return _schema("SceneUpdate", update)
 
 
 def message_class(name: str, files: Any) -> Any:
@@ -164,8 +228,10 @@ def _files(name: str) -> list[FileDescriptorProto]:
     file = FileDescriptorProto(name=f"foxglove/{name}.proto", package="foxglove", syntax="proto3")
     message = file.message_type.add(name=name)
     files: list[FileDescriptorProto] = []
-    for number, (field, kind) in enumerate(_FIELDS[name].items(), 1):
-        added = message.field.add(name=field, number=number, label="LABEL_OPTIONAL")
+    for place, (field, words) in enumerate(_FIELDS[name].items(), 1):
+        number, _, kind = words.removesuffix("[]").rpartition(" ")
+        label = "LABEL_REPEATED" if words.endswith("[]") else "LABEL_OPTIONAL"
+        added = message.field.add(name=field, number=int(number or place), label=label)
         if kind in _FIELDS or kind == _TIME:
             added.type, added.type_name = added.TYPE_MESSAGE, f".{kind}" if kind == _TIME else f".foxglove.{kind}"
             needed = _files(kind)

@@ -8,7 +8,8 @@ where a value is unknown; a vector has one field per axis: ``position_m`` is ``p
 and ``position_x_rad`` where an axis is in radians.
 The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at the end
 (``hapnet.summary``); each is a JSON text under the key ``json``. For viewers only, each side's position is written as a
-``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second.
+``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second. So
+are bodies and links that move; their shapes, and those of what rests, are a ``foxglove.SceneUpdate``, once.
 
 Why protobuf: Foxglove, PlotJuggler and Rerun all decode it, but Rerun keeps JSON as a text. Why one field per axis:
 they plot numbers, not lists. Older recordings can still be read: in JSON, or with log times on the process's clock.
@@ -19,7 +20,7 @@ from __future__ import annotations
 import json
 import os
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from errno import ENOENT
 from importlib import import_module
@@ -31,7 +32,7 @@ from hapnet.extras import require
 from hapnet.plant.arms.picture import ArmPicture
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
-from hapnet.recording.foxglove import PERIOD_NS, Shown, links, shown
+from hapnet.recording.foxglove import PERIOD_NS, Shapes, Shown, bodies, shapes, shown
 from hapnet.recording.samples import (
     DeviceSample,
     Event,
@@ -59,6 +60,7 @@ _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its li
 _MAGIC = b"\x89MCAP0\r\n"
 _META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
 _DRAWING, _PACKED = "drawing", "application/zlib"
+_BODY, _LINK, _ARM = "/world/body", "/device/link", "/device/shapes"
 _TOPICS: dict[type[Sample], str] = {
     DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events", SceneSample: "/world/scene"
 }  # fmt: skip
@@ -104,12 +106,16 @@ class RecordingWriter:
         try:
             if isinstance(sample, Drawing):
                 self._writer.add_attachment(utc_ns, utc_ns, _DRAWING, _PACKED, sample.data)
+                if (found := shapes(_BODY, utc_ns, unpack(sample.data))).parts:
+                    self._add(utc_ns, "/world/shapes", found)
             elif isinstance(sample, Event):
                 self._add(utc_ns, _TOPICS[Event], sample._replace(time_ns=utc_ns))
             else:
                 self._add(utc_ns, _TOPICS[type(sample)], sample)
                 if isinstance(sample, DeviceSample | WorldSample):
                     self._show(utc_ns, sample)
+                elif isinstance(sample, SceneSample):
+                    self._add_all(bodies(_BODY, utc_ns, sample.bodies().tolist()))
         except OSError as error:
             self._give_up(error)
         except (TypeError, ValueError) as error:
@@ -141,7 +147,11 @@ class RecordingWriter:
         except OSError as error:
             self._give_up(error)
 
-    def _add(self, utc_ns: int, topic: str, sample: Sample | Shown) -> None:
+    def _add_all(self, frames: Iterable[tuple[str, Shown]]) -> None:
+        for topic, one in frames:
+            self._add(one.time_ns, topic, one)
+
+    def _add(self, utc_ns: int, topic: str, sample: Sample | Shown | Shapes) -> None:
         channel, encode = self._channels.get(topic) or self._register(topic, sample)
         data = encode(sample)
         if len(data) > _MESSAGE_ROOM or topic == _TOPICS[Event]:
@@ -154,12 +164,12 @@ class RecordingWriter:
         if utc_ns >= due_ns:
             self._shown_ns[type(sample)] = max(utc_ns, due_ns + PERIOD_NS)
             if self._arm is not None and isinstance(sample, DeviceSample):
-                for topic, one in links(utc_ns, self._arm.poses(sample.position_m).tolist()):
-                    self._add(utc_ns, topic, one)
-            for topic, one in shown(utc_ns, sample, text_in(self._meta, len(sample.position_m))):
-                self._add(utc_ns, topic, one)
+                if _ARM not in self._channels:
+                    self._add(utc_ns, _ARM, shapes(_LINK, utc_ns, self._arm.parts))
+                self._add_all(bodies(_LINK, utc_ns, self._arm.poses(sample.position_m).tolist()))
+            self._add_all(shown(utc_ns, sample, text_in(self._meta, len(sample.position_m))))
 
-    def _register(self, topic: str, sample: Sample | Shown) -> tuple[int, Callable[[Any], bytes]]:
+    def _register(self, topic: str, sample: Sample | Shown | Shapes) -> tuple[int, Callable[[Any], bytes]]:
         """The channel of all samples like this one, and the function that encodes them."""
         schema = schemas.schema_for(sample, self._meta)
         schema_id: int = self._writer.register_schema(schema.name, "protobuf", schema.descriptor)

@@ -15,19 +15,31 @@ from typing import Any
 import numpy as np
 
 from hapnet.recording.drawing import SceneSample
-from hapnet.recording.foxglove import LEVELS, Schema, Shown, frame_schema, log_schema, message_class, pose_schema
+from hapnet.recording.foxglove import (
+    LEVELS,
+    Schema,
+    Shapes,
+    Shown,
+    frame_schema,
+    log_schema,
+    message_class,
+    pose_schema,
+    shapes_schema,
+)
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, Level, Sample, WorldSample
 from hapnet.units import METRES, RADIANS, column, units_in
 
 _PACKAGE = "hapnet"
 
 
-def schema_for(sample: Sample | Shown, meta: Mapping[str, Any]) -> Schema:
+def schema_for(sample: Sample | Shown | Shapes, meta: Mapping[str, Any]) -> Schema:
     """The schema of this sample, and of all samples of its kind and number of axes. `meta`: of the recording."""
     if isinstance(sample, Event):
         return log_schema()
     if isinstance(sample, Shown):
         return frame_schema() if sample.child else pose_schema()
+    if isinstance(sample, Shapes):
+        return shapes_schema()
     if isinstance(sample, DeviceSample | WorldSample):
         return _sample_schema(type(sample), units_in(meta, len(sample.position_m)))
     assert isinstance(sample, SceneSample), "a drawing is an attachment"

@@ -5,14 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hapnet.plant.worlds.picture import SOFT, part
+from hapnet.recording.drawing import Drawing, SceneSample, pack
+from hapnet.recording.foxglove import MOST_BODIES, MOST_VERTICES, bodies, shapes
 from hapnet.recording.mcap import RecordingWriter, read_recording, repair
 from hapnet.recording.samples import Event, Sample
 from tests.recording.test_samples import META, ORIGIN, device_sample, world_sample
 from tests.support.mcap_messages import messages
 
-PUBLISHED = {  # number, name and type of each field, as Foxglove publishes them (read from its own packages)
+PUBLISHED = {  # number, name and type of fields, as Foxglove publishes them; of a scene some
     "foxglove.FrameTransform": "1 timestamp google.protobuf.Timestamp, 2 parent_frame_id string, "
     "3 child_frame_id string, 4 translation foxglove.Vector3, 5 rotation foxglove.Quaternion",
     "foxglove.PoseInFrame": "1 timestamp google.protobuf.Timestamp, 2 frame_id string, 3 pose foxglove.Pose",
@@ -21,9 +25,19 @@ PUBLISHED = {  # number, name and type of each field, as Foxglove publishes them
     "foxglove.Pose": "1 position foxglove.Vector3, 2 orientation foxglove.Quaternion",
     "foxglove.Vector3": "1 x double, 2 y double, 3 z double",
     "foxglove.Quaternion": "1 x double, 2 y double, 3 z double, 4 w double",
+    "foxglove.SceneUpdate": "2 entities foxglove.SceneEntity",
+    "foxglove.SceneEntity": "1 timestamp google.protobuf.Timestamp, 2 frame_id string, 3 id string, "
+    "5 frame_locked bool, 12 triangles foxglove.TriangleListPrimitive",
+    "foxglove.TriangleListPrimitive": "1 pose foxglove.Pose, 2 points foxglove.Point3, 3 color foxglove.Color, "
+    "5 indices fixed32",
+    "foxglove.Point3": "1 x double, 2 y double, 3 z double",
+    "foxglove.Color": "1 r double, 2 g double, 3 b double, 4 a double",
     "google.protobuf.Timestamp": "1 seconds int64, 2 nanos int32",
 }
-_TYPES = {1: "double", 3: "int64", 5: "int32", 7: "fixed32", 9: "string"}
+_TYPES = {1: "double", 3: "int64", 5: "int32", 7: "fixed32", 8: "bool", 9: "string"}
+SQUARE = part([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], (255, 0, 51, 102))
+PARTS = (SQUARE, SQUARE._replace(body=0), SQUARE._replace(body=SOFT))
+POSE = (0.25, 0.5, -1.0, 0.0, 0.0, 1.0, 0.0)
 LATER_NS = 10**15
 EVENTS = (
     Event(ORIGIN, "paired", "with the world"),
@@ -34,9 +48,10 @@ EVENTS = (
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A tenth of a second of a device with two axes, five steps of a world, and an event of each level."""
+    """A tenth of a second of a device with two axes, five steps of a world that is drawn, an event of each level."""
     path = tmp_path_factory.mktemp("foxglove") / "a.mcap"
     samples: list[Sample] = [device_sample(i) for i in range(100)] + [world_sample(i) for i in range(5)]
+    samples += [Drawing(ORIGIN, pack(PARTS)), SceneSample(ORIGIN, np.array([POSE], "<f4").tobytes(), b"", b"")]
     writer = RecordingWriter(path, META | {"utc_origin_ns": ORIGIN + LATER_NS})
     for sample in [*samples, *EVENTS]:
         writer.write(sample)
@@ -61,7 +76,7 @@ def kinds(descriptor: Any) -> dict[str, str]:
 def test_the_schemas_are_those_that_foxglove_publishes(file: Path) -> None:
     found = {}
     for topic, read in messages(file).items():
-        if not topic.endswith("/state"):
+        if not topic.endswith(("/state", "/scene")):
             found |= kinds(read[0][1].DESCRIPTOR)
     assert found == PUBLISHED
 
@@ -89,10 +104,37 @@ def test_handle_and_proxy_are_frames_and_set_positions_are_poses_in_the_scene(fi
     assert read["/world/set_position"][1][1].pose.position.x == world_sample(1).set_position_m[0]
 
 
+def test_a_world_and_what_moves_in_it_are_entities_in_their_frames(file: Path) -> None:
+    read = messages(file)
+    [(utc_ns, update)] = read["/world/shapes"]
+    rests, moves = update.entities
+    assert (rests.frame_id, moves.frame_id) == ("scene", "body_1")  # what is soft has no frame
+    assert rests.id != moves.id
+    for entity in update.entities:
+        assert entity.frame_locked
+        assert entity.timestamp.ToNanoseconds() == utc_ns
+        (surface,) = entity.triangles
+        assert [(point.x, point.y, point.z) for point in surface.points] == [tuple(p) for p in SQUARE.vertices.tolist()]
+        assert list(surface.indices) == [0, 1, 2, 0, 2, 3]
+        assert (surface.color.r, surface.color.g, surface.color.b, surface.color.a) == (1.0, 0.0, 0.2, 0.4)
+        assert surface.pose.orientation.w == 1.0
+    [(_, frame)] = read["/world/body_1"]
+    assert (frame.parent_frame_id, frame.child_frame_id) == ("scene", "body_1")
+    assert (frame.translation.x, frame.translation.y, frame.translation.z) == POSE[:3]
+    assert (frame.rotation.w, frame.rotation.y) == (0.0, 1.0)
+
+
+def test_large_surfaces_and_further_bodies_are_left_out() -> None:
+    large = part(np.zeros((MOST_VERTICES, 3)), np.zeros((0, 3)))
+    found = shapes("/world/body", 1, (SQUARE._replace(body=MOST_BODIES), SQUARE, large, SQUARE._replace(body=1)))
+    assert [frame for frame, _ in found.parts] == ["scene", "body_2"]
+    assert len(list(bodies("/world/body", 1, [POSE] * 20))) == MOST_BODIES
+
+
 def test_stamps_are_log_times_some_60_a_second(file: Path) -> None:
     read = messages(file)
     for topic, found in read.items():
-        if not topic.endswith("/state"):
+        if not topic.endswith(("/state", "/scene", "/shapes")):
             assert [stamped.timestamp.ToNanoseconds() for _, stamped in found] == [at_ns for at_ns, _ in found]
     assert len(read["/device/frame"]) == len(read["/device/set_position"]) == 7  # 0, 16, ... 96 ms
     assert len(read["/world/frame"]) == 5

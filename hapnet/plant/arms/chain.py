@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated
 
+from hapnet.mechanics.pose import cross as product
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Floats, OfAxes, Reals, Record
 
@@ -104,10 +105,8 @@ class Chain(Record):
 
 @equation
 def cross(a: Reals, b: Reals, out: Floats) -> None:
-    """``a x b``; `out` is another vector."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+    """``a x b`` into `out`."""
+    out[0], out[1], out[2] = product(a, b)
 
 
 @equation

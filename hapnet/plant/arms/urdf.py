@@ -7,6 +7,7 @@ it is at 0. An effort or velocity of 0 is no limit.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 from xml.etree import ElementTree
 
@@ -42,6 +43,7 @@ class _Body(NamedTuple):
     inertia: Array
 
 
+@lru_cache(maxsize=4)  # a run asks for its arm several times
 def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector = ()) -> ArmTable:
     """The arm that a URDF describes.
 

@@ -26,7 +26,7 @@ from typing import Annotated
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose, arm, in_world
+from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose, arm, cross, in_world
 from hapnet.plant.worlds.coupled import eliminate
 from hapnet.plant.worlds.coupled import force as push_of
 from hapnet.records.equation import equation
@@ -237,7 +237,7 @@ def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched)
                 rows[3 + i][3 + k] = rows[3 + i][3 + k] + gain * share * end[i] * start[k]
     for i in range(3):
         rows[3 + i][DOF] = (body.begun[i] - body.ended[i]) / dt
-    _add_cross(rows, body.ended, -1.0)
+    _addcross(rows, body.ended, -1.0)
     # spring, damper and push on the arms: the torque sum Pm x f
     stiffness, damping = body.arms_stiffness, body.arms_damping
     for j in range(3):
@@ -250,7 +250,7 @@ def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched)
         square = rod[0] * rod[0] + rod[1] * rod[1] + rod[2] * rod[2]
         across = rod[0] * w[0] + rod[1] * w[1] + rod[2] * w[2]
         along = half * (rod[0] * f[0] + rod[1] * f[1] + rod[2] * f[2]) + damping * square
-        torque = _cross(rod, f)
+        torque = cross(rod, f)
         for k in range(3):
             rows[3 + k][DOF] = rows[3 + k][DOF] + torque[k] - damping * (square * w[k] - across * rod[k])
             rows[3 + k][3 + k] = rows[3 + k][3 + k] + along
@@ -274,7 +274,7 @@ def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
     """The part of a plane in `_balance`."""
     rows, u, w, n = body.rows, body.mean, body.w, planes.normals[k]
     r, half = in_world(body.middle, body.arm_m, planes.places[k]), 0.5 * dt
-    turned, moved = _cross(r, n), _cross(w, r)
+    turned, moved = cross(r, n), cross(w, r)
     speed = 0.0
     for i in range(3):
         speed += n[i] * (u[i] + moved[i])
@@ -287,7 +287,7 @@ def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
         f * n[1] - drag * (u[1] + moved[1] - speed * n[1] / square),
         f * n[2] - drag * (u[2] + moved[2] - speed * n[2] / square),
     )
-    torque = _cross(r, force)
+    torque = cross(r, force)
     along = r[0] * force[0] + r[1] * force[1] + r[2] * force[2]
     size = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
     for i in range(3):
@@ -328,12 +328,7 @@ def _arrive(body: RigidBody, dt: float) -> None:
 
 
 @equation
-def _cross(a: Reals, b: Reals) -> tuple[float, float, float]:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@equation
-def _add_cross(rows: FloatRows, a: Reals, sign: float) -> None:
+def _addcross(rows: FloatRows, a: Reals, sign: float) -> None:
     """Add S(a), with ``S(a) w = a x w``, to the part of the rows that belongs to w."""
     rows[3][4], rows[3][5] = rows[3][4] - sign * a[2], rows[3][5] + sign * a[1]
     rows[4][3], rows[4][5] = rows[4][3] + sign * a[2], rows[4][5] - sign * a[0]

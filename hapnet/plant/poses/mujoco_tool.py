@@ -20,12 +20,14 @@ from hapnet.plant.poses.contacts import rigid_plane
 from hapnet.plant.poses.tool import Tool
 from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.plant.worlds.mujoco_engine import MujocoEngine
-from hapnet.plant.worlds.mujoco_model import Model, add_free_body, asked, load
+from hapnet.plant.worlds.mujoco_model import MOST_LIFTS, Model, add_free_body, asked, load, raised
 from hapnet.plant.worlds.mujoco_planes import NearGeom, SpherePlanes
 from hapnet.units import POSE
 
 _MARGIN_M = 0.03
 """Of the tool: the engine lists what is nearer than this."""
+
+_LIFT_M = 0.001
 
 _STILL: Vector = (1.0, 0.0, 0.0, 0.0)
 
@@ -53,15 +55,12 @@ class MujocoToolEngine(MujocoEngine):
         self._place = int(found.model.jnt_qposadr[found.model.body_jntadr[found.body]])
         start = found.data.qpos[self._place : self._place + 7]
         start[:3], start[3:] = asked(scene).at or (0.0, 0.0, 0.0), _STILL
-        own = int(found.model.body_geomadr[found.body])
-        for _ in range(2000):
-            found.engine.mj_forward(found.model, found.data)
-            contacts = found.data.contact
-            touching = (contacts.geom[: found.data.ncon] == own).any(axis=1) & (contacts.dist[: found.data.ncon] < 0.0)
-            if asked(scene).at or not touching.any():
-                break
-            start[2] += 0.001
-        if touching.any():
+
+        def lift() -> None:
+            start[2] += _LIFT_M
+
+        tries = 1 if asked(scene).at else MOST_LIFTS
+        if not raised(found.engine, found.model, found.data, found.body, lift, tries):
             raise InvalidParameter("scene", scene, "a model with room for the tool, or ?at=X,Y,Z [m] where it is free")
         self._home = np.array(start[:3])
         return found
@@ -150,6 +149,6 @@ class ToolPlanes(SpherePlanes):
 
 def _add_tool(tool: Tool, mass: float, engine: Any, spec: Any) -> None:
     kind, size = engine.mjtGeom.mjGEOM_BOX, [0.5 * length for length in tool.size]
-    if tool.name == "peg":
+    if tool.round:
         kind, size = engine.mjtGeom.mjGEOM_CYLINDER, [0.5 * tool.size[0], 0.5 * tool.size[2], 0.0]
     add_free_body(engine, spec, {"type": kind, "size": size, "mass": mass}, _MARGIN_M)

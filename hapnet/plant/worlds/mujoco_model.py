@@ -29,6 +29,9 @@ PLANES = ("auto", "all", "none")
 SHORTEST_S, MAX_S = 1e-5, 1.0
 """Of a model's timestep. Shorter ones take so many substeps that a run makes no progress."""
 
+MOST_LIFTS = 2000
+"""So often is a proxy lifted until it is free."""
+
 _PREFIX, _PROXY = "hapnet_", "proxy"
 _NAME = _PREFIX + _PROXY
 _RADIUS = 0.005
@@ -196,7 +199,11 @@ def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof
         dofs = tuple(range(first, first + dof))
     key = _begin(engine, model, data, scene, want, dofs)
     if dofs and lifts and not want.at:
-        _raise(engine, model, data, body, want.radius)
+
+        def lift() -> None:
+            model.body_pos[body][2] += want.radius
+
+        raised(engine, model, data, body, lift, MOST_LIFTS)
     engine.mj_forward(model, data)
     geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())
     overlaps = tuple(_overlaps(engine, model, data, body if dofs else -1))
@@ -238,14 +245,17 @@ def _overlaps(engine: Any, model: Any, data: Any, sphere: int) -> Iterator[str]:
         yield f"{names[0]} and {names[1]} by {depth * 1e3:.2g} mm"
 
 
-def _raise(engine: Any, model: Any, data: Any, body: int, radius: float) -> None:
-    """Put the sphere over the origin, as high as needed to be free."""
+def raised(engine: Any, model: Any, data: Any, body: int, lift: Callable[[], None], tries: int) -> bool:
+    """Lift the proxy as often as needed to be free; false: it is not after so many tries."""
     own = int(model.body_geomadr[body])
-    for _ in range(2000):
+    for _ in range(tries):
         engine.mj_forward(model, data)
-        if not any(own in pair for pair in data.contact.geom[: data.ncon].tolist()):
-            return
-        model.body_pos[body][2] += radius
+        contacts, count = data.contact, data.ncon
+        acts = contacts.dist[:count] <= contacts.includemargin[:count]
+        if own not in contacts.geom[:count][acts]:
+            return True
+        lift()
+    return False
 
 
 def warnings(found: Model) -> Iterator[str]:

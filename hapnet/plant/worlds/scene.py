@@ -90,7 +90,8 @@ class Scene(WorldDefaults):
 def checked_dof(dof: int) -> int:
     """`dof` unchanged, if a world can have so many axes; else raises InvalidParameter."""
     if type(dof) is not int or not 1 <= dof <= 3:
-        raise InvalidParameter("dof", dof, "1, 2 or 3")
+        turns = ", or 6 with a tool that turns, as in the scene tool:box" if dof == 6 else ""
+        raise InvalidParameter("dof", dof, f"1, 2 or 3{turns}")
     return dof
 
 
