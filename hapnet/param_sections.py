@@ -92,6 +92,8 @@ class DeviceParams:
     dead_man: str = _p(
         "auto", "the button that must be held: auto (the one that the device declares), none, or its number from 0"
     )
+    clutch: str = _p("", "when the device moves alone, without force, and is coupled again from where it then is: "
+                     "spans as in 2-3, 5-6.5 [s], or a button as in button 1; empty: never")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,45 @@ class WorldParams:
     )
     silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
     wall: WallParams = field(default_factory=WallParams)
+
+
+@dataclass(frozen=True)
+class FollowerParams:
+    """A robot in the virtual mass's place. All but the two scales is in its own units; its spring, damper and reservoir
+    are those of `world`."""
+
+    robot: str = _p("none", "simulated: a robot follows the device in the scene; none: the scene's virtual mass does",
+                    ("none", "simulated"))  # fmt: skip
+    servo: str = _p(
+        "auto", "auto: sampled (a force that is held) where the coupling has set-positions, else continuous",
+        ("auto", "continuous", "sampled"),
+    )  # fmt: skip
+    servo_hz: float = _p(1000.0, "rate of its servo [Hz]", Range(at_least=10.0, at_most=20_000.0))
+    mass: float = _p(0.045, "its apparent mass, if simulated [kg]", _POSITIVE)
+    own_damping: float = _p(0.3, "its own damping, if simulated [Ns/m]", _NOT_NEGATIVE)
+    resolution_m: float = _p(
+        0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=0.01)
+    )
+    force_limit_N: float = _p(10.0, "maximum force of its actuators [N]; 0: no limit", _NOT_NEGATIVE)
+    step_limit_N: float = _p(0.5, "largest step of its force per tick [N]; 0: no limit", _NOT_NEGATIVE)
+    greatest_speed: float = _p(
+        1.0, "maximum speed: it bounds the energy that a held force can give out [m/s]", _POSITIVE
+    )
+    motion_scale: float = _p(
+        1.0, "the robot moves so many times as far as the device", Range(at_least=1e-3, at_most=1e3)
+    )
+    force_scale: float = _p(
+        1.0, "the device renders so many times the robot's force; the theorem then bounds the sum of the device's work "
+        "and force_scale/motion_scale times the robot's", Range(at_least=1e-3, at_most=1e3)
+    )  # fmt: skip
+    start: str = _p(
+        "here", "here: wherever both stand when they are paired is the same place; origin: both have the same origin",
+        ("here", "origin"),
+    )  # fmt: skip
+    feedback: str = _p(
+        "position", "the device's spring is tied to where the robot is (position), renders the force on the robot "
+        "(force), or the planes near it, which the scene knows (planes)", ("position", "force", "planes")
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections, sections_of
 from hapnet.loading import published
 from hapnet.param_sections import ContactModelParams as ContactModelParams
 from hapnet.param_sections import DeviceParams as DeviceParams
+from hapnet.param_sections import FollowerParams as FollowerParams
 from hapnet.param_sections import LinkParams as LinkParams
 from hapnet.param_sections import OperatorParams as OperatorParams
 from hapnet.param_sections import WallParams as WallParams
@@ -109,6 +110,7 @@ class Params:
     device: DeviceParams = field(default_factory=DeviceParams)
     operator_hand: OperatorParams = field(default_factory=OperatorParams)
     world: WorldParams = field(default_factory=WorldParams)
+    follower: FollowerParams = field(default_factory=FollowerParams)
     link: LinkParams = field(default_factory=LinkParams)
     wire: WireParams = field(default_factory=WireParams)
     contact_model: ContactModelParams = field(default_factory=ContactModelParams)

@@ -10,10 +10,12 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from hapnet.assembly.arms import description, simulated_device, with_arm
+from hapnet.assembly.follower import is_held, seen, with_follower
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import named_failures, named_section, require_parts
+from hapnet.assembly.scenes import SCENE_PARAMETERS, scene_of
 from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import check_units, with_units
 from hapnet.assembly.user_device import UserDevice, servo_rate
@@ -30,17 +32,17 @@ from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
-from hapnet.mechanics.pose import DOF
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
-from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
 from hapnet.plant.poses.hand import TurningHand
 from hapnet.plant.worlds.protocol import World
-from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
+from hapnet.plant.worlds.registry import scene_parameters
 from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.recording.samples import Event, MotionSample
+from hapnet.side.clutch import Clutch, button, spans
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.real_device import RealDeviceSide
@@ -53,19 +55,7 @@ from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile, Timeline
 
-_DEFAULTS = Params()
 End = TypeVar("End")
-
-_SCENE_PARAMETERS = {
-    "stiffness": "world.wall.stiffness",
-    "damping": "world.wall.damping",
-    "position": "world.wall.position_m",
-    "size": "world.wall.half_width_m",
-    "timeline": "world.wall.timeline",
-    "step_min_s": "world.step_min_s",
-    "step_max_s": "world.step_max_s",
-}
-"""A scene's keyword, and the parameter that it gets."""
 
 _SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}
 """Parameters that apply to received set-positions, and their values for a law that receives something else."""
@@ -139,13 +129,14 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 
 def _prepared(params: Params, default_servo: str) -> Setup:
     params = with_arm(params)
-    scene, warnings = _scene(params)
+    scene, warnings = scene_of(params)
     before, params = params, with_units(params, scene)
-    if any(params.get(name) != before.get(name) for name in _SCENE_PARAMETERS.values()):
-        scene, _ = _scene(params)
+    if any(params.get(name) != before.get(name) for name in SCENE_PARAMETERS.values()):
+        scene, _ = scene_of(params)
     if (rate_hz := servo_rate(params)) != params.device.servo_hz:
         params = params.set({"device.servo_hz": rate_hz})
     params = _with_stages(with_springs(params), coupling(params.coupling))
+    params, scene = with_follower(params, coupling(params.coupling), scene)
     check_units(params, scene.dof)
     device = params.device
     spec = coupling(params.coupling)
@@ -164,6 +155,8 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         Harvest, ("range" if servo == "continuous" else "measured") if device.harvest == "auto" else device.harvest
     )
     if servo == "continuous":
+        if device.clutch:
+            raise InvalidParameter("device.clutch", device.clutch, "empty with the continuous servo")
         if harvest == "measured":
             raise InvalidParameter("device.harvest", "measured", "range with the continuous servo: no torque is held")
         if device.resolution_m:
@@ -187,7 +180,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
             warnings.extend(found)
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
-    tuning = spec.tune(params, delays(up, down, params.link.path_s))
+    tuning = spec.tune(seen(params), delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))
     if isinstance(scene, RigidScene) and scene.has_effects and not spec.staged(params):
         warnings.append(
@@ -248,6 +241,7 @@ def device_side(
         with named_section("device"):
             hold(simulated.position, False)
         side = SampledDeviceSide(endpoint, simulated, hold, drive)
+        side.clutch = _clutch(setup, simulated)
     moved = hand.hand if isinstance(hand, TurningHand) else hand
     if isinstance(moved, LiveHand):
         side.live_hand = moved
@@ -289,7 +283,22 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
         return SampledDeviceSide(endpoint, device.device, hold, drive, device.declared)
     check = device.check(params.device)
-    return RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device), check)
+    side = RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device), check)
+    side.clutch = _clutch(setup, device)
+    return side
+
+
+def _clutch(setup: Setup, device: Device) -> Clutch | None:
+    """The clutch of the device; None: it has none. Raises InvalidParameter."""
+    text = setup.params.device.clutch
+    if not text:
+        return None
+    if (number := button(text)) is None:
+        open_at = spans(text)
+        return Clutch(lambda t: any(begin <= t < end for begin, end in open_at), setup.dof)
+    if not isinstance(device, UserDevice) or not number < len(device.buttons()):
+        raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
+    return Clutch(lambda t: device.buttons()[number], setup.dof)
 
 
 def virtual_mass(setup: Setup) -> Mass:
@@ -310,7 +319,9 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     mass = virtual_mass(setup)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
-        end = _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
+        spec, start = setup.coupling, _start(setup, world, position, empty, kinetic)
+        make = spec.follower if spec.follower is not None and is_held(setup.params, spec) else spec.world
+        end = _end(setup, make, WorldCoupling, start)
         return setup.ends.steps(end, mass, setup.scene.contacts)
 
     make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
@@ -322,7 +333,7 @@ def _start(
 ) -> CouplingStart[Any]:
     """What an end of the coupling is made from; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
-    return CouplingStart(setup.params, setup.tuning, position, energy, kinetic, setup.harvest)
+    return CouplingStart(seen(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
 
 
 def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:
@@ -384,34 +395,3 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
         ),
         secret=secret,
     )
-
-
-def _scene(params: Params) -> tuple[World, list[str]]:
-    """The scene, and a warning for each parameter that was set but that the scene does not read."""
-    known, named = scene_parameters(params.scene), not is_own(params.scene)
-    values: dict[str, Any] = {"dof": params.dof} if params.dof and "dof" in known else {}
-    warnings = {}
-    for keyword, name in _SCENE_PARAMETERS.items():
-        value = params.get(name)
-        changed = value != _DEFAULTS.get(name)
-        if keyword in known:
-            if named or changed:  # a scene of the user's own has defaults of its own
-                values[keyword] = value
-        elif changed:
-            shown = repr(value) if isinstance(value, str) else f"{value:g}"
-            warnings[keyword] = f"{name} is {shown}, but the scene {params.scene} does not read it"
-    try:
-        scene = make_scene(params.scene, **values)
-        if params.dof not in (0, scene.dof, DOF if scene.units == POSE else 0):
-            raise InvalidParameter("dof", params.dof, f"0 or {scene.dof}: the scene {params.scene} sets its own")
-        if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
-            warnings = {keyword: one for keyword, one in warnings.items() if not keyword.startswith("step_")}
-        return scene, [*warnings.values()]
-    except InvalidParameter as error:
-        keyword, _, entry = error.name.partition(" ")  # a timeline names its entry
-        if keyword not in _SCENE_PARAMETERS:
-            raise
-        name = _SCENE_PARAMETERS[keyword]
-        if entry:
-            raise InvalidParameter(f"{name}, {entry}", error.value, error.allowed) from error
-        raise InvalidParameter(name, params.get(name), error.allowed) from error

@@ -45,6 +45,14 @@ Hardware = Annotated[
         autocompletion=complete.devices,
     ),
 ]
+Follower = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="A robot that follows the device, among the scene's contacts, in the virtual mass's place: simulated.",
+        autocompletion=complete.choices("follower.robot"),
+    ),
+]
 Coupling = Annotated[
     str | None,
     typer.Option(

@@ -33,6 +33,7 @@ class ModelOptions:
     scene: flags.Scene = None
     operator: flags.Operator = None
     hardware: flags.Hardware = None
+    follower: flags.Follower = None
     coupling: flags.Coupling = None
     rendering: flags.Rendering = None
     servo: flags.ServoKind = None
@@ -47,6 +48,7 @@ class ModelOptions:
         """The given parameters by their dotted names; those about silence for each of these sides."""
         found: dict[str, object] = {
             "hardware": self.hardware,
+            "follower.robot": self.follower,
             "scene": self.scene,
             "operator": self.operator,
             "coupling": self.coupling,

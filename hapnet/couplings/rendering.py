@@ -83,13 +83,13 @@ def tune(params: Params, link: Delays) -> RenderingTuning:
 def tuned(params: Params) -> RenderingTuning:
     """The numbers of the table above."""
     device = params.device
-    wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(_largest(device.stiffness) * device.mass)
-    added = min(max(0.0, wanted - _largest(device.damping)), RENDERED_DAMPING)
+    wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(largest(device.stiffness) * device.mass)
+    added = min(max(0.0, wanted - largest(device.damping)), RENDERED_DAMPING)
     return RenderingTuning(
         contact_model=True,
         lag_s=lag_s(params),
         damping_Ns_m=added,
-        lead_s=params.contact_model.lead * (_largest(device.damping) + added) / _smallest(device.stiffness),
+        lead_s=params.contact_model.lead * (largest(device.damping) + added) / _smallest(device.stiffness),
         reach_m=params.contact_model.reach_m,
         reach_speed_mps=device.greatest_speed,
     )
@@ -116,7 +116,7 @@ def at_device(start: CouplingStart[RenderingTuning]) -> ContactModel | None:
         shift_s=model.shift_s,
         yields_below=model.yields_below,
         remembers=model.remembers,
-        untold_share=min(1.0, PAPERS / _largest(start.params.device.stiffness)),
+        untold_share=min(1.0, PAPERS / largest(start.params.device.stiffness)),
     )
 
 
@@ -145,7 +145,7 @@ def predictor(params: Params) -> MotionPredictor:
 
 def lag_s(params: Params) -> float:
     """B'/K' [s]."""
-    return _largest(params.world.damping) / _smallest(params.world.stiffness)
+    return largest(params.world.damping) / _smallest(params.world.stiffness)
 
 
 def _eigenvalues(matrix: object) -> Array:
@@ -153,7 +153,8 @@ def _eigenvalues(matrix: object) -> Array:
     return np.linalg.eigvalsh(values) if values.ndim == 2 else np.ravel(values)
 
 
-def _largest(matrix: object) -> float:
+def largest(matrix: object) -> float:
+    """The largest number of what may be a number, one for each axis, or a matrix."""
     return float(np.max(_eigenvalues(matrix)))
 
 

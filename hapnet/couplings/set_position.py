@@ -13,6 +13,7 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
+from hapnet.control.held_steps import HeldSteps, position, reflected
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
@@ -39,6 +40,10 @@ MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], M
 RESET_FORCE = "a force below this counts as none for the observer's reset [N]; 0: it is never reset"
 RESET_S = "the observer forgets a surplus after so long without force [s]"
 """The meanings of a law's parameters for `hapnet.control.virtual_coupling.Reset`."""
+
+_WORLDS = ("stiffness", "damping", "ceiling_J", "shuffle", "smoothing_s", "predict_s", "on_silence", "silence_after_s")
+_ROBOTS = ("servo_hz", "mass", "resolution_m", "force_limit_N", "step_limit_N", "greatest_speed")
+"""Parameters of a follower's servo that `world` has, and those that `follower` has."""
 
 BOTH_SIDES = frozenset({"device", "world"})
 
@@ -93,15 +98,17 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 
 
 def _at_device(
-    start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool, holding: Holding | None = None
-) -> tuple[SetPositionCoupling, Vector, ContactModel | None]:
+    start: CouplingStart[RenderingTuning],
+    make: MakeModulator,
+    limited: bool,
+    source: Source | None,
+    holding: Holding | None = None,
+) -> tuple[SetPositionCoupling, Vector]:
     device = start.params.device
     spring, damping = device_spring(start.params, len(start.position))
     reserve = 0.0 if holding is None else holding.reserve
     modulator = make(device, spring, start.position, start.initial_energy, reserve, holding)
-    maximum = _max_step(device, spring, limited)
-    model = rendering.at_device(start)
-    return _coupling(start, device, spring, modulator, maximum, model), damping, model
+    return _coupling(start, device, spring, modulator, _max_step(device, spring, limited), source), damping
 
 
 def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
@@ -111,17 +118,30 @@ def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
 
 
 def _continuous(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
-    coupling, damping, model = _at_device(start, make, limited)
+    model = rendering.at_device(start)
+    coupling, damping = _at_device(start, make, limited, model)
     period, sending = _rates(start)
     return ContinuousServo(coupling, damping=damping, period=period, sending=sending, model=model)
 
 
 def _sampled(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
+    model = rendering.at_device(start)
+    return _held(start, make, limited, model, model)
+
+
+def _held(
+    start: CouplingStart[RenderingTuning],
+    make: MakeModulator,
+    limited: bool,
+    source: Source | None,
+    model: ContactModel | None,
+) -> SampledServo:
+    """A servo that holds its force; source : chooses y, which is the model's if there is one."""
     device, dof = start.params.device, len(start.position)
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
         guard, holding = held_torque.guard(device, start.harvest, dof)
-    coupling, damping, model = _at_device(start, make, limited, holding)
+    coupling, damping = _at_device(start, make, limited, source, holding)
     period, sending = _rates(start)
     return SampledServo(
         coupling,
@@ -148,6 +168,37 @@ def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: 
     )
 
 
+def servo_of(params: Params) -> DeviceParams:
+    """The follower's servo as a device's section: its limits and rate, with the spring and the reservoir of `world`."""
+    robot, world = params.follower, params.world
+    return replace(
+        params.device,
+        **{name: getattr(world, name) for name in _WORLDS},
+        **{name: getattr(robot, name) for name in _ROBOTS},
+        watchdog_s=max(params.device.watchdog_s, 2.0 / robot.servo_hz),
+        trusted_damping=0.0,
+    )
+
+
+def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
+    """The world's end with a robot in the virtual mass's place, whose force is held."""
+    params, robot = start.params, start.params.follower
+    servo = servo_of(params)
+    source = reporter = None
+    if start.tuning.contact_model:
+        lagging = params.set({"world.damping": rendering.largest(params.world.damping) + robot.own_damping})
+        source = rendering.at_world(replace(start, params=lagging))
+        reporter = Teller(start.position, source, *rendering.reach(start))
+    at_robot = replace(start, params=replace(params, device=servo), harvest="measured")
+    return HeldSteps(
+        _held(at_robot, make, limited, source, None),
+        reporter,
+        said=reflected(rendering.largest(params.device.stiffness)) if robot.feedback == "force" else position,
+        period=1.0 / robot.servo_hz,
+        watchdog=servo.watchdog_s,
+    )
+
+
 def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
     """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
 
@@ -170,11 +221,12 @@ def _at_world(
 
 
 class Ends(NamedTuple):
-    """What makes the ends of such a coupling: `CouplingSpec.device`, `continuous` and `world`."""
+    """What makes the ends of such a coupling: the functions of a `CouplingSpec`."""
 
     device: Callable[[CouplingStart[RenderingTuning]], DeviceCoupling]
     continuous: Callable[[CouplingStart[RenderingTuning]], ContinuousServo]
     world: Callable[[CouplingStart[RenderingTuning]], WorldCoupling]
+    follower: Callable[[CouplingStart[RenderingTuning]], WorldCoupling]
 
 
 def ends(make: MakeModulator, *, limited: bool) -> Ends:
@@ -183,4 +235,5 @@ def ends(make: MakeModulator, *, limited: bool) -> Ends:
         partial(_sampled, make=make, limited=limited),
         partial(_continuous, make=make, limited=limited),
         partial(_world, make=make, limited=limited),
+        partial(_follower, make=make, limited=limited),
     )

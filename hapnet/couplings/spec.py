@@ -79,6 +79,8 @@ class CouplingSpec(Generic[T]):
         to its source.
     device, world : make the two ends. continuous : makes a device's end that acts within a simulated device's tick;
         None: its force is held.
+    follower : makes the world's end where a robot holds a force in the virtual mass's place; None: only a robot whose
+        coupling acts within its step can follow.
     tuning : a frozen dataclass whose field names carry units. tune : applies the law's own rule to the parameters and
         the link's delays. Without them a law has nothing to choose.
     parameters : the law's own, a frozen dataclass of `hapnet.param_values.parameter`s, which `Params.of` finds by its
@@ -110,6 +112,7 @@ class CouplingSpec(Generic[T]):
     parameters: type[Any] | None = None
     section: str = ""
     continuous: Callable[[CouplingStart[T]], ContinuousServo] | None = None
+    follower: Callable[[CouplingStart[T]], WorldCoupling] | None = None
     shared: tuple[str, ...] = ()
     device_sends: type[Stream] = Position
     world_sends: type[Stream] = Position

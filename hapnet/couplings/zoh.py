@@ -20,6 +20,7 @@ LAW = CouplingSpec(
     device=_ENDS.device,
     world=_ENDS.world,
     continuous=_ENDS.continuous,
+    follower=_ENDS.follower,
     tuning=RenderingTuning,
     tune=rendering.tune,
     shared=("contact_model",),

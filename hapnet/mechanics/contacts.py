@@ -128,6 +128,15 @@ class Mass(Protocol):
     def kinetic_J(self) -> float:
         """Its kinetic energy; 0 if that belongs to the environment."""
 
+    @property
+    def waits(self) -> bool:
+        """Does it begin where the device is first, which it then must know?"""
+        return False
+
+    def port_J(self, counted_J: float) -> float:
+        """Work put in at its port so far [J]: what the ledger has counted there, if it does not know better."""
+        return counted_J
+
     def adopt(self, contacts: Surroundings) -> None:
         """Check its surroundings. Raises InvalidParameter."""
         return

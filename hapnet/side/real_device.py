@@ -295,7 +295,8 @@ class RealDeviceSide(SampledDeviceSide):
             self.servo.force, self._held_before = acted, None
             self._reports = True
         elif release or self._held_before is not None or self._reports:
-            self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, self._reading[0], self.x)))
+            x = self._reading[0] if self.clutch is None else self.clutch.coupled(self._reading[0])
+            self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, x, self.x)))
         if self.stopped is None:
             dt = (now_ns - self.last_ns) * NANO
             if wrong := self._agreement.wrong(dt, self.servo.force, self._reading[0]):

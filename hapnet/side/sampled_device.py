@@ -11,7 +11,9 @@ from hapnet.control.ledger import Ledger
 from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
+from hapnet.recording.samples import Event
 from hapnet.side import held_device
+from hapnet.side.clutch import Clutch
 from hapnet.side.device import DeviceSide, Drive, Observe
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.held_device import HeldDevice
@@ -36,6 +38,8 @@ class SampledDeviceSide(DeviceSide):
         super().__init__(endpoint, device, drive)
         self._declared = declared
         self._watch: RangeWatch | None = None
+        self.clutch: Clutch | None = None
+        """Uncouples the device for a while; None: nothing does."""
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self.held: HeldDevice | None = None
@@ -50,7 +54,8 @@ class SampledDeviceSide(DeviceSide):
 
     @property
     def true_slack(self) -> float | None:
-        return None if self.held is None else self.held.true_ledger.slack_min
+        # what the coupling has of the position lags behind the true one by the clutch's offset
+        return None if self.held is None or self.clutch is not None else self.held.true_ledger.slack_min
 
     @property
     def quantisation(self) -> float | None:
@@ -98,6 +103,9 @@ class SampledDeviceSide(DeviceSide):
         x, v = self._read()
         dt = max(self._elapsed(), elapsed_s)
         if self._watch is None or self._watch.passes(dt, x, v):
+            if self.clutch is not None:
+                x, v = self._through(self.clutch, now_ns, x, v)
+                release = release or self.clutch.open
             self.x = x
         else:
             self.stop_force(now_ns, self._watch.why or "")
@@ -113,6 +121,15 @@ class SampledDeviceSide(DeviceSide):
         else:
             servo.force = applied
         return message
+
+    def _through(self, clutch: Clutch, now_ns: int, x: Vector, v: Vector) -> tuple[Vector, Vector]:
+        """Position and velocity as the coupling has them."""
+        was, origin_ns = clutch.open, now_ns if self.origin_ns is None else self.origin_ns
+        moved = clutch.move((now_ns - origin_ns) * NANO, x, v)
+        if clutch.open != was:
+            state = "open: no force" if clutch.open else "closed: the device is coupled again"
+            self._write(Event(now_ns, "clutch", f"the clutch is {state}"))
+        return moved
 
     def _live_through(self, held: HeldDevice, follow: Callable[[float, Vector], None]) -> None:
         """A period in which the servo was away: the device goes on under the force that is held, and both accounts
@@ -132,7 +149,7 @@ class SampledDeviceSide(DeviceSide):
 
     @property
     def skippable_ticks(self) -> int:
-        if self._skippable_ticks is None or self.endpoint.has_news or self.paused:
+        if self._skippable_ticks is None or self.endpoint.has_news or self.paused or self.clutch is not None:
             return 0
         return self._skippable_ticks(self._skippable_dt)
 
@@ -165,6 +182,8 @@ class SampledDeviceSide(DeviceSide):
             self._record(now_ns, self.x, self._v, self.servo.force, None, None)
         else:
             hand, target = simulated.hand_force, simulated.references[-1]
+            if self.clutch is not None:
+                target = self.clutch.coupled(target)
             self._record(now_ns, self.x, self._v, self.servo.force, hand, target)
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:

@@ -85,7 +85,8 @@ class WorldSide:
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
-            if endpoint.restarted:  # it has no energy to go to the device, so it begins at the device's first position
+            # a world that starts again has no energy to go to the device, so it begins at the device's first position
+            if endpoint.restarted or mass.waits:
                 if (sample := endpoint.arrived) is None:
                     return None
                 if not isinstance(sample, Wave):  # a wave contains no position
@@ -109,7 +110,7 @@ class WorldSide:
         self.longest_step_s = max(self.longest_step_s, dt)
         ledger = coupling.ledger
         assert self.environment is not None, "made with the coupling"
-        self.environment.observe(ledger.work, done.position)
+        self.environment.observe(mass.port_J(ledger.work), done.position)
         self._write(
             WorldSample(
                 now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,

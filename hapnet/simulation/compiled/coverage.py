@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hapnet.assembly.build import Setup
+from hapnet.assembly.follower import follows
 from hapnet.couplings.registry import known
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
@@ -120,6 +121,8 @@ def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
     if params.hardware != "simulated":
         yield f"the device {params.hardware}"
+    if params.device.clutch:
+        yield "a clutch"
     if kind_of(params) is None:
         before = "the stages before " if known(params.coupling) and params.rendering == "hapnet" else ""
         yield f"{before}the coupling {params.coupling}"
@@ -138,7 +141,9 @@ def _reasons(setup: Setup) -> Iterator[str]:
 def _of_scene(setup: Setup) -> Iterator[str]:
     """The walls of a `Scene`, and solids that equations know."""
     scene = setup.scene
-    if type(scene) is RigidScene:
+    if follows(setup.params):
+        yield "a follower"
+    elif type(scene) is RigidScene:
         if not 0 < len(scene.contacts.secants) <= MOST:
             yield f"a scene with {len(scene.contacts.secants)} solids"
         elif not scene.contacts.have_formulas:

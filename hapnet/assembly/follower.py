@@ -1,0 +1,93 @@
+"""A robot in the virtual mass's place: what its parameters become."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.couplings.spec import CouplingSpec
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Mass
+from hapnet.params import Params
+from hapnet.plant.follower import Frame, Robot, RobotScene
+from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.protocol import World
+from hapnet.units import METRES
+
+
+def follows(params: Params) -> bool:
+    """Is there a robot in the virtual mass's place?"""
+    return params.follower.robot != "none"
+
+
+def is_held(params: Params, spec: CouplingSpec[Any]) -> bool:
+    """Is the robot's force held from tick to tick?"""
+    return follows(params) and params.follower.servo != "continuous" and spec.follower is not None
+
+
+def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tuple[Params, World]:
+    """The parameters with what follows from the robot's servo, and the scene in which it stands.
+
+    Raises InvalidParameter: what does not fit a follower.
+    """
+    robot = params.follower
+    if not follows(params):
+        return params, scene
+    if robot.servo == "sampled" and spec.follower is None:
+        allowed = f"continuous with the coupling {params.coupling}: it is not known how it holds a force there"
+        raise InvalidParameter("follower.servo", robot.servo, allowed)
+    held = is_held(params, spec)
+    if scene.moves_proxy or scene.units != METRES:
+        allowed = f"none in the scene {params.scene}: a robot can move only where a mass in metres can"
+        raise InvalidParameter("follower.robot", robot.robot, allowed)
+    if robot.resolution_m and not held:
+        raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")
+    if robot.feedback == "force" and not held:
+        raise InvalidParameter("follower.feedback", robot.feedback, "position or planes with a continuous servo")
+    if robot.feedback == "planes" and not spec.staged(params):
+        allowed = "position or force: without the stages of rendering hapnet no planes are sent"
+        raise InvalidParameter("follower.feedback", robot.feedback, allowed)
+    period_s = 1.0 / robot.servo_hz
+    params = params.set({"world.step_min_s": period_s, "world.step_max_s": period_s})
+
+    def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
+        body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
+        if body is None:
+            body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
+        frame = Frame(robot.motion_scale, robot.force_scale, (0.0,) * scene.dof)
+        return Robot(
+            body,
+            scene.contacts,
+            frame,
+            robot.own_damping if held else 0.0,
+            robot.resolution_m,
+            held=held,
+            here=robot.start == "here",
+        )
+
+    return params, RobotScene(scene, made, period_s, sees=robot.feedback == "planes")
+
+
+def seen(params: Params) -> Params:
+    """The parameters with the robot's in the leader's units (`hapnet.plant.follower.Frame`)."""
+    robot, world = params.follower, params.world
+    a, b = robot.motion_scale, robot.force_scale
+    if not follows(params) or a == b == 1.0:
+        return params
+    return params.set({
+        "world.stiffness": _times(a * b, world.stiffness),
+        "world.damping": _times(a * b, world.damping),
+        "world.step_limit_N": b * world.step_limit_N,
+        "follower.mass": a * b * robot.mass,
+        "follower.own_damping": a * b * robot.own_damping,
+        "follower.resolution_m": robot.resolution_m / a,
+        "follower.force_limit_N": b * robot.force_limit_N,
+        "follower.step_limit_N": b * robot.step_limit_N,
+        "follower.greatest_speed": robot.greatest_speed / a,
+    })  # fmt: skip
+
+
+def _times(factor: float, value: ArrayLike) -> Any:
+    return (factor * np.asarray(value, dtype=float)).tolist()

@@ -1,0 +1,301 @@
+"""A follower: a simulated robot in a scene, as the leader's side of the theorem sees it.
+
+The leader's motion may be scaled to the robot, and the robot's force to the hand:
+
+    x = (x_r - o)/a,    F = b F_r                   x_r, F_r : the robot's own;  x, F : in the leader's units
+
+Work then is scaled too: F . dx = (b/a) F_r . dx_r. Everything that a coupling, an account or a message holds is in the
+leader's units. So energy crosses the link without a factor, and what Theorem 1 bounds is the work of the leader's port
+plus b/a times the robot's. Only this module knows the robot's own units.
+
+The robot has a mass, damping of its own and encoders, and stands among the scene's contacts, whatever they are. Its
+force is held from tick to tick: then its port is the actuator's, and mass and contacts behind it are its environment.
+Where the coupling acts within the step, its port is that of its contacts, as with a virtual mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.checks import Signal, Vector
+from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
+from hapnet.mechanics.curvature import Curvature
+from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.picture import Picture
+from hapnet.plant.worlds.protocol import Surface, World, WorldDefaults
+from hapnet.plant.worlds.walls import Wall
+from hapnet.records.vectors import inner
+
+PART_S = 1e-3
+"""A held force moves the robot in parts of at most this length [s]."""
+
+
+@dataclass
+class Frame:
+    """Where the robot's axes are, as the leader has them.
+
+    motion : a, the robot moves so much farther. force : b, the leader feels so much more. offset : o (n,) [m].
+    """
+
+    motion: float
+    force: float
+    offset: Vector
+
+    @property
+    def energy(self) -> float:
+        """b/a: joules of the leader for each of the robot."""
+        return self.force / self.motion
+
+    @property
+    def is_one(self) -> bool:
+        """Are both units the same, and the places?"""
+        return self.motion == self.force == 1.0 and not any(self.offset)
+
+    def inside(self, x: Sequence[float]) -> Vector:
+        """The robot's own position of the leader's x [m]."""
+        return tuple([self.motion * one + o for one, o in zip(x, self.offset, strict=True)])
+
+    def outside(self, own: Sequence[float]) -> Vector:
+        """The leader's x of the robot's own position [m]."""
+        return tuple([(one - o) / self.motion for one, o in zip(own, self.offset, strict=True)])
+
+    def plane(self, plane: Plane) -> Plane:
+        """A plane near the robot, in the leader's units; effects of its surface stay behind if these are others."""
+        a, stiff = self.motion, self.motion * self.force
+        return plane._replace(
+            offset_m=(plane.offset_m - inner(plane.normal, self.offset)) / a,
+            stiffness=plane.stiffness * stiff,
+            damping=plane.damping * stiff,
+            velocity_mps=plane.velocity_mps / a,
+            curvatures=tuple([Curvature(bend.direction, bend.per_m * a) for bend in plane.curvatures]),
+            effects=plane.effects if a == self.force == 1.0 else None,
+        )
+
+
+class Robot(Mass):
+    """The robot among its contacts, in the leader's units: the `Mass` of a follower.
+
+    body : moves it among `contacts`, in its own units. frame : see `Frame`. damping : its own [Ns/m].
+    resolution : of its encoders [m]. held : is its force held, so that its port is the actuator's?
+    here : where it stands at the start is where the leader stands, wherever that is; else both share one origin.
+    """
+
+    def __init__(
+        self,
+        body: Mass,
+        contacts: Surroundings,
+        frame: Frame,
+        damping: float,
+        resolution: float,
+        *,
+        held: bool,
+        here: bool,
+    ) -> None:
+        self.body, self.frame = body, frame
+        self.contacts = contacts
+        self._damping, self._resolution = damping, resolution
+        self.held, self._here = held, here
+        self.done_J = 0.0
+        """Work put in at the actuator's port, of true positions [J]."""
+        self._measured = self._counts()
+        self._speed: Vector = (0.0,) * len(self._measured)
+
+    def _counts(self) -> Vector:
+        own, r = self.body.position, self._resolution
+        return self.frame.outside(own if r == 0.0 else [r * round(one / r) for one in own])
+
+    @property
+    def position(self) -> Vector:
+        """As measured [m]."""
+        return self._measured
+
+    @property
+    def velocity(self) -> Vector:
+        """As measured [m/s]."""
+        return self._speed
+
+    @property
+    def kinetic_J(self) -> float:
+        return 0.0 if self.held else self.moving_J
+
+    @property
+    def moving_J(self) -> float:
+        """Its kinetic energy [J]."""
+        return self.frame.energy * self.body.kinetic_J
+
+    @property
+    def waits(self) -> bool:
+        return self._here
+
+    def port_J(self, counted_J: float) -> float:
+        return self.done_J if self.held else counted_J
+
+    def adopt(self, contacts: Surroundings) -> None:
+        self.body.adopt(self.contacts)
+
+    def place(self, position: Vector) -> None:
+        """The leader is at `position` [m]: that is where the robot stands, if it begins `here`. It does not move."""
+        if self._here:
+            a = self.frame.motion
+            self.frame.offset = tuple([own - a * x for own, x in zip(self.body.position, position, strict=True)])
+        self._measured = self._counts()
+
+    def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
+        """With the body's own spring and damper, which are solved with the step; its own damping is not."""
+        return self._seen(dt, self.body.step(dt, self.frame.inside(set_position), self.contacts), 0.0)
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
+        """Under a held force, or a law's; in parts, so that its damping acts on where it goes."""
+        frame = self.frame
+        own_drag = drag / (frame.motion * frame.force) + self._damping
+        own = tuple([part / frame.force for part in push])
+        count = max(1, round(dt / PART_S)) if self.held else 1
+        begun = self.body.position
+        force, work, depth = [0.0] * len(own), 0.0, 0.0
+        for _ in range(count):
+            done = self.body.push(dt / count, own_drag, own, self.contacts)
+            for i, (f, v) in enumerate(zip(done.force, done.velocity, strict=True)):
+                force[i] += (f - self._damping * v) / count
+            work += done.work_J - self._damping * inner(done.velocity, done.velocity) * dt / count
+            depth = done.penetration_m
+        moved = [end - begin for begin, end in zip(begun, self.body.position, strict=True)]
+        if self.held:
+            self.done_J -= frame.energy * inner(own, moved)
+        velocity = tuple([one / dt for one in moved])
+        return self._seen(dt, Step(velocity, tuple(force), work, 0.0, own, self.body.position, depth), drag)
+
+    def _seen(self, dt: float, done: Step, drag: float) -> Step:
+        """A step of the body, in the leader's units."""
+        frame, before = self.frame, self._measured
+        self._measured = end = self._counts()
+        if self._resolution == 0.0:
+            self._speed = tuple([one / frame.motion for one in self.body.velocity])
+        else:
+            self._speed = tuple([(one - two) / dt for one, two in zip(end, before, strict=True)])
+        return Step(
+            tuple([one / frame.motion for one in done.velocity]),
+            tuple([frame.force * one for one in done.force]),
+            frame.energy * done.work_J,
+            frame.energy * done.dissipated_J,
+            tuple([frame.force * one for one in done.coupling_force]),
+            end,
+            done.penetration_m / frame.motion,
+        )
+
+
+class RobotContacts(Surroundings):
+    """What is around the robot, in the leader's units. sees : is the leader sent the planes there?"""
+
+    def __init__(self, robot: Robot, sees: bool) -> None:
+        self._robot, self._contacts, self._sees = robot, robot.contacts, sees
+
+    @property
+    def dof(self) -> int:
+        return self._contacts.dof
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Sequence[float], list[float]]:
+        raise NotImplementedError("the robot's body knows its contacts")
+
+    def stored_J(self, position: Sequence[float]) -> float:
+        """Of its contacts, and of its own motion if its port is the actuator's; where it truly is."""
+        robot = self._robot
+        behind = robot.frame.energy * self._contacts.stored_J(robot.body.position)
+        return behind + (robot.moving_J if robot.held else 0.0)
+
+    @property
+    def supplied_J(self) -> float:
+        return self._robot.frame.energy * self._contacts.supplied_J
+
+    @property
+    def observed(self) -> Observed | None:
+        return self._contacts.observed
+
+    @property
+    def contact_force(self) -> Vector | None:
+        own = self._contacts.contact_force
+        return None if own is None else tuple([self._robot.frame.force * one for one in own])
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
+        if not self._sees:
+            return None
+        frame = self._robot.frame
+        own = self._contacts.planes(frame.inside(position), frame.motion * reach_m)
+        return None if own is None else tuple([frame.plane(one) for one in own])
+
+    def penetration(self, position: Sequence[float]) -> float:
+        frame = self._robot.frame
+        return self._contacts.penetration(frame.inside(position)) / frame.motion
+
+
+class RobotScene(WorldDefaults):
+    """A scene in which a robot stands in the virtual mass's place. A step is a tick of its servo.
+
+    scene : what is around it. made : makes the robot, with B' [Ns/m] and K' [N/m]. period_s : of its servo.
+    sees : as in `RobotContacts`. What is drawn of the scene is in the robot's units, so it is left out where these are
+    not the leader's.
+    """
+
+    def __init__(
+        self, scene: World, made: Callable[[ArrayLike, ArrayLike], Robot], period_s: float, *, sees: bool
+    ) -> None:
+        self._scene, self._made, self._period_s, self._sees = scene, made, period_s, sees
+        self._robot: Robot | None = None
+        self.contacts: Surroundings = scene.contacts
+
+    @property
+    def name(self) -> str:
+        return self._scene.name
+
+    @property
+    def dof(self) -> int:
+        return self._scene.dof
+
+    @property
+    def start(self) -> Vector:
+        return self._scene.start
+
+    @property
+    def stiffnesses(self) -> tuple[float, ...] | None:
+        return self._scene.stiffnesses
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        return self._scene.walls if self._same else ()
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        return self._scene.surfaces if self._same else ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self._scene.warnings
+
+    def picture(self) -> Picture | None:
+        return self._scene.picture() if self._same else None
+
+    @property
+    def _same(self) -> bool:
+        return self._robot is None or self._robot.frame.is_one
+
+    def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> Mass:
+        self._robot = robot = self._made(damping, stiffness)
+        self.contacts = RobotContacts(robot, self._sees)
+        return robot
+
+    def next_step_s(self, rng: np.random.Generator) -> float:
+        return self._period_s
+
+    def towards(self, position: Vector) -> Vector:
+        return position
+
+    def signal(self, name: str, value: Signal) -> None:
+        self._scene.signal(name, value)
+
+    def signals(self) -> Mapping[str, Signal]:
+        return self._scene.signals()
