@@ -8,7 +8,7 @@ really held, which is none, and when the clutch closes there is no jump, however
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import add, sub
+from operator import sub
 
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
@@ -30,7 +30,7 @@ class Clutch:
         self.open = False
         self.offset: Vector = (0.0,) * n
         """c [m]."""
-        self._before: Vector | None = None
+        self._rest: Vector = ()  # while it is open
 
     def coupled(self, x: Vector) -> Vector:
         """The position that the coupling has of x [m]."""
@@ -42,11 +42,14 @@ class Clutch:
 
         A force is held up to the reading with which the clutch opens, so that motion still counts.
         """
-        if self.open and self._before is not None:
-            self.offset = tuple(map(add, self.offset, map(sub, x, self._before)))
-        self._before = x
+        if self.open:
+            self.offset = tuple(map(sub, x, self._rest))
+            place = self._rest
+        else:
+            place = self.coupled(x)
         self.open = self._is_open(t)
-        return self.coupled(x), (0.0,) * len(v) if self.open else v
+        self._rest = place
+        return place, (0.0,) * len(v) if self.open else v
 
 
 def spans(text: str) -> list[tuple[float, float]]:

@@ -1,0 +1,73 @@
+"""Theorem 1 with a robot in the virtual mass's place, over links, scenes and scales drawn at random."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hapnet import simulate
+
+SCENES = ("free", "wall", "box", "sphere?at=0,0,-30mm&radius=15mm")
+OPERATORS = ("hand-21", "hand-22", "press", "sine")
+
+
+def drawn(case: int) -> dict[str, object]:
+    """The parameters of a case."""
+    rng = np.random.default_rng([33, case])
+    delay, jitter = rng.uniform(0.0, 200.0), rng.uniform(0.0, 30.0)
+    link = f"delay {delay:.0f}ms {min(jitter, delay):.0f}ms loss {rng.uniform(0.0, 40.0):.0f}%"
+    scene = SCENES[rng.integers(len(SCENES))]
+    staged = rng.random() < 0.7
+    held = rng.random() < 0.8
+    motion, force = np.exp(rng.uniform(math.log(0.1), math.log(5.0), 2)) if rng.random() < 0.6 else (1.0, 1.0)
+    feedback = ["position", *["force"] * held, *["planes"] * staged]
+    return {
+        "duration_s": 4.0,
+        "scene": scene,
+        "operator": OPERATORS[rng.integers(len(OPERATORS))],
+        "rendering": "hapnet" if staged else "paper",
+        "device.servo": "sampled",
+        "device.clutch": "1-1.6, 2.5-2.8" if rng.random() < 0.5 else "",
+        "device.resolution_m": 2e-5 if rng.random() < 0.3 else 0.0,
+        "link.up": link,
+        "link.down": link,
+        "follower.robot": "simulated",
+        "follower.servo": "sampled" if held else "continuous",
+        "follower.servo_hz": float(rng.choice([1000.0, 500.0, 100.0])),
+        "follower.resolution_m": 2e-5 if held and rng.random() < 0.3 else 0.0,
+        "follower.motion_scale": float(motion),
+        "follower.force_scale": float(force),
+        "follower.feedback": feedback[rng.integers(len(feedback))],
+        "follower.start": ("here", "origin")[rng.integers(2)],
+    }
+
+
+def check(case: int) -> None:
+    params = drawn(case)
+    summary = simulate(params, seed=case).summary
+    device, world = summary["device"], summary["world"]
+    assert device is not None
+    assert world is not None
+    for side in (device, world):
+        slack = side["ledger"]["slack_J"]
+        assert slack is not None
+        assert slack >= -1e-12, params
+    margin, own = summary["theorem"]["margin_J"], summary["environment"]["env_slack_J"]
+    assert margin is not None
+    assert margin >= -1e-9, params
+    assert own is not None
+    assert own >= -1e-12, params
+    assert summary["verdict"]["passive"], params
+
+
+@pytest.mark.parametrize("case", range(10))
+def test_the_theorem_holds_with_a_robot_as_the_world(case: int) -> None:
+    check(case)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(10, 100))
+def test_the_theorem_holds_with_a_robot_over_a_hundred_links(case: int) -> None:
+    check(case)

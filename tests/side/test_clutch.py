@@ -1,0 +1,55 @@
+"""The clutch: the device moves alone, and is coupled again from where it then is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hapnet import simulate
+from hapnet.errors import InvalidParameter
+from hapnet.side.clutch import Clutch, button, spans
+
+
+def test_while_it_is_open_the_coupled_position_stands_still() -> None:
+    opened = {2, 3, 4}
+    clutch = Clutch(lambda t: round(t) in opened, 1)
+    path = [0.0, 0.01, 0.02, 0.05, 0.09, 0.10, 0.12]  # it opens with the reading at 0.02, and closes with that at 0.10
+    seen = [clutch.move(float(t), (x,), (1.0,)) for t, x in enumerate(path)]
+    assert [x for (x,), _ in seen] == pytest.approx([0.0, 0.01, 0.02, 0.02, 0.02, 0.02, 0.04])
+    assert [v for _, (v,) in seen] == [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+    assert clutch.offset == pytest.approx((0.08,))
+
+
+@pytest.mark.parametrize("rendering", ["paper", "hapnet"])
+def test_the_follower_rests_and_nothing_jumps(rendering: str) -> None:
+    params = {
+        "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_hand.amplitude_m": 0.06,
+        "rendering": rendering, "device.servo": "sampled", "duration_s": 3.0, "device.clutch": "1-2.2",
+        "link.up": "delay 40ms", "link.down": "delay 40ms", "record_hz": 1000.0,
+    }  # fmt: skip
+    result = simulate(params, 1)
+    device, world = result.recording.device, result.recording.world
+    since = device["time_s"]
+    alone = (since > 1.0) & (since < 2.1)  # its times count from its own start, a little before the run's
+    assert np.ptp(device["position_m"][alone]) == 0.0
+    assert np.abs(device["force_N"][alone]).max() == 0.0
+    assert np.abs(np.diff(device["force_N"], axis=0)[since[1:] > 0.97]).max() <= 0.5 + 1e-9
+    later = world["time_s"]
+    rests = (later > 1.6) & (later < 2.1)  # once what was on the way has come
+    assert np.ptp(world["position_m"][rests]) < 1e-3
+    hand = device["operator_target_m"][since > 2.3]
+    assert np.abs(hand - device["position_m"][since > 2.3]).max() < 0.06  # in the coupling's frame too
+    assert result.summary["verdict"]["passive"]
+
+
+def test_texts_of_a_clutch() -> None:
+    assert spans("2-3, 5-6.5") == [(2.0, 3.0), (5.0, 6.5)]
+    assert button("button 1") == 1
+    assert button("1-2") is None
+    for wrong in ("3-2", "x", "1", "nan-2", "1-inf"):
+        with pytest.raises(InvalidParameter):
+            spans(wrong)
+    with pytest.raises(InvalidParameter):
+        simulate({"device.clutch": "button 0"})
+    with pytest.raises(InvalidParameter):
+        simulate({"device.clutch": "1-2", "device.servo": "continuous", "rendering": "paper"})
