@@ -169,8 +169,11 @@ class FollowerParams:
     """A robot in the virtual mass's place. All but the two scales is in its own units; its spring, damper and reservoir
     are those of `world`."""
 
-    robot: str = _p("none", "simulated: a robot follows the device in the scene; none: the scene's virtual mass does",
-                    ("none", "simulated"))  # fmt: skip
+    robot: str = _p(
+        "none",
+        "what follows the device, in place of the scene's virtual mass: simulated, or a driver (`hapnet devices`, "
+        "module:Class); none: the virtual mass does",
+    )
     servo: str = _p(
         "auto", "auto: sampled (a force that is held) where the coupling has set-positions, else continuous",
         ("auto", "continuous", "sampled"),

@@ -22,16 +22,20 @@ from hapnet.assembly.user_device import UserDevice, servo_rate
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
+from hapnet.control.held_steps import FollowerServo, HeldSteps, reflected
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
 from hapnet.couplings.felt import Felt, felt, of_springs
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling
+from hapnet.couplings.rendering import largest
+from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
+from hapnet.mechanics.frame import Frame
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
@@ -230,17 +234,17 @@ def device_side(
     simulated = setup.ends.simulated(simulated_device(params, setup.scene, hand))
     if simulated.dof != setup.dof:
         raise InvalidParameter("operator", params.operator, f"a hand with {setup.dof} axes, as the scene has")
-    drive = dataclasses.replace(_drive(setup, clock, write), write_motion=write_motion)
+    driven = dataclasses.replace(drive(setup, clock, write), write_motion=write_motion)
     if setup.servo == "continuous":
         make = _continuous(setup)
         with named_section("device"):
             make(simulated.position, 0.0, False)  # so that an error shows now and not at pairing
-        side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, drive)
+        side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, driven)
     else:
         hold = _held(setup)
         with named_section("device"):
             hold(simulated.position, False)
-        side = SampledDeviceSide(endpoint, simulated, hold, drive)
+        side = SampledDeviceSide(endpoint, simulated, hold, driven)
         side.clutch = _clutch(setup, simulated)
     moved = hand.hand if isinstance(hand, TurningHand) else hand
     if isinstance(moved, LiveHand):
@@ -248,7 +252,8 @@ def device_side(
     return side
 
 
-def _drive(setup: Setup, clock: Clock, write: Write) -> Drive:
+def drive(setup: Setup, clock: Clock, write: Write) -> Drive:
+    """What drives a side with the servo that `device` says."""
     device = setup.params.device
     return Drive(
         period_ns=round(1.0 / device.servo_hz / NANO),
@@ -279,11 +284,11 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
     with named_section("device"):
         hold((0.0,) * setup.dof, False)
-    drive = _drive(setup, clock, write)
+    driven = drive(setup, clock, write)
     if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
-        return SampledDeviceSide(endpoint, device.device, hold, drive, device.declared)
+        return SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
     check = device.check(params.device)
-    side = RealDeviceSide(endpoint, device, hold, drive, device.declared, device.limiter(params.device), check)
+    side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
     side.clutch = _clutch(setup, device)
     return side
 
@@ -293,12 +298,13 @@ def _clutch(setup: Setup, device: Device) -> Clutch | None:
     text = setup.params.device.clutch
     if not text:
         return None
+    frame = Frame(1.0, 1.0, (0.0,) * setup.dof)
     if (number := button(text)) is None:
         open_at = spans(text)
-        return Clutch(lambda t: any(begin <= t < end for begin, end in open_at), setup.dof)
+        return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
     if not isinstance(device, UserDevice) or not number < len(device.buttons()):
         raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
-    return Clutch(lambda t: device.buttons()[number], setup.dof)
+    return Clutch(frame, lambda t: device.buttons()[number])
 
 
 def virtual_mass(setup: Setup) -> Mass:
@@ -319,13 +325,26 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     mass = virtual_mass(setup)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
-        spec, start = setup.coupling, _start(setup, world, position, empty, kinetic)
-        make = spec.follower if spec.follower is not None and is_held(setup.params, spec) else spec.world
-        end = _end(setup, make, WorldCoupling, start)
+        if is_held(setup.params, setup.coupling):
+            period_s = 1.0 / setup.params.follower.servo_hz
+            return HeldSteps(follower_servo(setup, position, empty), period_s, servo_of(setup.params).watchdog_s)
+        end = _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
         return setup.ends.steps(end, mass, setup.scene.contacts)
 
     make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
+
+
+def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo:
+    """The servo of the robot that follows, at rest at `position` [m] in the leader's units."""
+    params, make = seen(setup.params), setup.coupling.follower
+    assert make is not None, "refused by prepare"
+    energy = 0.0 if empty else params.world.ceiling_J
+    at_robot = dataclasses.replace(params, device=servo_of(params))
+    servo = _end(setup, make, DeviceCoupling, CouplingStart(at_robot, setup.tuning, position, energy, 0.0, "measured"))
+    if params.follower.feedback == "force":
+        servo.said = reflected(largest(params.device.stiffness))
+    return servo
 
 
 def _start(

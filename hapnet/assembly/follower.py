@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
+from hapnet.mechanics.frame import Frame
 from hapnet.params import Params
-from hapnet.plant.follower import Frame, Robot, RobotScene
+from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.protocol import World
 from hapnet.units import METRES
@@ -20,6 +21,11 @@ from hapnet.units import METRES
 def follows(params: Params) -> bool:
     """Is there a robot in the virtual mass's place?"""
     return params.follower.robot != "none"
+
+
+def is_real(params: Params) -> bool:
+    """Is the robot a driver's?"""
+    return params.follower.robot not in ("none", "simulated")
 
 
 def is_held(params: Params, spec: CouplingSpec[Any]) -> bool:
@@ -49,6 +55,13 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
     if robot.feedback == "planes" and not spec.staged(params):
         allowed = "position or force: without the stages of rendering hapnet no planes are sent"
         raise InvalidParameter("follower.feedback", robot.feedback, allowed)
+    if is_real(params):
+        if not held:
+            allowed = f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"
+            raise InvalidParameter("follower.robot", robot.robot, allowed)
+        if robot.feedback != "position":
+            allowed = "position with a robot whose surroundings and contact force nobody knows"
+            raise InvalidParameter("follower.feedback", robot.feedback, allowed)
     period_s = 1.0 / robot.servo_hz
     params = params.set({"world.step_min_s": period_s, "world.step_max_s": period_s})
 
@@ -71,7 +84,7 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
 
 
 def seen(params: Params) -> Params:
-    """The parameters with the robot's in the leader's units (`hapnet.plant.follower.Frame`)."""
+    """The parameters with the robot's in the leader's units (`hapnet.mechanics.frame`)."""
     robot, world = params.follower, params.world
     a, b = robot.motion_scale, robot.force_scale
     if not follows(params) or a == b == 1.0:

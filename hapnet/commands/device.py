@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from hapnet.commands import complete
 from hapnet.commands.options import (
     NO_LINK,
     ModelOptions,
@@ -13,15 +17,37 @@ from hapnet.commands.options import (
     ZenohOptions,
     no_out_without_files,
 )
+from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from netem.groups import Without
 
 if TYPE_CHECKING:
     from hapnet.wire.messages import Role
 
 
-def device(*, model: ModelOptions, side: SideFlags, zenoh: ZenohOptions, links: OneWay, params: ParamsOptions) -> int:
+def device(
+    *,
+    model: Annotated[ModelOptions, Without("follower")],
+    side: SideFlags,
+    zenoh: ZenohOptions,
+    links: OneWay,
+    params: ParamsOptions,
+    role: Annotated[
+        str,
+        typer.Option(
+            metavar="leader|follower",
+            help="follower: this device is a robot that follows the leader's, in place of `hapnet world`.",
+            autocompletion=complete.words("leader", "follower"),
+        ),
+    ] = "leader",
+) -> int:
     """Run the device's side only, for two hosts: simulated device and hand. Start it before or after `hapnet world`."""
-    return one_side("device", model, side, zenoh, links, params)
+    if role == "leader":
+        return one_side("device", model, side, zenoh, links, params)
+    if role != "follower":
+        raise InvalidParameter("--role", role, "leader or follower")
+    follows = replace(model, hardware=None, follower=model.hardware or "simulated")
+    return one_side("world", follows, side, zenoh, links, params)
 
 
 def one_side(

@@ -49,8 +49,9 @@ Follower = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="A robot that follows the device, among the scene's contacts, in the virtual mass's place: simulated.",
-        autocompletion=complete.choices("follower.robot"),
+        help="A robot that follows the device, in the virtual mass's place: simulated (among the scene's contacts), "
+        "or a driver's.",
+        autocompletion=complete.devices,
     ),
 ]
 Coupling = Annotated[

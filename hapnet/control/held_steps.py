@@ -1,14 +1,16 @@
-"""The world's end where a robot stands in the virtual mass's place: its force is held from tick to tick.
+"""A follower's servo: a robot in the virtual mass's place, whose force is held from tick to tick.
 
 A follower is a device like the leader: PSPM, measured harvest and account at the actuator's port are those of
-`set_position_servo`. What it adds is its place in the world's half: a step of the world is a tick of its servo, y is
-the leader's motion, predicted, and the leader is sent a `Proxy`.
+`set_position_servo`. What it adds is its place in the world's half: y is the leader's motion, predicted, and the leader
+is sent a `Proxy`. A real robot has this servo as a device has its own. A simulated one is moved by the steps of a
+world, each of which is a tick.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Position, Update
@@ -41,34 +43,63 @@ def reflected(stiffness: float) -> Said:
     return say
 
 
-class HeldSteps(SetPositionSteps):
-    """A `WorldCoupling` whose mass is a robot under a held force.
+class FollowerServo(SampledServo):
+    """PSPM and force of a follower.
 
-    servo : its PSPM, account and force. reporter : as in `SetPositionSteps`. said : see `Said`.
-    period : of the servo [s]; a late step is made in parts so long. watchdog : a servo that is later than this renders
-        no force until it is on time again [s]; infinite: never.
+    reporter : makes the `Proxy`; None: a bare position is sent. The other arguments are those of `SampledServo`.
+
+    Attributes
+    ----------
+    said : see `Said`. sensed : the force of its surroundings on it, as it is known [N].
     """
 
-    def __init__(
-        self, servo: SampledServo, reporter: Teller | None, *, said: Said, period: float, watchdog: float = math.inf
-    ) -> None:
-        super().__init__(servo.coupling, reporter)
+    def __init__(self, reporter: Teller | None, **servo: Any) -> None:
+        super().__init__(**servo)
+        self.reporter = reporter
+        self.said: Said = position
+        self.sensed: Vector = (0.0,) * self.n
+
+    def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
+        if self.reporter is not None:
+            self.reporter.look(dt, x)
+        done = super().tick(dt, x, v, release=release)
+        if done is None or done.sample is None:
+            return done
+        level, said = self.coupling.level, self.said(x, self.coupling.target, self.sensed)
+        if self.reporter is not None:
+            return Update(self.reporter.proxy(said, level), done.shuffled)
+        return Update(said if level is None else Position(said, level), done.shuffled)
+
+    def skippable_ticks(self, dt: float) -> int:
+        """None: each tick tells the prediction how long a step is."""
+        return 0
+
+
+class HeldSteps(SetPositionSteps):
+    """The world's end of a simulated follower: a `WorldCoupling` whose mass is moved by a held force.
+
+    period : of the servo [s]; a late step is made in parts so long. watchdog : a servo that is later than this renders
+        no force until it is on time again [s].
+    """
+
+    def __init__(self, servo: FollowerServo, period: float, watchdog: float) -> None:
+        super().__init__(servo.coupling)
         self.servo = servo
-        self._said, self._period, self._watchdog = said, period, watchdog
+        self._period, self._watchdog = period, watchdog
         self._velocity: Vector = (0.0,) * servo.n
-        self._force: Vector = (0.0,) * servo.n
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
-        parts, left = [], dt
+        parts, lengths, left = [], [], dt
         while left > 1.5 * self._period:
             parts.append(mass.push(self._period, 0.0, self.servo.force, contacts))
+            lengths.append(self._period)
             self.servo.follow(self._period, parts[-1].position)
             left -= self._period
         parts.append(mass.push(left, 0.0, self.servo.force, contacts))
-        done = parts[0] if len(parts) == 1 else _joined(parts, dt, (self._period,) * (len(parts) - 1) + (left,))
-        self._velocity, self._force = mass.velocity, done.force
-        if self.reporter is not None:
-            self.reporter.moved(done, contacts)
+        done = parts[0] if len(parts) == 1 else _joined(parts, [*lengths, left])
+        self._velocity, self.servo.sensed = mass.velocity, done.force
+        if self.servo.reporter is not None:
+            self.servo.reporter.moved(done, contacts)
         return done
 
     def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
@@ -77,22 +108,12 @@ class HeldSteps(SetPositionSteps):
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
         """A tick of the servo, `dt` seconds after the last, at x [m]."""
-        if self.reporter is not None:
-            self.reporter.look(dt, x)
-        done = self.servo.tick(dt, x, self._velocity, release=dt > self._watchdog)
-        if done is None or done.sample is None:
-            return Update(None) if done is None else done
-        coupling = self.coupling
-        said = self._said(x, coupling.target, self._force)
-        if self.reporter is None:
-            level = coupling.level
-            return Update(said if level is None else Position(said, level), done.shuffled)
-        return Update(self.reporter.proxy(said, coupling.level), done.shuffled)
+        return self.servo.tick(dt, x, self._velocity, release=dt > self._watchdog) or Update(None)
 
 
-def _joined(parts: list[Step], dt: float, lengths: tuple[float, ...]) -> Step:
-    """Steps one after the other as one of `dt` seconds."""
-    end = parts[-1]
+def _joined(parts: list[Step], lengths: list[float]) -> Step:
+    """Steps of these lengths [s] one after the other, as one."""
+    end, dt = parts[-1], math.fsum(lengths)
 
     def mean(vectors: list[Vector]) -> Vector:
         return tuple([inner(lengths, along) / dt for along in zip(*vectors, strict=True)])

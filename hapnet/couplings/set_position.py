@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
-from hapnet.control.held_steps import HeldSteps, position, reflected
+from hapnet.control.held_steps import FollowerServo
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
@@ -40,6 +40,8 @@ MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], M
 RESET_FORCE = "a force below this counts as none for the observer's reset [N]; 0: it is never reset"
 RESET_S = "the observer forgets a surplus after so long without force [s]"
 """The meanings of a law's parameters for `hapnet.control.virtual_coupling.Reset`."""
+
+S = TypeVar("S", bound=SampledServo)
 
 _WORLDS = ("stiffness", "damping", "ceiling_J", "shuffle", "smoothing_s", "predict_s", "on_silence", "silence_after_s")
 _ROBOTS = ("servo_hz", "mass", "resolution_m", "force_limit_N", "step_limit_N", "greatest_speed")
@@ -135,7 +137,8 @@ def _held(
     limited: bool,
     source: Source | None,
     model: ContactModel | None,
-) -> SampledServo:
+    kind: Callable[..., S] = SampledServo,  # type: ignore[assignment]
+) -> S:
     """A servo that holds its force; source : chooses y, which is the model's if there is one."""
     device, dof = start.params.device, len(start.position)
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
@@ -143,8 +146,8 @@ def _held(
         guard, holding = held_torque.guard(device, start.harvest, dof)
     coupling, damping = _at_device(start, make, limited, source, holding)
     period, sending = _rates(start)
-    return SampledServo(
-        coupling,
+    return kind(
+        coupling=coupling,
         damping=damping,
         period=period,
         sending=sending,
@@ -180,23 +183,14 @@ def servo_of(params: Params) -> DeviceParams:
     )
 
 
-def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
-    """The world's end with a robot in the virtual mass's place, whose force is held."""
-    params, robot = start.params, start.params.follower
-    servo = servo_of(params)
-    source = reporter = None
+def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> FollowerServo:
+    """The servo of a robot in the virtual mass's place; `device` of the parameters is the robot's (`servo_of`)."""
+    params, source, reporter = start.params, None, None
     if start.tuning.contact_model:
-        lagging = params.set({"world.damping": rendering.largest(params.world.damping) + robot.own_damping})
-        source = rendering.at_world(replace(start, params=lagging))
+        lag = rendering.largest(params.world.damping) + params.follower.own_damping
+        source = rendering.at_world(replace(start, params=params.set({"world.damping": lag})))
         reporter = Teller(start.position, source, *rendering.reach(start))
-    at_robot = replace(start, params=replace(params, device=servo), harvest="measured")
-    return HeldSteps(
-        _held(at_robot, make, limited, source, None),
-        reporter,
-        said=reflected(rendering.largest(params.device.stiffness)) if robot.feedback == "force" else position,
-        period=1.0 / robot.servo_hz,
-        watchdog=servo.watchdog_s,
-    )
+    return _held(replace(start, harvest="measured"), make, limited, source, None, partial(FollowerServo, reporter))
 
 
 def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
@@ -226,7 +220,7 @@ class Ends(NamedTuple):
     device: Callable[[CouplingStart[RenderingTuning]], DeviceCoupling]
     continuous: Callable[[CouplingStart[RenderingTuning]], ContinuousServo]
     world: Callable[[CouplingStart[RenderingTuning]], WorldCoupling]
-    follower: Callable[[CouplingStart[RenderingTuning]], WorldCoupling]
+    follower: Callable[[CouplingStart[RenderingTuning]], FollowerServo]
 
 
 def ends(make: MakeModulator, *, limited: bool) -> Ends:

@@ -14,6 +14,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
+from hapnet.control.held_steps import FollowerServo
 from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings.link_delays import Delays
@@ -79,8 +80,8 @@ class CouplingSpec(Generic[T]):
         to its source.
     device, world : make the two ends. continuous : makes a device's end that acts within a simulated device's tick;
         None: its force is held.
-    follower : makes the world's end where a robot holds a force in the virtual mass's place; None: only a robot whose
-        coupling acts within its step can follow.
+    follower : makes the servo of a robot in the virtual mass's place, from parameters whose `device` is the robot's;
+        None: only a robot whose coupling acts within its step can follow.
     tuning : a frozen dataclass whose field names carry units. tune : applies the law's own rule to the parameters and
         the link's delays. Without them a law has nothing to choose.
     parameters : the law's own, a frozen dataclass of `hapnet.param_values.parameter`s, which `Params.of` finds by its
@@ -112,7 +113,7 @@ class CouplingSpec(Generic[T]):
     parameters: type[Any] | None = None
     section: str = ""
     continuous: Callable[[CouplingStart[T]], ContinuousServo] | None = None
-    follower: Callable[[CouplingStart[T]], WorldCoupling] | None = None
+    follower: Callable[[CouplingStart[T]], FollowerServo] | None = None
     shared: tuple[str, ...] = ()
     device_sends: type[Stream] = Position
     world_sends: type[Stream] = Position

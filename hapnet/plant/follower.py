@@ -1,12 +1,7 @@
 """A follower: a simulated robot in a scene, as the leader's side of the theorem sees it.
 
-The leader's motion may be scaled to the robot, and the robot's force to the hand:
-
-    x = (x_r - o)/a,    F = b F_r                   x_r, F_r : the robot's own;  x, F : in the leader's units
-
-Work then is scaled too: F . dx = (b/a) F_r . dx_r. Everything that a coupling, an account or a message holds is in the
-leader's units. So energy crosses the link without a factor, and what Theorem 1 bounds is the work of the leader's port
-plus b/a times the robot's. Only this module knows the robot's own units.
+The leader's motion may be scaled to the robot, and the robot's force to the hand (`hapnet.mechanics.frame`). Only this
+module knows the robot's own units.
 
 The robot has a mass, damping of its own and encoders, and stands among the scene's contacts, whatever they are. Its
 force is held from tick to tick: then its port is the actuator's, and mass and contacts behind it are its environment.
@@ -16,14 +11,13 @@ Where the coupling acts within the step, its port is that of its contacts, as wi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet.checks import Signal, Vector
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
-from hapnet.mechanics.curvature import Curvature
+from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import Picture
 from hapnet.plant.worlds.protocol import Surface, World, WorldDefaults
@@ -32,48 +26,6 @@ from hapnet.records.vectors import inner
 
 PART_S = 1e-3
 """A held force moves the robot in parts of at most this length [s]."""
-
-
-@dataclass
-class Frame:
-    """Where the robot's axes are, as the leader has them.
-
-    motion : a, the robot moves so much farther. force : b, the leader feels so much more. offset : o (n,) [m].
-    """
-
-    motion: float
-    force: float
-    offset: Vector
-
-    @property
-    def energy(self) -> float:
-        """b/a: joules of the leader for each of the robot."""
-        return self.force / self.motion
-
-    @property
-    def is_one(self) -> bool:
-        """Are both units the same, and the places?"""
-        return self.motion == self.force == 1.0 and not any(self.offset)
-
-    def inside(self, x: Sequence[float]) -> Vector:
-        """The robot's own position of the leader's x [m]."""
-        return tuple([self.motion * one + o for one, o in zip(x, self.offset, strict=True)])
-
-    def outside(self, own: Sequence[float]) -> Vector:
-        """The leader's x of the robot's own position [m]."""
-        return tuple([(one - o) / self.motion for one, o in zip(own, self.offset, strict=True)])
-
-    def plane(self, plane: Plane) -> Plane:
-        """A plane near the robot, in the leader's units; effects of its surface stay behind if these are others."""
-        a, stiff = self.motion, self.motion * self.force
-        return plane._replace(
-            offset_m=(plane.offset_m - inner(plane.normal, self.offset)) / a,
-            stiffness=plane.stiffness * stiff,
-            damping=plane.damping * stiff,
-            velocity_mps=plane.velocity_mps / a,
-            curvatures=tuple([Curvature(bend.direction, bend.per_m * a) for bend in plane.curvatures]),
-            effects=plane.effects if a == self.force == 1.0 else None,
-        )
 
 
 class Robot(Mass):
@@ -106,7 +58,7 @@ class Robot(Mass):
 
     def _counts(self) -> Vector:
         own, r = self.body.position, self._resolution
-        return self.frame.outside(own if r == 0.0 else [r * round(one / r) for one in own])
+        return self.frame.coupled(own if r == 0.0 else [r * round(one / r) for one in own])
 
     @property
     def position(self) -> Vector:
@@ -140,19 +92,18 @@ class Robot(Mass):
     def place(self, position: Vector) -> None:
         """The leader is at `position` [m]: that is where the robot stands, if it begins `here`. It does not move."""
         if self._here:
-            a = self.frame.motion
-            self.frame.offset = tuple([own - a * x for own, x in zip(self.body.position, position, strict=True)])
+            self.frame.meet(self.body.position, position)
         self._measured = self._counts()
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
         """With the body's own spring and damper, which are solved with the step; its own damping is not."""
-        return self._seen(dt, self.body.step(dt, self.frame.inside(set_position), self.contacts), 0.0)
+        return self._seen(dt, self.body.step(dt, self.frame.own(set_position), self.contacts), 0.0)
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
         """Under a held force, or a law's; in parts, so that its damping acts on where it goes."""
         frame = self.frame
         own_drag = drag / (frame.motion * frame.force) + self._damping
-        own = tuple([part / frame.force for part in push])
+        own = frame.own_force(push)
         count = max(1, round(dt / PART_S)) if self.held else 1
         begun = self.body.position
         force, work, depth = [0.0] * len(own), 0.0, 0.0
@@ -173,15 +124,15 @@ class Robot(Mass):
         frame, before = self.frame, self._measured
         self._measured = end = self._counts()
         if self._resolution == 0.0:
-            self._speed = tuple([one / frame.motion for one in self.body.velocity])
+            self._speed = frame.velocity(self.body.velocity)
         else:
             self._speed = tuple([(one - two) / dt for one, two in zip(end, before, strict=True)])
         return Step(
-            tuple([one / frame.motion for one in done.velocity]),
-            tuple([frame.force * one for one in done.force]),
+            frame.velocity(done.velocity),
+            frame.coupled_force(done.force),
             frame.energy * done.work_J,
             frame.energy * done.dissipated_J,
-            tuple([frame.force * one for one in done.coupling_force]),
+            frame.coupled_force(done.coupling_force),
             end,
             done.penetration_m / frame.motion,
         )
@@ -219,18 +170,18 @@ class RobotContacts(Surroundings):
     @property
     def contact_force(self) -> Vector | None:
         own = self._contacts.contact_force
-        return None if own is None else tuple([self._robot.frame.force * one for one in own])
+        return None if own is None else self._robot.frame.coupled_force(own)
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         if not self._sees:
             return None
         frame = self._robot.frame
-        own = self._contacts.planes(frame.inside(position), frame.motion * reach_m)
+        own = self._contacts.planes(frame.own(position), frame.motion * reach_m)
         return None if own is None else tuple([frame.plane(one) for one in own])
 
     def penetration(self, position: Sequence[float]) -> float:
         frame = self._robot.frame
-        return self._contacts.penetration(frame.inside(position)) / frame.motion
+        return self._contacts.penetration(frame.own(position)) / frame.motion
 
 
 class RobotScene(WorldDefaults):

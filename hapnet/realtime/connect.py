@@ -8,7 +8,7 @@ from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanag
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, overload
 
 from hapnet import checks
 from hapnet.assembly import user_device
@@ -33,9 +33,22 @@ DeviceChoice = str | Device | Callable[..., Device] | None
 Scene = str | World | Callable[..., Any] | None
 
 
+@overload
+def connect_device(
+    params: Settings = None, *, role: Literal["leader"] = "leader", **arguments: Any
+) -> AbstractAsyncContextManager[ConnectedDevice]: ...
+
+
+@overload
+def connect_device(
+    params: Settings = None, *, role: Literal["follower"], **arguments: Any
+) -> AbstractAsyncContextManager[ConnectedWorld]: ...
+
+
 def connect_device(
     params: Settings = None,
     *,
+    role: Literal["leader", "follower"] = "leader",
     device: DeviceChoice = None,
     scene: Scene = None,
     connect: Endpoints = (),
@@ -48,7 +61,7 @@ def connect_device(
     seed: int | None = None,
     realtime: bool = False,
     once: bool = False,
-) -> AbstractAsyncContextManager[ConnectedDevice]:
+) -> AbstractAsyncContextManager[ConnectedDevice] | AbstractAsyncContextManager[ConnectedWorld]:
     """Run a haptic device, simulated or real, for as long as the block lasts; a world elsewhere is its peer.
 
         async with hapnet.connect_device({"scene": "wall"}, connect="tcp/192.168.0.2:17447") as device:
@@ -64,6 +77,8 @@ def connect_device(
     Parameters
     ----------
     params : a `Params`, or changes to the defaults by dotted names, such as ``{"device.stiffness": 200}``.
+    role : "follower": this device is a robot that follows a leader elsewhere, in the place of a virtual world. `device`
+        is then instead of the parameter `follower.robot`, and simulated by default.
     device : instead of the parameter `hardware`: a driver's name with its options (``"serial:/dev/ttyACM0"``,
         ``"simulated"``), a device (`hapnet.plant.device.Device`), or what makes one from ``dof``.
     scene : instead of the parameter `scene`: its name, a world such as `Scene`, or what makes one. It must have as many
@@ -86,10 +101,13 @@ def connect_device(
     HapnetError : the device cannot be made, or fails, or the world does not fit. All are raised as the block begins or,
         later, when it is left; streams and `wait_paired` raise them too.
     """
+    checks.one_of("role", role, ("leader", "follower"))
+    follows = role == "follower"
     call = _Call(
-        "device", params, device, scene, connect, listen, zenoh, session, name, duration_s, record, seed, realtime, once
-    )
-    return _device(call)
+        "world" if follows else "device", params, ("simulated" if device is None else device) if follows else device,
+        scene, connect, listen, zenoh, session, name, duration_s, record, seed, realtime, once,
+    )  # fmt: skip
+    return _world(call) if follows else _device(call)
 
 
 def connect_world(
@@ -193,7 +211,7 @@ class _Call:
         try:
             return self._made(names, notify, watch)
         except InvalidParameter as error:
-            if self.device is None or error.name != "hardware":
+            if self.device is None or error.name not in ("hardware", "follower.robot"):
                 raise
             raise InvalidParameter("device", self.device, error.allowed, error.known) from error
 
@@ -224,7 +242,8 @@ class _Call:
             raise InvalidParameter("params", self.params, "duration_s as an argument of its own")
         changes: dict[str, object] = {"duration_s": self.duration_s}
         if self.device is not None:
-            changes["hardware"] = _named(names, "device", self.device, user_device.allowed(), _is_device)
+            chosen = "hardware" if self.role == "device" else "follower.robot"
+            changes[chosen] = _named(names, "device", self.device, user_device.allowed(), _is_device)
         if self.scene is not None:
             changes["scene"] = _named(
                 names, "scene", self.scene, "a scene's name, a world, or what makes one", is_world

@@ -9,16 +9,18 @@ from typing import Any, Protocol
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_side, world_side
+from hapnet.assembly.robot_side import robot_side
 from hapnet.assembly.user_device import is_blocking
 from hapnet.checks import Vector
 from hapnet.kernel.real_time import ends
+from hapnet.params import Params
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
 from hapnet.side.world import WorldSide
-from hapnet.summary.run import SidePart, device_summary, world_summary
+from hapnet.summary.run import SidePart, device_summary, robot_summary, world_summary
 from hapnet.wire.session import Session
 
 UNPAIRED_STEP_NS = 1_000_000
@@ -82,20 +84,29 @@ class ThreadedDevice:
     ) -> None:
         endpoint = DeviceEndpoint(session)
         self.wire: WireHalf = endpoint
-        self.side: DeviceSide = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
+        self.side: DeviceSide = self._made(setup, endpoint, clock, callbacks)
         self._coupling = setup.params.coupling
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
         self._clock = clock
         self._began = self._started = False
         self._servo = Servo(
-            round(1e9 / setup.params.device.servo_hz),
+            round(1e9 / self._rate_hz(setup.params)),
             self._tick,
             safe=self.side.stop,
             on_error=callbacks.fail,
-            paced=not is_blocking(setup.params.hardware),
+            paced=not is_blocking(self._driver(setup.params)),
             realtime=realtime,
             clock=clock,
         )
+
+    def _made(self, setup: Setup, endpoint: DeviceEndpoint, clock: Clock, callbacks: ControlCallbacks) -> DeviceSide:
+        return device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
+
+    def _rate_hz(self, params: Params) -> float:
+        return params.device.servo_hz
+
+    def _driver(self, params: Params) -> str:
+        return params.hardware
 
     @property
     def origin_ns(self) -> int | None:
@@ -138,6 +149,22 @@ class ThreadedDevice:
         if not self._began and self.side.origin_ns is not None:
             self._began = True
             self._servo.count_anew()
+
+
+class ThreadedRobot(ThreadedDevice):
+    """A real robot that follows, in the world's place, with its servo in a thread."""
+
+    def _made(self, setup: Setup, endpoint: DeviceEndpoint, clock: Clock, callbacks: ControlCallbacks) -> DeviceSide:
+        return robot_side(setup, endpoint, clock, callbacks.write)
+
+    def _rate_hz(self, params: Params) -> float:
+        return params.follower.servo_hz
+
+    def _driver(self, params: Params) -> str:
+        return params.follower.robot
+
+    def part(self) -> SidePart:
+        return robot_summary(super().part(), self.side)
 
 
 class ThreadedWorld:

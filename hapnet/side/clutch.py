@@ -1,17 +1,17 @@
 """Re-indexing: while the clutch is open the device moves alone, and what follows it stands still.
 
-The coupling has the device's position less an offset, x - c. While the clutch is open there is no force, and c goes
-with the device: so for the coupling it rests. Nothing need be sent, the accounts count the work of the force that is
-really held, which is none, and when the clutch closes there is no jump, however far the hand went.
+The coupling has the device's position in a frame of its own. While the clutch is open there is no force, and the frame
+goes with the device: so for the coupling it rests. Nothing need be sent, and the accounts count the work of the force
+that is really held, which is none. When the clutch closes there is no jump, however far the hand went.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import sub
 
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.frame import Frame
 
 ALLOWED = "spans of time as in 2-3, 5-6.5 [s], a button's number as in button 1, or empty"
 
@@ -20,36 +20,32 @@ IsOpen = Callable[[float], bool]
 
 
 class Clutch:
-    """Of a device with n axes.
+    """Between a device's own axes and the coupling's.
 
-    is_open : see `IsOpen`.
+    frame : where they are. is_open : see `IsOpen`. meets : does the device begin where the other side is first?
     """
 
-    def __init__(self, is_open: IsOpen, n: int) -> None:
-        self._is_open = is_open
+    def __init__(self, frame: Frame, is_open: IsOpen = lambda t: False, *, meets: bool = False) -> None:
+        self.frame = frame
+        self.meets = meets
         self.open = False
-        self.offset: Vector = (0.0,) * n
-        """c [m]."""
+        self._is_open = is_open
         self._rest: Vector = ()  # while it is open
 
-    def coupled(self, x: Vector) -> Vector:
-        """The position that the coupling has of x [m]."""
-        return tuple(map(sub, x, self.offset))
-
-    def move(self, t: float, x: Vector, v: Vector) -> tuple[Vector, Vector]:
-        """The device has come to x [m] with velocity v [m/s], `t` seconds after control began. Returns both as the
+    def move(self, t: float, own: Vector, v: Vector) -> tuple[Vector, Vector]:
+        """The device has come to `own` [m] with velocity v [m/s], `t` seconds after control began. Returns both as the
         coupling has them.
 
         A force is held up to the reading with which the clutch opens, so that motion still counts.
         """
         if self.open:
-            self.offset = tuple(map(sub, x, self._rest))
+            self.frame.meet(own, self._rest)
             place = self._rest
         else:
-            place = self.coupled(x)
+            place = self.frame.coupled(own)
         self.open = self._is_open(t)
         self._rest = place
-        return place, (0.0,) * len(v) if self.open else v
+        return place, (0.0,) * len(v) if self.open else self.frame.velocity(v)
 
 
 def spans(text: str) -> list[tuple[float, float]]:

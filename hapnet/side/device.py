@@ -161,7 +161,7 @@ class DeviceSide(ABC):
         for name, value in self.endpoint.signals():
             self._on_signal(now_ns, name, value)
         if self.origin_ns is None:
-            if self.endpoint.paired:
+            if self.endpoint.paired and self._can_start:
                 self._start(self._read()[0])
                 self.ledger = self.coupling.ledger
                 self.origin_ns = self.last_ns = self._expected_ns = now_ns  # last: a device may fail right here
@@ -222,6 +222,11 @@ class DeviceSide(ABC):
         """A value beside the stream has come, from the world or from this side's own program."""
         if name == STOP and isinstance(value, str):
             self.stop_force(now_ns, value, asked=True)
+
+    @property
+    def _can_start(self) -> bool:
+        """Is all there that it needs to start, once it is paired?"""
+        return True
 
     @abstractmethod
     def _start(self, x: Vector) -> None: ...

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceCoupling, ForceParts
+from hapnet.control.coupling import DeviceCoupling, ForceParts, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.errors import HapnetError
 from hapnet.plant.device import Device, SimulatedDevice
@@ -39,7 +39,7 @@ class SampledDeviceSide(DeviceSide):
         self._declared = declared
         self._watch: RangeWatch | None = None
         self.clutch: Clutch | None = None
-        """Uncouples the device for a while; None: nothing does."""
+        """Between the device's own axes and the coupling's; None: they are the same, always."""
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self.held: HeldDevice | None = None
@@ -54,7 +54,7 @@ class SampledDeviceSide(DeviceSide):
 
     @property
     def true_slack(self) -> float | None:
-        # what the coupling has of the position lags behind the true one by the clutch's offset
+        # the true account has the device's own axes
         return None if self.held is None or self.clutch is not None else self.held.true_ledger.slack_min
 
     @property
@@ -74,10 +74,18 @@ class SampledDeviceSide(DeviceSide):
         if self._declared is not None and (where := self._declared.outside(x)) is not None:
             raise HapnetError(f"the device cannot begin: {where}")
 
+    @property
+    def _can_start(self) -> bool:
+        return self.clutch is None or not self.clutch.meets or self.endpoint.arrived is not None
+
     def _start(self, x: Vector) -> None:
         self._require_inside(x)
         if self._declared is not None:
             self._watch = RangeWatch(self._declared, self.device.resolution, x)
+        if (clutch := self.clutch) is not None:
+            if clutch.meets and (first := self.endpoint.arrived) is not None:
+                clutch.frame.meet(x, vector_of(first))
+            x = clutch.frame.coupled(x)
         servo = self.servo = self._make_servo(x, self.endpoint.restarted)
         self.endpoint.start(servo)
         self.x, self._v = x, (0.0,) * len(x)
@@ -116,11 +124,20 @@ class SampledDeviceSide(DeviceSide):
         message = self.endpoint.tick_sampled(now_ns, dt, self.x, v, release=release)
         if held is not None:
             held_device.apply(held)
-        elif (applied := self._apply(dt, servo.force)) is None:
+        elif self.clutch is None:
+            self._hold(self._apply(dt, servo.force))
+        else:
+            frame = self.clutch.frame
+            applied = self._apply(dt, frame.own_force(servo.force))
+            self._hold(None if applied is None else frame.coupled_force(applied))
+        return message
+
+    def _hold(self, applied: Vector | None) -> None:
+        """The device holds this force, as the coupling has it [N]; None: it is not known."""
+        if applied is None:
             self.applied = False
         else:
-            servo.force = applied
-        return message
+            self.servo.force = applied
 
     def _through(self, clutch: Clutch, now_ns: int, x: Vector, v: Vector) -> tuple[Vector, Vector]:
         """Position and velocity as the coupling has them."""
@@ -183,7 +200,7 @@ class SampledDeviceSide(DeviceSide):
         else:
             hand, target = simulated.hand_force, simulated.references[-1]
             if self.clutch is not None:
-                target = self.clutch.coupled(target)
+                target = self.clutch.frame.coupled(target)
             self._record(now_ns, self.x, self._v, self.servo.force, hand, target)
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:

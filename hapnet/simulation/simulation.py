@@ -14,6 +14,7 @@ import numpy as np
 
 from hapnet import checks
 from hapnet.assembly.build import LIVE, Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.assembly.follower import is_real
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
@@ -78,11 +79,10 @@ class Simulation:
         kernel: bool | None = None,
     ) -> None:
         if not is_simulated(params.hardware):
-            raise InvalidParameter(
-                "hardware",
-                params.hardware,
-                "simulated, omni or arm:FILE.urdf: a real device does not run in virtual time",
-            )
+            allowed = "simulated, omni or arm:FILE.urdf: a real device does not run in virtual time"
+            raise InvalidParameter("hardware", params.hardware, allowed)
+        if is_real(params):
+            raise InvalidParameter("follower.robot", params.follower.robot, "none or simulated in virtual time")
         self.seed = seed
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")

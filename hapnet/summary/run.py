@@ -90,6 +90,15 @@ def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
     return result
 
 
+def robot_summary(part: SidePart, side: DeviceSide) -> SidePart:
+    """A robot's part in the world's place, from that of a device: a step is a tick, what is around it is not known."""
+    lasted_s = 0.0 if side.origin_ns is None else (side.last_ns - side.origin_ns) * NANO
+    mean = lasted_s / side.ticks if side.ticks else None
+    part["step"] = {"count": side.ticks, "mean_s": mean, "max_s": side.max_ns * NANO if side.ticks else None}
+    part["environment"] = unknown(EnvironmentPart)
+    return part
+
+
 def _own_account(side: WorldSide) -> EnvironmentPart:
     account = side.environment
     if account is None or not side.steps:

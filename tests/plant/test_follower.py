@@ -7,8 +7,9 @@ import pytest
 
 from hapnet import simulate
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.follower import Frame, Robot, RobotContacts
+from hapnet.plant.follower import Robot, RobotContacts
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Wall
 from hapnet.simulation.result import Result
@@ -91,7 +92,7 @@ def test_force_feedback_renders_the_force_on_the_robot() -> None:
 def test_planes_near_a_scaled_robot_are_where_it_meets_them() -> None:
     frame = Frame(2.0, 0.5, (0.01, 0.0))
     wall = frame.plane(Plane((1.0, 0.0), 0.05, 3000.0, 10.0, 0.2))
-    assert wall.depth(frame.outside((0.05, 0.3))) == pytest.approx(0.0, abs=1e-15)
+    assert wall.depth(frame.coupled((0.05, 0.3))) == pytest.approx(0.0, abs=1e-15)
     assert (wall.stiffness, wall.damping, wall.velocity_mps) == (3000.0, 10.0, 0.1)
 
 

@@ -7,17 +7,18 @@ import pytest
 
 from hapnet import simulate
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.frame import Frame
 from hapnet.side.clutch import Clutch, button, spans
 
 
 def test_while_it_is_open_the_coupled_position_stands_still() -> None:
     opened = {2, 3, 4}
-    clutch = Clutch(lambda t: round(t) in opened, 1)
+    clutch = Clutch(Frame(1.0, 1.0, (0.0,)), lambda t: round(t) in opened)
     path = [0.0, 0.01, 0.02, 0.05, 0.09, 0.10, 0.12]  # it opens with the reading at 0.02, and closes with that at 0.10
     seen = [clutch.move(float(t), (x,), (1.0,)) for t, x in enumerate(path)]
     assert [x for (x,), _ in seen] == pytest.approx([0.0, 0.01, 0.02, 0.02, 0.02, 0.02, 0.04])
     assert [v for _, (v,) in seen] == [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
-    assert clutch.offset == pytest.approx((0.08,))
+    assert clutch.frame.offset == pytest.approx((0.08,))
 
 
 @pytest.mark.parametrize("rendering", ["paper", "hapnet"])

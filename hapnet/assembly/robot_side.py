@@ -1,0 +1,76 @@
+"""The side of a real robot that follows: a driver, with the follower's servo, in the world's place."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from hapnet.assembly.build import Setup, drive, follower_servo
+from hapnet.assembly.own_parts import named_section
+from hapnet.assembly.user_device import UserDevice
+from hapnet.checks import Vector
+from hapnet.control.coupling import DeviceCoupling
+from hapnet.couplings import held_torque
+from hapnet.couplings.set_position import servo_of
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.frame import Frame
+from hapnet.recording.samples import DeviceSample, Sample, WorldSample
+from hapnet.side.clutch import Clutch
+from hapnet.side.device import Clock, Write
+from hapnet.side.endpoint import DeviceControl
+from hapnet.side.real_device import RealDeviceSide
+from hapnet.units import within
+
+
+def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> RealDeviceSide:
+    """The robot with its servo, for an endpoint or its control half; it records as a world does.
+
+    Raises InvalidParameter, HapnetError: there is no such driver, it cannot be opened, or it does not fit.
+    """
+    params = setup.params
+    robot = params.follower
+    servo = dataclasses.replace(servo_of(params), self_test_N=0.0)
+    try:
+        device = UserDevice(robot.robot, setup.dof, servo, setup.units)
+    except InvalidParameter as error:
+        if error.name != "hardware":
+            raise
+        raise InvalidParameter("follower.robot", robot.robot, error.allowed, error.known) from error
+    device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
+    device.check_damping(params.world.damping)
+    limits = [limit for limit in (robot.force_limit_N, device.force_limit) if limit]
+    own = dataclasses.replace(
+        robot,
+        force_limit_N=min(limits, default=0.0),
+        resolution_m=device.resolution,
+        greatest_speed=device.greatest_speed or robot.greatest_speed,
+        mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
+    )
+    at_robot = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own, device=servo))
+    leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
+
+    def hold(position: Vector, empty: bool) -> DeviceCoupling:
+        return follower_servo(leads, position, empty)
+
+    with named_section("follower"):
+        hold((0.0,) * setup.dof, False)
+    period_s = 1.0 / robot.servo_hz
+    side = RealDeviceSide(
+        endpoint, device, hold, drive(at_robot, clock, lambda sample: write(_as_world(sample, period_s))),
+        device.declared, device.limiter(servo),
+    )  # fmt: skip
+    frame = Frame(robot.motion_scale, robot.force_scale, (0.0,) * setup.dof)
+    side.clutch = Clutch(frame, meets=robot.start == "here")
+    return side
+
+
+def _as_world(sample: Sample, step_s: float) -> Sample:
+    """A sample of the robot as one of a world; what is around it is not known."""
+    if not isinstance(sample, DeviceSample):
+        return sample
+    nothing = (0.0,) * len(sample.position_m)
+    return WorldSample(
+        sample.time_ns, step_s, sample.position_m, sample.velocity_mps or nothing, sample.set_position_m,
+        sample.target_m, sample.force_N, nothing, 0.0, sample.reservoir_J, sample.potential_J, sample.sent_J,
+        sample.credited_J, sample.margin_J, sample.slack_J, sample.age_s, sample.transit_s, sample.bound_J,
+        sample.work_J, sample.stored_J, sample.account_J,
+    )  # fmt: skip
