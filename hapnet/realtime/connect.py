@@ -35,13 +35,41 @@ Scene = str | World | Callable[..., Any] | None
 
 @overload
 def connect_device(
-    params: Settings = None, *, role: Literal["leader"] = "leader", **arguments: Any
+    params: Settings = None,
+    *,
+    role: Literal["leader"] = "leader",
+    device: DeviceChoice = None,
+    scene: Scene = None,
+    connect: Endpoints = (),
+    listen: Endpoints = (),
+    zenoh: ZenohSettings | None = None,
+    session: str = "default",
+    name: str = "device",
+    duration_s: float = 0.0,
+    record: str | PathLike[str] | None = None,
+    seed: int | None = None,
+    realtime: bool = False,
+    once: bool = False,
 ) -> AbstractAsyncContextManager[ConnectedDevice]: ...
 
 
 @overload
 def connect_device(
-    params: Settings = None, *, role: Literal["follower"], **arguments: Any
+    params: Settings = None,
+    *,
+    role: Literal["follower"],
+    device: DeviceChoice = None,
+    scene: Scene = None,
+    connect: Endpoints = (),
+    listen: Endpoints = (),
+    zenoh: ZenohSettings | None = None,
+    session: str = "default",
+    name: str = "device",
+    duration_s: float = 0.0,
+    record: str | PathLike[str] | None = None,
+    seed: int | None = None,
+    realtime: bool = False,
+    once: bool = False,
 ) -> AbstractAsyncContextManager[ConnectedWorld]: ...
 
 

@@ -46,6 +46,31 @@ def test_a_run_with_the_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_axis_follows_a_leader(tmp_path: Path) -> None:
+    """As a robot in the world's place; scaled, so the account counts three halves of what the emulator gave out."""
+    link, account = tmp_path / "axis", tmp_path / "emulator.json"
+    hand = ("--operator", "rest", "--set", "operator_hand.stiffness=20", "--set", "operator_hand.mass=0.1")
+    scales = ("--set", "follower.motion_scale=0.5", "--set", "follower.force_scale=0.75")
+    with Axis(link, more=(*hand, "--json", account)) as emulator:
+        given = ("--scene", "free", "--operator", "sine", "--duration", 4, "--json", "-", "--out", tmp_path)
+        with started("run", "--follower", f"serial:{link}", *scales, *given) as program:
+            code, stdout, stderr = program.end()
+        assert code == 0, stderr
+        summary = json.loads(stdout)
+        assert_passive(summary)
+        world = summary["world"]
+        assert world["force"] == "applied"
+        assert world["driver"]["name"] == f"serial:{link}"
+        assert world["ledger"]["slack_J"] >= -world["quantisation_J"]
+        assert summary["motion"]["free_rms_m"] < 0.01
+        assert world["step"]["count"] > 2000
+        os.kill(emulator.process.pid, signal.SIGTERM)
+        assert emulator.end()[0] == 0
+        bound = summary["theorem"]["bound_J"] + world["quantisation_J"]
+        assert 1.5 * read_json(account)["most_given_J"] <= bound
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "says"),
     [("stall=2", "is silent, no force: no whole state"), ("noise=0.01", ""), ("rubbish=0.5", "")],

@@ -93,6 +93,25 @@ async def test_what_both_sides_tell_while_they_run_and_after(address: str) -> No
         await side.wait_paired()  # it was
 
 
+async def test_a_device_follows_another_and_both_know_both_accounts(address: str) -> None:
+    async with (
+        asyncio.timeout(WAIT_S),
+        connect_device({**SETTINGS, "scene": "free"}, role="follower", listen=address) as follower,
+        connect_device({**SETTINGS, "scene": "free"}, connect=address) as leader,
+    ):
+        await leader.wait_paired()
+        async for sample in follower.samples():
+            if abs(sample.position_m[0]) > 0.005:
+                break
+    assert follower.role == "world"
+    for side in (leader, follower):
+        summary = side.summary()
+        assert summary["verdict"]["passive"], summary["verdict"]
+        assert summary["theorem"]["margin_J"] is not None
+    with pytest.raises(InvalidParameter, match="role is 'chief'; allowed: "):
+        connect_device(role="chief")  # type: ignore[call-overload]
+
+
 async def test_what_has_ended_cannot_be_changed(address: str) -> None:
     async with connect_device(listen=address) as device:
         pass
