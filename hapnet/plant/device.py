@@ -147,6 +147,11 @@ class SimulatedDevice(Record):
         return tuple(self.state.actuator_force)
 
     @property
+    def posture(self) -> Vector:
+        """The joints' angles of an arm that is held at its tip [rad]; empty: there are none."""
+        return ()
+
+    @property
     def kinetic(self) -> float:
         """Kinetic energy of the device's own mass [J]."""
         return self.kinetic_at(self.state.velocity)

@@ -103,8 +103,11 @@ def _arm_at(arm: ArmPicture, recording: Recording) -> tuple[list[Part], list[Par
     top = int(np.linalg.norm(device["force_N"], axis=1).argmax())
     moments = [top, *np.linspace(0, len(device["time_ns"]) - 1, _FEW_ARMS).astype(int).tolist()]
     placed = []
+    times = np.array([one.time_ns for one in recording.posture])
     for moment in moments:
-        poses = arm.poses(device["position_m"][moment].tolist())
+        near = np.abs(times - device["time_ns"][moment]).argmin() if len(times) else -1
+        posture = recording.posture[near].angles_rad if len(times) else ()
+        poses = arm.poses(arm.angles(device["position_m"][moment].tolist(), posture))
         placed.append([_moved(part, poses) for part in arm.parts])
     return placed[0], [part for some in placed[1:] for part in some if part.body != RESTS]
 

@@ -26,7 +26,7 @@ from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.parent_watch import ParentWatch
 from hapnet.realtime.servo import Servo, tuned_interpreter
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, sample_of
-from hapnet.recording.samples import DeviceSample, Sample
+from hapnet.recording.samples import DeviceSample, PostureSample, Sample
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceControl, backlog
 from hapnet.summary.run import device_summary
@@ -131,7 +131,7 @@ class ServoChild:
 
     def _write(self, sample: Sample) -> None:
         if not isinstance(sample, DeviceSample):
-            self._pipe.offer("note", sample)
+            self._pipe.offer("posture" if isinstance(sample, PostureSample) else "note", sample)
         else:
             self._samples.append(sample)
             if len(self._samples) >= self._a_frame:

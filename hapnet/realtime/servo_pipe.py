@@ -1,9 +1,9 @@
 """Frames between a servo's process and the process that owns its wire half, over a socket pair.
 
 A frame is a msgpack array; its first element says what it is. To the servo: setup, place, pair, arrive, credit, beat,
-pause, lead. From it: ready or refused, began, position, samples, note, failed, end. The socket keeps frames whole and
-in order (SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). That works even if the
-pipe is full, and to the servo it looks the same as a parent that has died.
+pause, lead. From it: ready or refused, began, position, samples, posture, note, failed, end. The socket keeps frames
+whole and in order (SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). That works
+even if the pipe is full, and to the servo it looks the same as a parent that has died.
 """
 
 from __future__ import annotations

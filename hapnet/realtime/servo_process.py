@@ -36,7 +36,7 @@ from hapnet.processes.start import (
 )
 from hapnet.realtime.controllers import ControlCallbacks
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
-from hapnet.recording.samples import DeviceSample, Event
+from hapnet.recording.samples import DeviceSample, Event, PostureSample
 from hapnet.side.endpoint import WireHalf
 from hapnet.summary.run import SidePart, unknown_device
 from hapnet.wire.fields import Signal
@@ -257,6 +257,8 @@ class ServoProcess:
             case ("told", name, value):
                 self._reported.append((name, value))
                 callbacks.wake()
+            case ("posture", sample):
+                callbacks.write(PostureSample(*sample))
             case ("note", note):
                 callbacks.write(Event(*note))
             case ("began", origin_ns):

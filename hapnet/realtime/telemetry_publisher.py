@@ -9,7 +9,7 @@ from typing import Any
 
 from hapnet.mechanics.plane import Plane
 from hapnet.recording.drawing import Drawing, SceneSample
-from hapnet.recording.samples import Event, Sample
+from hapnet.recording.samples import Event, PostureSample, Sample
 from hapnet.recording.telemetry import KnownPlanes, Status, encode
 from netem import LinkStats
 
@@ -46,6 +46,7 @@ class TelemetryPublisher:
         self._reported: object = self  # the planes that were published last; itself: none yet
         self._newest: Sample | None = None
         self._scene: SceneSample | None = None
+        self._posture: PostureSample | None = None
         self._drawing: bytes | None = None
         self._drawing_s = 0.0
         self._began = False  # a status comes before the first sample, so that a watcher knows what the sample is of
@@ -57,6 +58,8 @@ class TelemetryPublisher:
             self._events.append(sample)
         elif isinstance(sample, SceneSample):
             self._scene = sample
+        elif isinstance(sample, PostureSample):
+            self._posture = sample
         elif isinstance(sample, Drawing):
             self._drawing = encode(sample)
         else:
@@ -90,11 +93,13 @@ class TelemetryPublisher:
         """Publish what was kept since the last time."""
         sample, self._newest = self._newest, None
         scene, self._scene = self._scene, None
+        posture, self._posture = self._posture, None
         if sample is not None:
             self._began = True
             self._put(encode(sample))
-        if scene is not None:
-            self._put(encode(scene))
+        for seen in (scene, posture):
+            if seen is not None:
+                self._put(encode(seen))
         if self._planes is not None and (planes := self._planes()) != self._reported:
             self._reported = planes
             self._put(encode(KnownPlanes(planes)))

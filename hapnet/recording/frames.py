@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.recording.poses import of_point, of_turning, orientations
@@ -23,6 +27,7 @@ def table(recording: Recording, side: str = "device") -> Columns:
 
     Of a tool that turns, positions and forces are those of its point, ``position_m_x`` and ``force_N_x``; beside them
     there are quaternions, ``position_quaternion_w`` to ``_z``, torques, ``torque_Nm_x``, and ``velocity_radps_x``.
+    Of an arm's tip, the joints' angles are beside its positions: ``joint_1_rad``, ...
 
     Raises InvalidParameter: this side was not recorded.
     """
@@ -39,11 +44,21 @@ def table(recording: Recording, side: str = "device") -> Columns:
         else:
             names = [column(name, unit) for unit in units_in(recording.meta, values.shape[1])]
             found.update({f"{one}_{AXES[k] if k < 3 else k}": values[:, k] for k, one in enumerate(names)})
+    if side == "device" and recording.posture:
+        found |= _joints(recording, columns["time_ns"])
     return (
         found
         if (turning := of_turning(recording)) is None
         else found | _turning(getattr(turning, side), recorded[side])
     )
+
+
+def _joints(recording: Recording, times: NDArray[np.int64]) -> Columns:
+    """The recorded angles at these times; NaN where there are none."""
+    at = {one.time_ns: one.angles_rad for one in recording.posture}
+    unknown = (math.nan,) * len(recording.posture[0].angles_rad)
+    rows = np.array([at.get(time_ns, unknown) for time_ns in times.tolist()])
+    return {f"joint_{k}_rad": rows[:, k - 1] for k in range(1, rows.shape[1] + 1)}
 
 
 def _turning(columns: Columns, poses: Columns) -> Columns:

@@ -1,7 +1,8 @@
 """Recordings as files: MCAP with one protobuf message per topic, written during the run, readable even if torn.
 
 Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``),
-and of a world that can be drawn ``/world/scene`` (`SceneSample`). Its parts are an attachment, ``drawing`` (`Drawing`).
+of an arm's tip ``/device/posture`` (`PostureSample`), and of a world that can be drawn ``/world/scene``
+(`SceneSample`). Its parts are an attachment, ``drawing`` (`Drawing`).
 A sample's time is its message's log time, in nanoseconds of UTC: a `Sample` has its recording process's monotonic
 clock, and the settings say what UTC was at its origin. A simulation counts from 1970. The other fields are doubles, NaN
 where a value is unknown; a vector has one field per axis: ``position_m`` is ``position_x_m``, ``position_y_m``, ...,
@@ -27,6 +28,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
+from hapnet.checks import Vector
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
 from hapnet.extras import require
 from hapnet.plant.arms.picture import ArmPicture
@@ -36,6 +38,7 @@ from hapnet.recording.foxglove import PERIOD_NS, Shapes, Shown, bodies, shapes, 
 from hapnet.recording.samples import (
     DeviceSample,
     Event,
+    PostureSample,
     Recording,
     Sample,
     WorldSample,
@@ -62,7 +65,8 @@ _META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
 _DRAWING, _PACKED = "drawing", "application/zlib"
 _BODY, _LINK, _ARM = "/world/body", "/device/link", "/device/shapes"
 _TOPICS: dict[type[Sample], str] = {
-    DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events", SceneSample: "/world/scene"
+    DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events", SceneSample: "/world/scene",
+    PostureSample: "/device/posture",
 }  # fmt: skip
 
 
@@ -114,6 +118,8 @@ class RecordingWriter:
                 self._add(utc_ns, _TOPICS[type(sample)], sample)
                 if isinstance(sample, DeviceSample | WorldSample):
                     self._show(utc_ns, sample)
+                elif isinstance(sample, PostureSample):
+                    self._show_arm(utc_ns, sample.angles_rad)
                 elif isinstance(sample, SceneSample):
                     self._add_all(bodies(_BODY, utc_ns, sample.bodies().tolist()))
         except OSError as error:
@@ -160,14 +166,23 @@ class RecordingWriter:
 
     def _show(self, utc_ns: int, sample: DeviceSample | WorldSample) -> None:
         """Write where this side is, for viewers, if it is time."""
-        due_ns = self._shown_ns.get(type(sample), utc_ns)
-        if utc_ns >= due_ns:
-            self._shown_ns[type(sample)] = max(utc_ns, due_ns + PERIOD_NS)
-            if self._arm is not None and isinstance(sample, DeviceSample):
-                if _ARM not in self._channels:
-                    self._add(utc_ns, _ARM, shapes(_LINK, utc_ns, self._arm.parts))
-                self._add_all(bodies(_LINK, utc_ns, self._arm.poses(sample.position_m).tolist()))
+        if self._arm is not None and self._arm.by_joints and isinstance(sample, DeviceSample):
+            self._show_arm(utc_ns, self._arm.angles(sample.position_m, ()))
+        if self._is_due(type(sample), utc_ns):
             self._add_all(shown(utc_ns, sample, text_in(self._meta, len(sample.position_m))))
+
+    def _show_arm(self, utc_ns: int, angles: Vector) -> None:
+        """Write where an arm's links are, likewise."""
+        if self._arm is not None and self._is_due(PostureSample, utc_ns):
+            if _ARM not in self._channels:
+                self._add(utc_ns, _ARM, shapes(_LINK, utc_ns, self._arm.parts))
+            self._add_all(bodies(_LINK, utc_ns, self._arm.poses(angles).tolist()))
+
+    def _is_due(self, kind: type[Sample], utc_ns: int) -> bool:
+        due_ns = self._shown_ns.get(kind, utc_ns)
+        if utc_ns >= due_ns:
+            self._shown_ns[kind] = max(utc_ns, due_ns + PERIOD_NS)
+        return utc_ns >= due_ns
 
     def _register(self, topic: str, sample: Sample | Shown | Shapes) -> tuple[int, Callable[[Any], bytes]]:
         """The channel of all samples like this one, and the function that encodes them."""

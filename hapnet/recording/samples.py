@@ -122,6 +122,13 @@ class WorldSample(NamedTuple):
     account_J: float = math.nan
 
 
+class PostureSample(NamedTuple):
+    """The joints' angles q of an arm that is coupled at its tip [rad], whenever the device is recorded."""
+
+    time_ns: int
+    angles_rad: Vector
+
+
 Level: TypeAlias = Literal["info", "warning", "error"]
 
 
@@ -134,7 +141,7 @@ class Event(NamedTuple):
     level: Level = "info"
 
 
-Sample: TypeAlias = DeviceSample | WorldSample | Event | SceneSample | Drawing
+Sample: TypeAlias = DeviceSample | PostureSample | WorldSample | Event | SceneSample | Drawing
 """What goes to a file, to a watcher and to memory."""
 
 S = TypeVar("S", Event, SceneSample, Drawing)
@@ -163,7 +170,7 @@ class Recording:
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
     None; of a device of which only the motion was recorded (`MotionSample`) there are no other columns.
     `torn` : the file ended before its writer closed it. `scene`, `drawing` : what the world looked like, if that was
-    recorded.
+    recorded. `posture` : that of an arm, where it does not follow from the positions.
     """
 
     meta: dict[str, Any]
@@ -174,6 +181,7 @@ class Recording:
     torn: bool = False
     scene: tuple[SceneSample, ...] = ()
     drawing: Drawing | None = None
+    posture: tuple[PostureSample, ...] = ()
 
     def __repr__(self) -> str:
         counts = [
@@ -192,7 +200,8 @@ class Recording:
     def samples(self) -> list[Sample]:
         """All samples and events, in order of time."""
         drawing = () if self.drawing is None else (self.drawing,)
-        rows = [*drawing, *_rows(DeviceSample, self.device), *_rows(WorldSample, self.world), *self.scene, *self.events]
+        sides = [*_rows(DeviceSample, self.device), *self.posture, *_rows(WorldSample, self.world)]
+        rows = [*drawing, *sides, *self.scene, *self.events]
         return sorted(rows, key=attrgetter("time_ns"))
 
 
@@ -269,6 +278,7 @@ def join(a: Recording, b: Recording) -> Recording:
         a.torn or b.torn,
         tuple(moved(b.scene)),
         next(moved([] if b.drawing is None else [b.drawing]), None),
+        a.posture,
     )
 
 
@@ -286,7 +296,7 @@ def from_samples(
 ) -> Recording:
     """`samples` as columns; a missing ``meta["origin_ns"]`` becomes the time of the first sample."""
     device, world, events = list[DeviceSample | MotionSample](), list[WorldSample](), list[Event]()
-    scene, drawing = list[SceneSample](), None
+    scene, posture, drawing = list[SceneSample](), list[PostureSample](), None
     for sample in samples:
         if isinstance(sample, DeviceSample | MotionSample):
             device.append(sample)
@@ -296,12 +306,15 @@ def from_samples(
             events.append(sample)
         elif isinstance(sample, SceneSample):
             scene.append(sample)
+        elif isinstance(sample, PostureSample):
+            posture.append(sample)
         else:
             drawing = sample
     first = min((rows[0].time_ns for rows in (device, world, events) if rows), default=0)
     origin = int(meta.setdefault("origin_ns", first))
     device_columns, world_columns = _columns(device, origin), _columns(world, origin)
-    return Recording(meta, device_columns, world_columns, events, summary, torn, tuple(scene), drawing)
+    seen = tuple(scene), drawing, tuple(posture)
+    return Recording(meta, device_columns, world_columns, events, summary, torn, *seen)
 
 
 def _columns(samples: list[DeviceSample | MotionSample] | list[WorldSample], origin_ns: int) -> Columns | None:

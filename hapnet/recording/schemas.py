@@ -26,7 +26,7 @@ from hapnet.recording.foxglove import (
     pose_schema,
     shapes_schema,
 )
-from hapnet.recording.samples import VECTORS, DeviceSample, Event, Level, Sample, WorldSample
+from hapnet.recording.samples import VECTORS, DeviceSample, Event, Level, PostureSample, Sample, WorldSample
 from hapnet.units import METRES, RADIANS, column, units_in
 
 _PACKAGE = "hapnet"
@@ -42,8 +42,12 @@ def schema_for(sample: Sample | Shown | Shapes, meta: Mapping[str, Any]) -> Sche
         return shapes_schema()
     if isinstance(sample, DeviceSample | WorldSample):
         return _sample_schema(type(sample), units_in(meta, len(sample.position_m)))
+    if isinstance(sample, PostureSample):
+        return _lists_schema(PostureSample, "TYPE_DOUBLE", lambda sample: [sample.angles_rad])
     assert isinstance(sample, SceneSample), "a drawing is an attachment"
-    return _scene_schema()
+    return _lists_schema(
+        SceneSample, "TYPE_FLOAT", lambda sample: [np.frombuffer(data, "<f4").tolist() for data in sample[1:]]
+    )
 
 
 def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, bytes], Sample]:
@@ -57,6 +61,8 @@ def decoder(kind: type[Sample], name: str, descriptor: bytes) -> Callable[[int, 
     message = message_class(name, FileDescriptorSet.FromString(descriptor))
     if kind is Event:
         return lambda time_ns, data: _event(time_ns, message.FromString(data))
+    if kind is PostureSample:
+        return lambda time_ns, data: PostureSample(time_ns, tuple(message.FromString(data).angles_rad))
     if kind is SceneSample:
         return lambda time_ns, data: _scene(time_ns, message.FromString(data))
     there = {field.name for field in message.DESCRIPTOR.fields}
@@ -127,33 +133,32 @@ def _event(time_ns: int, line: Any) -> Event:
     return Event(time_ns, line.name, line.message, levels.get(line.level, "info"))
 
 
-_LISTS = SceneSample._fields[1:]
-
-
-def _scene_schema() -> Schema:
-    """Lists of floats, one number after another."""
+def _lists_schema(
+    kind: type[SceneSample] | type[PostureSample], number_type: str, numbers: Callable[[Any], list[Any]]
+) -> Schema:
+    """Of samples whose fields but the time are lists of numbers; `numbers` gives these lists."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 
-    name = SceneSample.__name__
+    name, lists = kind.__name__, kind._fields[1:]
     file = FileDescriptorProto(name=f"{_PACKAGE}/{name}.proto", package=_PACKAGE, syntax="proto2")
     described = file.message_type.add(name=name)
-    for number, field in enumerate(_LISTS, 1):
-        added = described.field.add(name=field, number=number, type="TYPE_FLOAT", label="LABEL_REPEATED")
+    for number, field in enumerate(lists, 1):
+        added = described.field.add(name=field, number=number, type=number_type, label="LABEL_REPEATED")
         added.options.packed = True
     files = FileDescriptorSet(file=[file])
     message = message_class(f"{_PACKAGE}.{name}", files)
 
-    def encode(sample: SceneSample) -> bytes:
-        data: bytes = message(
-            **{field: np.frombuffer(getattr(sample, field), "<f4").tolist() for field in _LISTS}
-        ).SerializeToString()
+    def encode(sample: Any) -> bytes:
+        data: bytes = message(**dict(zip(lists, numbers(sample), strict=True))).SerializeToString()
         return data
 
     return Schema(f"{_PACKAGE}.{name}", files.SerializeToString(), encode)
 
 
 def _scene(time_ns: int, message: Any) -> SceneSample:
-    sample = SceneSample(time_ns, *[np.array(getattr(message, field), "<f4").tobytes() for field in _LISTS])
+    sample = SceneSample(
+        time_ns, *[np.array(getattr(message, field), "<f4").tobytes() for field in SceneSample._fields[1:]]
+    )
     if (problem := sample.problem()) is not None:
         raise ValueError(problem)
     return sample

@@ -2,8 +2,9 @@
 
 Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
 ``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`), ``planes`` (those
-of a `KnownPlanes`), ``drawing`` and ``scene`` (those of a `Drawing` and a `SceneSample`: what the world looks like) or
-``status`` (a `Status`, one map). The checks of what is read are made from these classes' types.
+of a `KnownPlanes`), ``posture`` (those of a `PostureSample`), ``drawing`` and ``scene`` (those of a `Drawing` and a
+`SceneSample`: what the world looks like) or ``status`` (a `Status`, one map). The checks of what is read are made from
+these classes' types.
 Nothing depends on telemetry: it is dropped first and never repeated, and a watcher counts the messages that it cannot
 read.
 """
@@ -21,7 +22,7 @@ from hapnet.checks import Vector
 from hapnet.errors import BadMessage
 from hapnet.mechanics.plane import Plane
 from hapnet.recording.drawing import LARGEST, Drawing, SceneSample, unpack
-from hapnet.recording.samples import VECTORS, DeviceSample, Event, Sample, WorldSample, plain
+from hapnet.recording.samples import VECTORS, DeviceSample, Event, PostureSample, Sample, WorldSample, plain
 from hapnet.wire import fields
 from hapnet.wire.fields import MAX_DOF
 from hapnet.wire.messages import Role
@@ -72,7 +73,7 @@ Telemetry: TypeAlias = Sample | Status | KnownPlanes
 
 _KINDS: dict[type, str] = {
     DeviceSample: "device", WorldSample: "world", Event: "event", KnownPlanes: "planes", SceneSample: "scene",
-    Drawing: "drawing",
+    PostureSample: "posture", Drawing: "drawing",
 }  # fmt: skip
 _DRAWING_BEGINS = msgpack.packb((VERSION, "drawing", 0, b""))[:10]
 
@@ -111,6 +112,8 @@ def decode(data: bytes) -> Telemetry:
             if (problem := scene.problem()) is not None:
                 raise BadMessage("telemetry", problem)
             return scene
+        case (_, "posture", int(time_ns), tuple(angles)) if _is_time(time_ns) and _are_angles(angles):
+            return PostureSample(time_ns, angles)
         case (_, "drawing", int(time_ns), bytes(reported)) if _is_time(time_ns):
             unpack(reported)
             return Drawing(time_ns, reported)
@@ -148,6 +151,10 @@ def _sample(kind: type[DeviceSample] | type[WorldSample], reported: list[Any]) -
     if len({len(value) for name, value in zip(names, reported, strict=True) if name in VECTORS and value}) > 1:
         raise BadMessage("telemetry", f"vectors of a {kind.__name__} with different numbers of axes")
     return kind._make(reported)
+
+
+def _are_angles(values: tuple[object, ...]) -> bool:
+    return len(values) <= MAX_DOF and all(isinstance(value, float) and math.isfinite(value) for value in values)
 
 
 def _is_time(value: object) -> bool:

@@ -17,7 +17,7 @@ from hapnet.control.coupling import CouplingState, ForceParts
 from hapnet.control.ledger import Ledger
 from hapnet.plant.device import Device, SimulatedDevice, TickResult
 from hapnet.plant.live_hand import LiveHand
-from hapnet.recording.samples import DeviceSample, Event, MotionSample, Sample
+from hapnet.recording.samples import DeviceSample, Event, MotionSample, PostureSample, Sample
 from hapnet.records.vectors import added
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.wire.fields import Signal
@@ -274,6 +274,8 @@ class DeviceSide(ABC):
                 ledger.reservoir, math.nan if hand is None else self.hand_work,
             )
         )  # fmt: skip
+        if isinstance(self.device, SimulatedDevice) and (angles := self.device.posture):
+            self._write(PostureSample(now_ns, angles))
 
 
 class ContinuousDeviceSide(DeviceSide):

@@ -16,7 +16,7 @@ from hapnet.checks import Array, Vector
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import Part
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
-from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.recording.samples import DeviceSample, Event, PostureSample, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
 from hapnet.units import METRES, POSE, text_in
 from hapnet.view.account import Account
@@ -88,6 +88,7 @@ class Snapshot:
     past: tuple[Episode, ...] = ()
     parts: tuple[Part, ...] | None = None
     scene: SceneSample | None = None
+    posture: Vector = ()
 
 
 class History:
@@ -112,6 +113,7 @@ class History:
         self._drawing: Drawing | None = None
         self._parts: tuple[Part, ...] | None = None
         self._scene: SceneSample | None = None
+        self._posture: Vector = ()
         self._taken = 0
 
     def take(self, message: Telemetry) -> None:
@@ -132,6 +134,8 @@ class History:
             elif isinstance(message, SceneSample):
                 self._scene = message
                 self._taken += 1
+            elif isinstance(message, PostureSample):
+                self._posture = message.angles_rad
             elif isinstance(message, Drawing):
                 self._draw(message)
             else:
@@ -159,6 +163,7 @@ class History:
                 tuple(self._past),
                 self._parts,
                 self._scene,
+                self._posture,
             )
 
     def _draw(self, drawing: Drawing) -> None:

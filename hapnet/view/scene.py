@@ -156,7 +156,9 @@ class Scene:
                 self._mark.position = self._place(device.set_position_m[-1])
                 self._show_force(device.force_N[-1] if self._in_metres else np.zeros(3))
                 if self._links is not None and self._arm is not None:
-                    self._links.move(self._arm.poses(device.position_m[-1].tolist()))
+                    self._links.move(
+                        self._arm.poses(self._arm.angles(device.position_m[-1].tolist(), snapshot.posture))
+                    )
             if snapshot.scene is not None:
                 self._bodies.update(snapshot.scene)
             self._contacts.update([] if snapshot.scene is None else snapshot.scene.contacts())

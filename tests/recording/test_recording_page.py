@@ -49,7 +49,8 @@ def test_the_commands_run_as_they_stand(empty_directory: Path) -> None:
 
 
 def test_topics_and_fields_on_the_page_are_those_of_the_files() -> None:
-    topics = {"/device/state", "/world/state", "/events", "/world/scene", "/world/shapes", "/device/shapes"}
+    topics = {"/device/state", "/world/state", "/events", "/world/scene", "/device/posture"}
+    topics |= {"/world/shapes", "/device/shapes"}
     topics |= FOR_VIEWERS
     assert set(re.findall(r"`(/(?:device|world|events)[a-z_/]*)`", PAGE)) == topics
     for name in ("velocity_mps", "age_s", "transit_s"):

@@ -12,7 +12,7 @@ from hapnet.errors import BadMessage
 from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
-from hapnet.recording.samples import DeviceSample, Event, WorldSample
+from hapnet.recording.samples import DeviceSample, Event, PostureSample, WorldSample
 from hapnet.recording.telemetry import MAX_LENGTH, VERSION, KnownPlanes, Status, Telemetry, decode, encode
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
@@ -38,6 +38,7 @@ def samples(draw: st.DrawFn) -> DeviceSample | WorldSample:
     return kind(**values)
 
 
+POSTURE = PostureSample(5, (0.25, -2.5, 0.0))
 WALL = Plane((0.6, 0.8), -0.01, 3000.0, 10.0, 0.0)
 BENT = WALL._replace(curvatures=(Curvature((-0.8, 0.6), 30.0),))
 PLANES = tuple(map(KnownPlanes, (None, (), (WALL, BENT), (WALL, WALL._replace(normal=(1.0, 0.0))))))
@@ -45,7 +46,7 @@ PLANES = tuple(map(KnownPlanes, (None, (), (WALL, BENT), (WALL, WALL._replace(no
 
 @given(
     message=st.one_of(
-        samples(), st.builds(Event, WHOLE, st.text(), st.text(), LEVELS), st.sampled_from((STATUS, *PLANES))
+        samples(), st.builds(Event, WHOLE, st.text(), st.text(), LEVELS), st.sampled_from((STATUS, POSTURE, *PLANES))
     )
 )
 def test_what_is_published_is_what_is_read(message: Telemetry) -> None:
@@ -96,6 +97,9 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "device", *DEVICE._replace(position_m=(0.0, 0.0))], "numbers of axes"),
         ([VERSION, "device", *DEVICE._replace(margin_J=1)], "margin_J"),
         ([VERSION, "event", 1, "kind"], "neither"),
+        ([VERSION, "posture", 1, [0.5, math.nan]], "neither"),
+        ([VERSION, "posture", 1, [0.5, "up"]], "neither"),
+        ([VERSION, "posture", 1, [0.5] * 65], "neither"),
         ([VERSION, "planes"], "neither"),
         ([VERSION, "planes", 3], "array of planes"),
         ([VERSION, "planes", [WALL._replace(normal=(1.0, 1.0))[:5]]], "normal"),

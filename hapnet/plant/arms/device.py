@@ -84,6 +84,10 @@ class SimulatedArm(SimulatedDevice):
         """q [rad]."""
         return tuple(self.arm.q[: self.arm.n])
 
+    @property
+    def posture(self) -> Vector:
+        return () if self.arm.port.by_joints else self.angles
+
     def place(self, position: Vector) -> None:
         arm = self.arm
         arm.q[: arm.n] = (

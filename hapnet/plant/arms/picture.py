@@ -1,15 +1,13 @@
 """What an arm looks like: a capsule from joint to joint, where the positions of its axes put it.
 
 A recording's description has the arm's frames, so no viewer needs its file. Where the axes are joints, positions are
-the posture. Where they are the tip's, three joints have one posture near home. Of a tip that more joints move the
-posture is not known from it: there is no picture.
+the posture. Where they are the tip's, the joints' angles are recorded beside them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.curvature import across
 from hapnet.mechanics.pose import quaternions
 from hapnet.plant.arms.chain import difference, place
-from hapnet.plant.arms.device import TIP_AXES, inverse
 from hapnet.plant.arms.table import ArmTable, Joint, chain_of
 from hapnet.plant.worlds.outlines import ball
 from hapnet.plant.worlds.picture import RESTS, Color, Part, part
@@ -37,9 +34,9 @@ def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
 
 
 class ArmPicture:
-    """The picture of an arm that was `described`; `places` are in metres, from the tip at home.
+    """The picture of an arm that was `described`; places are in metres, from the tip at home.
 
-    Raises InvalidParameter, KeyError, TypeError, ValueError: this describes none whose posture is known.
+    Raises InvalidParameter, KeyError, TypeError, ValueError: this describes none.
     """
 
     def __init__(self, described: Mapping[str, Any]) -> None:
@@ -49,12 +46,9 @@ class ArmPicture:
         self.by_joints = bool(described["by_joints"])
         self._table = ArmTable("arm", joints, tip, home)
         self._chain = chain_of(self._table)
-        if not self.by_joints and self._chain.n != TIP_AXES:
-            raise InvalidParameter("the arm's joints", self._chain.n, f"{TIP_AXES}, or an arm coupled by its joints")
         difference(self._chain, self._chain.tip, home, home)
         self._origin = np.array(self._chain.tip.begin)
         self._chain.tip.arms[0][:] = [a - b for a, b in zip(self._chain.tip.arms[0], self._origin, strict=True)]
-        self._q = list(home)
 
     @staticmethod
     def of(description: Mapping[str, Any]) -> ArmPicture | None:
@@ -79,22 +73,23 @@ class ArmPicture:
     @property
     def at_home(self) -> Array:
         """All vertices at home (N, 3) [m]."""
-        poses = self.poses((0.0,) * (self._chain.n if self.by_joints else TIP_AXES))
+        poses = self.poses(self._table.home)
         turns = [np.array(link.turned) for link in self._chain.links[1:]]
         return np.concatenate([
             one.vertices if one.body == RESTS else one.vertices @ turns[one.body].T + poses[one.body, :3]
             for one in self.parts
         ])  # fmt: skip
 
-    def poses(self, position: Sequence[float]) -> Array:
-        """Where the links are with the axes at `position` [m] or [rad]: place and quaternion w, x, y, z, (n, 7)."""
-        chain, n = self._chain, self._chain.n
+    def angles(self, position: Sequence[float], posture: Vector) -> Vector:
+        """The joints' angles q [rad], of the axes at `position` or the recorded ones; at home if neither says them."""
         if self.by_joints:
-            self._q = [home + angle for home, angle in zip(self._table.home, position, strict=True)]
-        else:
-            with suppress(InvalidParameter):  # else it stays where it was
-                self._q = inverse(chain, replace(self._table, home=tuple(self._q)), tuple(position))
-        place(chain, self._q, (0.0,) * n)
+            return tuple([home + angle for home, angle in zip(self._table.home, position, strict=True)])
+        return posture if len(posture) == self._chain.n else self._table.home
+
+    def poses(self, q: Sequence[float]) -> Array:
+        """Where the links are with the joints at q [rad]: place and quaternion w, x, y, z, (n, 7)."""
+        chain, n = self._chain, self._chain.n
+        place(chain, q, (0.0,) * n)
         links = chain.links[1 : n + 1]
         places = np.array([link.place for link in links]) - self._origin
         return np.hstack([places, quaternions(np.array([link.turned for link in links]))])
@@ -103,7 +98,7 @@ class ArmPicture:
         """Where the tip is [m]."""
         if not self.by_joints:
             return tuple(position)
-        q = [home + angle for home, angle in zip(self._table.home, position, strict=True)]
+        q = self.angles(position, ())
         difference(self._chain, self._chain.tip, q, q)
         return tuple(self._chain.tip.begin)
 
