@@ -93,8 +93,10 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     kinds = [kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None]
     kinds += [kind._replace(solid=True) for name in ("pspm", "tdpa") if (kind := kind_of(Params(coupling=name)))]
     makers: dict[str, Callable[[], object]] = {kind.name: partial(make_ready, kind) for kind in kinds}
-    ends = real_time.missing(coupling("pspm"), (real_time.SERVO, real_time.WORLD), Params().set({"hardware": "omni"}))
-    makers |= {end: partial(real_time.make_ready, end) for end in ends}
+    for axes, changes in ((3, {"hardware": "omni"}), (12, {"units": "pose"})):
+        wanted = real_time.SERVO, real_time.WORLD
+        ends = real_time.missing(coupling("pspm"), wanted, axes, Params().set(changes))
+        makers |= {end: partial(real_time.make_ready, end) for end in ends}
     names = sorted(makers)
     first = len(names) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     for wait in (False, True):

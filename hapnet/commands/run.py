@@ -98,7 +98,7 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
-            for end in real_time.missing(setup.coupling, (real_time.SERVO, real_time.WORLD), setup.params):
+            for end in real_time.missing(setup.coupling, (real_time.SERVO, real_time.WORLD), setup.dof, setup.params):
                 real_time.make_ready(end)
             reads = not is_simulated(chosen.hardware) and terminal.is_ours()
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)

@@ -98,7 +98,7 @@ def _main(
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     own = real_time.SERVO if role == "device" else real_time.WORLD
-    for end in real_time.missing(setup.coupling, (own,), setup.params):
+    for end in real_time.missing(setup.coupling, (own,), setup.dof, setup.params):
         log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
         real_time.make_ready(end)
     written, started_by_run = output.Written(), PARENT in os.environ

@@ -13,7 +13,7 @@ from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
 from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import AXES, PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
+from hapnet.records.record import PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
 from hapnet.records.vectors import copy, dot, equal, length, times
 
 FORGET_S = 0.5
@@ -165,7 +165,7 @@ def _take(model: ContactState, n: int, x: Reals) -> None:
             one = model.planes[j]
             is_gone = withdrawn(one, answer.planes, answer.count, n, answer.position, answer.reach_m)
             if count < PLANES and not is_gone:
-                keep(answer, one, count)
+                keep(answer, one, n, count)
                 count += 1
     adopt(model, n, count)
     look(model, n, x)
@@ -204,12 +204,12 @@ def compare(model: ContactState, n: int) -> None:
     model.compare(n)
 
 
-def _compiled_keep(answer: Answer, one: ContactPlane, at: int) -> None:
-    copy_flat(one, AXES, answer.planes[at])
+def _compiled_keep(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
+    copy_flat(one, n, answer.planes[at])
 
 
 @compiled_as(_compiled_keep)
-def keep(answer: Answer, one: ContactPlane, at: int) -> None:
+def keep(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
     """An earlier plane, which the answer neither has nor denies, is known with those of the answer."""
     planes: Any = answer.planes
     planes.append(one)
@@ -217,7 +217,7 @@ def keep(answer: Answer, one: ContactPlane, at: int) -> None:
 
 def _compiled_adopt(model: ContactState, n: int, count: int) -> None:
     for k in range(count):
-        copy_flat(model.answer.planes[k], AXES, model.planes[k])
+        copy_flat(model.answer.planes[k], n, model.planes[k])
     model.count = count
 
 
@@ -368,16 +368,17 @@ def depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> f
 def share(model: ContactState, spring: Spring, x: Reals, ybar: Reals, of_planes: Floats, added: Floats) -> None:
     """The parts of the spring's force at x [N] that the planes and the added damping of the last step make; where the
     spring is saturated, its parts shrink with it."""
-    n, K, offset = spring.dof, spring.rows, model.before
+    n, moved, damped = spring.dof, model.before, model.leading
     for i in range(n):
-        offset[i] = x[i] - ybar[i]
-    scale = springs.saturation(spring, offset)
+        moved[i] = x[i] - ybar[i]
+    scale = springs.saturation(spring, moved)
     for i in range(n):
-        one = other = 0.0
-        for j in range(n):
-            one += K[i][j] * (model.made_s[j] - model.made_x[j] + model.made_fading[j])
-            other += K[i][j] * (model.made_y[j] - model.made_before[j])
-        of_planes[i], added[i] = scale * one, scale * other
+        moved[i] = model.made_s[i] - model.made_x[i] + model.made_fading[i]
+        damped[i] = model.made_y[i] - model.made_before[i]
+    times(n, spring.rows, moved, of_planes)
+    times(n, spring.rows, damped, added)
+    for i in range(n):
+        of_planes[i], added[i] = scale * of_planes[i], scale * added[i]
 
 
 @equation

@@ -142,13 +142,14 @@ class ContactModel(ContactState):
 
     @property
     def goes_on(self) -> bool:
-        """Is the next step one of its record alone: has nothing come, and are all planes flat and smooth?"""
-        return not self.answer.pending and self._reports and not (self.bends or self.acts or self.rubbing.rubs)
+        """Is the next step one of its record alone: does the world send planes, all without effects?"""
+        answer = self.answer
+        reports = self._reports and not self.acts
+        return reports and not (answer.pending and (answer.count < 0 or any(one.effects for one in answer.planes)))
 
     def went_on(self, dt: float, x: Vector) -> None:
         """Such a step was made, on the record."""
         self._self_motion.observe(dt, x)
-        self.rubbing.place[:] = self.s
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
@@ -218,6 +219,6 @@ class ContactModel(ContactState):
                 lift(self, x)
             look_at_surfaces(self, n, x)
             if self.acts:
-                self.s[:] = map(add, self.s, pull(self, n, x)[0])
+                self.s[:] = list(map(add, self.s, pull(self, n, x)[0]))
         else:
             self.s[:] = self._softened(x, self._self_motion.at(x))

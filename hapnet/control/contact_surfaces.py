@@ -77,7 +77,7 @@ def look_at_surfaces(model: ContactState, n: int, x: Reals) -> None:
 def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
     """Find y among planes of all kinds."""
     rubbing, before, fading = model.rubbing, model.before, model.fading
-    friction_cone.agree(rubbing, n, dt)
+    friction_cone.agree(rubbing, model.planes, n, dt)
     copy(n, rubbing.place, before)
     look_at_surfaces(model, n, x)
     copy(n, model.s, rubbing.place)
@@ -91,9 +91,9 @@ def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: 
 
 
 @equation
-def keep_surface(answer: Answer, one: ContactPlane, at: int) -> None:
+def keep_surface(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
     """As `keep`, in compiled code."""
-    copy_bent(one, AXES, answer.planes[at])
+    copy_bent(one, n, answer.planes[at])
 
 
 @equation
@@ -101,7 +101,7 @@ def adopt_surfaces(model: ContactState, n: int, count: int) -> None:
     """As `adopt`, in compiled code."""
     answer, model.bends, model.count = model.answer, 0, count
     for k in range(count):
-        copy_bent(answer.planes[k], AXES, model.planes[k])
+        copy_bent(answer.planes[k], n, model.planes[k])
         if answer.planes[k].bends.count:
             model.bends = 1
     meet_planes(model, n)

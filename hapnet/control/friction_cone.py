@@ -127,7 +127,7 @@ def report(
 
 
 @equation
-def agree(proxy: RubbingProxy, n: int, dt: float) -> None:
+def agree(proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, dt: float) -> None:
     """If the world's proxy was far away along the surfaces, come nearer to it for `dt` seconds."""
     if not (proxy.has_worlds and proxy.rubs):
         return
@@ -137,7 +137,7 @@ def agree(proxy: RubbingProxy, n: int, dt: float) -> None:
     for k in range(proxy.count):
         if proxy.forces[k] != 0.0:
             _take_across(n, away, proxy.normals[k])
-            apart += proxy.seen[k].grip * proxy.forces[k] * proxy.give
+            apart += planes[k].grip * proxy.forces[k] * proxy.give
     far = length(n, away)
     if far > apart:
         share = dt / (AGREE_S + dt) * (1.0 - apart / far)

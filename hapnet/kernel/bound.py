@@ -16,18 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.kernel.memory import layout
-from hapnet.records.record import Record, element, fields
+from hapnet.records.record import AXES, Record, element, fields
 
 R = TypeVar("R", bound=Record)
 
+_FIELDS: dict[tuple[Any, int], dict[str, tuple[Any, tuple[int, ...]]]] = {}
 _SCALARS: dict[type, Any] = {float: ctypes.c_double, int: ctypes.c_int64}
 
 
-def memory(kind: Any) -> tuple[NDArray[Any], Any]:
-    """A record of this kind, all zero: as an array of one, which a compiled function takes, and its place, where the
-    fields are read and written."""
-    array: Any = np.zeros(1, layout(kind))
-    place: Any = _structure(kind).from_buffer(array)  # it has the record's names
+def memory(kind: Any, axes: int = AXES) -> tuple[NDArray[Any], Any]:
+    """A record of this kind, all zero, with room for so many axes: as an array of one, which a compiled function takes,
+    and its place, where the fields are read and written."""
+    array: Any = np.zeros(1, layout(kind, axes))
+    place: Any = _structure(kind, axes).from_buffer(array)  # it has the record's names
     return array, place
 
 
@@ -35,6 +36,19 @@ def copy(place: R, record: R) -> None:
     """Copy a record, and all that is in it, to its place."""
     for name, (of, shape) in _fields(type(record)).items():
         _write(place, name, of, shape, getattr(record, name))
+
+
+def read(kind: type[R], place: R, axes: int) -> R:
+    """A record of plain Python, like the one at a place but with so many axes; it has no arrays of records in it."""
+    record = kind.__new__(kind)
+    for name, (of, shape) in _fields(kind, axes).items():
+        value = getattr(place, name)
+        if issubclass(of, Record):
+            value = read(of, value, axes)
+        elif shape:
+            value = value[: shape[0]] if len(shape) == 1 else [row[: shape[1]] for row in value]
+        setattr(record, name, value)
+    return record
 
 
 def bind(place: R, record: R, as_kind: type[Record] | None = None, *, copied: tuple[type[Record], ...] = ()) -> None:
@@ -58,21 +72,23 @@ def bind(place: R, record: R, as_kind: type[Record] | None = None, *, copied: tu
     record.__class__ = _bound(kind)
 
 
-def _fields(kind: Any) -> dict[str, tuple[Any, tuple[int, ...]]]:
-    return {name: element(type_) for name, type_ in fields(kind).items()}
+def _fields(kind: Any, axes: int = AXES) -> dict[str, tuple[Any, tuple[int, ...]]]:
+    if (kind, axes) not in _FIELDS:
+        _FIELDS[kind, axes] = {name: element(type_, axes) for name, type_ in fields(kind).items()}
+    return _FIELDS[kind, axes]
 
 
 @cache
-def _structure(kind: Any) -> type[ctypes.Structure]:
+def _structure(kind: Any, axes: int) -> type[ctypes.Structure]:
     """The layout of a record, as `memory.layout` has it."""
     described = []
-    for name, (of, shape) in _fields(kind).items():
-        one: Any = _structure(of) if issubclass(of, Record) else _SCALARS[of]
+    for name, (of, shape) in _fields(kind, axes).items():
+        one: Any = _structure(of, axes) if issubclass(of, Record) else _SCALARS[of]
         for length in reversed(shape):
             one = one * length
         described.append((name, one))
     made = type(kind.__name__, (ctypes.Structure,), {"_fields_": described})
-    assert ctypes.sizeof(made) == layout(kind).itemsize, kind
+    assert ctypes.sizeof(made) == layout(kind, axes).itemsize, kind
     return made
 
 

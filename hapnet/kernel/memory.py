@@ -8,11 +8,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.records.record import Record, element, fields
+from hapnet.records.record import AXES, Record, element, fields
 
 R = TypeVar("R", bound=Record)
 
-_LAYOUTS: dict[type[Record], np.dtype[Any]] = {}
+_LAYOUTS: dict[tuple[type[Record], int], np.dtype[Any]] = {}
 _PLANS: dict[type[Record], list[tuple[str, type[Record] | None, int]]] = {}
 _UNUSED: dict[type[Record], list[Any]] = {}
 
@@ -75,15 +75,15 @@ def bare(record: R) -> R:
     return taken
 
 
-def layout(kind: type[Record]) -> np.dtype[Any]:
-    """How the structure of a record looks."""
-    if kind not in _LAYOUTS:
+def layout(kind: type[Record], axes: int = AXES) -> np.dtype[Any]:
+    """How the structure of a record with room for so many axes looks."""
+    if (kind, axes) not in _LAYOUTS:
         described = []
         for name, type_ in fields(kind).items():
-            of, shape = element(type_)
-            described.append((name, layout(of) if issubclass(of, Record) else np.dtype(of), shape))
-        _LAYOUTS[kind] = np.dtype(described, align=True)
-    return _LAYOUTS[kind]
+            of, shape = element(type_, axes)
+            described.append((name, layout(of, axes) if issubclass(of, Record) else np.dtype(of), shape))
+        _LAYOUTS[kind, axes] = np.dtype(described, align=True)
+    return _LAYOUTS[kind, axes]
 
 
 def store(structure: R, record: R) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
-from hapnet.control.contact_equations import Answer
 from hapnet.control.contact_model import ContactModel
+from hapnet.control.contact_surfaces import IN_PLACE_OF_FLAT_ONES
 from hapnet.control.coupling import DeviceCoupling, Ends, Made, WorldCoupling
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
@@ -30,17 +30,15 @@ from hapnet.plant.integrator import PassiveIntegrator, kinetic
 from hapnet.plant.poses.device import SimulatedHandle
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records import machine_code
-from hapnet.records.record import AXES, Record
+from hapnet.records.record import AXES, Record, room_for
 from hapnet.units import POSE
 
 SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
-"""The ends, a simulated arm, and a handle that turns."""
+"""The ends, a simulated arm, and a handle that turns. `named` tells ends apart that have room for more axes."""
 
 _COMPILED: dict[str, tuple[Any, type[Record]]] = {
     SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEnd), ARM: (arm_end, ArmEnd), HANDLE: (handle_end, HandleEnd)
 }  # fmt: skip
-
-_DEFAULTS = Params()
 
 _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [VelocityPredictor, SmoothingFilter])
 
@@ -48,16 +46,23 @@ _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [
 @cache
 def make_ready(name: str) -> Any:
     """The compiled function of one of them; loads or makes the machine code, once in a process."""
-    module, kind = _COMPILED[name]
+    part, _, axes = name.partition("-")
+    module, kind = _COMPILED[part]
     from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
 
-    run: Any = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS)
-    array, _ = bound.memory(kind)
+    run: Any = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES)
+    array, _ = bound.memory(kind, int(axes or AXES))
     with as_one_unit(), reporting(progress.reported.get()):
         run(array)  # of no axes
     run.disable_compile()  # what has other arguments is an error, not half a minute without a tick
     sources.mark(name)
     return run
+
+
+def named(end: str, axes: int) -> str:
+    """What an end, `SERVO` or `WORLD`, with room for so many axes is called."""
+    room = room_for(axes)
+    return end if room == AXES else f"{end}-{room}"
 
 
 def part_of_device(params: Params) -> str:
@@ -70,17 +75,16 @@ def part_of_device(params: Params) -> str:
     return HANDLE if params.hardware == "simulated" and params.units == POSE else ""
 
 
-def missing(spec: CouplingSpec[Any], wanted: Iterable[str], params: Params = _DEFAULTS) -> list[str]:
-    """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet;
-    beside the servo what of the device is."""
+def missing(spec: CouplingSpec[Any], wanted: Iterable[str], axes: int, params: Params) -> list[str]:
+    """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet for
+    so many axes; beside the servo what of the device is."""
     if machine_code.no_compiler() is not None:
         return []
     compiled = zip((SERVO, WORLD), spec.compiled or (), strict=False)
     device = part_of_device(params)
-    needed = {end for end, law in compiled if law is None} if params.units != POSE else set()
-    needed |= {device} if device else set()
-    asked = [end for one in wanted for end in ((one, device) if one == SERVO else (one,))]
-    return [end for end in asked if end in needed and not sources.are_compiled(end)]
+    ends = {end: named(end, axes) for end, law in compiled if law is None}
+    asked = [name for end in wanted for name in (ends.get(end), device if end == SERVO else None)]
+    return [name for name in asked if name and not sources.are_compiled(name)]
 
 
 def ends() -> Ends:
@@ -114,20 +118,19 @@ class CompiledEnds(CompiledDevices):
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
         """The same servo, whose ticks are compiled from now on, if that is possible."""
-        if type(servo) is not SampledServo or servo.n > AXES or not _is_covered(servo.coupling):
+        if type(servo) is not SampledServo or not _is_covered(servo.coupling):
             return servo
         model = servo.coupling.source
         if model is not servo.model or type(model) not in (ContactModel, type(None)):
             return servo
-        array, end = bound.memory(ServoEnd)
+        array, end = bound.memory(ServoEnd, room_for(servo.n))
         bound.bind(end.coupling, servo.coupling, copied=(Spring,))
         if servo.model is not None:
-            bound.bind(end.model, servo.model, copied=(Answer,))
-            end.model.answer.pending = 0  # Python takes what comes
+            bound.bind(end.model, servo.model)
         bound.bind(end.servo, servo, CompiledServo)
         compiled: Any = servo
         assert isinstance(compiled, CompiledServo)
-        compiled.runs(array, end, make_ready(SERVO))
+        compiled.runs(array, end, make_ready(named(SERVO, servo.n)))
         return servo
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
@@ -135,10 +138,10 @@ class CompiledEnds(CompiledDevices):
         if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling):
             return steps
         source, n = steps.coupling.source, len(steps.coupling.y)
-        if n > AXES or not (source is None or type(source) is PredictedDevice):
+        if not (source is None or type(source) is PredictedDevice):
             return steps
-        array, end = bound.memory(WorldEnd)
-        run, end.n = make_ready(WORLD), n
+        array, end = bound.memory(WorldEnd, room_for(n))
+        run, end.n = make_ready(named(WORLD, n)), n
         coupling: Any = steps.coupling
         bound.bind(end.coupling, coupling, CompiledCoupling, copied=(Spring,))
         coupling.runs(array, end, run)

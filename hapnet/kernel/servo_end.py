@@ -8,10 +8,12 @@ from typing import Any
 from hapnet.checks import Vector
 from hapnet.control import set_position_servo as servos
 from hapnet.control.contact_equations import ContactState
+from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.continuous_servo import sent
 from hapnet.control.coupling import Update
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import ASKING, ASKS, CHOSEN, ITSELF, RESTS, SENDS, SampledServo
+from hapnet.kernel import bound
 from hapnet.records.equation import equation
 from hapnet.records.record import OfAxes, Record
 
@@ -54,10 +56,10 @@ class CompiledServo(SampledServo):
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         if release or self.is_late(dt):
             return super().tick(dt, x, v, release=release)
-        end, model = self._end, self.model
-        n = self.n
+        end, model, n = self._end, self.model, self.n
         end.dt, end.x[:n], end.v[:n] = dt, x, v
         end.who = ITSELF if model is None or model.goes_on else ASKING
+        takes = model is not None and model.answer.pending
         result = self._run(self._array)
         if result == ASKS:
             self.coupling.choose(self.elapsed, x)
@@ -65,4 +67,13 @@ class CompiledServo(SampledServo):
             result = self._run(self._array)
         elif model is not None and result != RESTS:
             model.went_on(end.interval, x)
+            if takes:
+                model.planes = [_plane(place, n) for place in end.model.planes[: model.count]]
         return sent(self.sender, self.coupling, x) if result == SENDS else None
+
+
+def _plane(place: Any, n: int) -> ContactPlane:
+    """A plane that compiled code has taken, as Python has it."""
+    one: ContactPlane = bound.read(ContactPlane, place, n)
+    one.effects = None
+    return one

@@ -35,7 +35,7 @@ def control_of(
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
     session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():
-        for end in real_time.missing(setup.coupling, (real_time.SERVO,), setup.params):
+        for end in real_time.missing(setup.coupling, (real_time.SERVO,), setup.dof, setup.params):
             real_time.make_ready(end)  # the servo's process only loads it
         return ServoProcess(setup, session, callbacks)
     return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

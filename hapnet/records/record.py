@@ -17,8 +17,13 @@ from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_
 
 import numpy as np
 
-AXES = 3
-"""The most axes that a compiled scenario may have."""
+
+class Axes(int):
+    """A number of axes, as a dimension of fields."""
+
+
+AXES = Axes(3)
+"""Compiled memory has room for so many, unless more are asked for (`room_for`). Python's vectors have any length."""
 
 PLANES = 4
 """The most planes that a world sends of one place."""
@@ -56,6 +61,11 @@ class Record:
             setattr(self, name, make())
 
 
+def room_for(axes: int) -> int:
+    """For how many axes memory and machine code are made where so many are asked for: 3, or whole dozens."""
+    return int(AXES) if axes <= AXES else -(-axes // 12) * 12
+
+
 def zero(kind: type[R]) -> R:
     """A record of this kind, all zero, whatever its class does when it is called."""
     record = kind.__new__(kind)
@@ -77,14 +87,17 @@ def fields(kind: type[Record]) -> dict[str, Any]:
     return _FIELDS[kind]
 
 
-def element(type_: Any) -> tuple[type, tuple[int, ...]]:
-    """The type of the elements of an array, and its shape; of anything else itself, and no shape."""
+def element(type_: Any, axes: int = AXES) -> tuple[type, tuple[int, ...]]:
+    """The type of the elements of an array, and its shape; of anything else itself, and no shape.
+
+    axes : stands in shapes in place of `AXES`.
+    """
     if isinstance(type_, type):
         return type_, ()
     of, shape = get_args(type_)
     while get_args(of):
         of = get_args(of)[0]
-    return of, shape
+    return of, tuple([axes if isinstance(length, Axes) else length for length in shape])
 
 
 def _makers(kind: type[Record]) -> tuple[tuple[str, Callable[[], Any]], ...]:

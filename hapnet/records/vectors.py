@@ -41,7 +41,10 @@ def added(terms: Iterable[float]) -> float:
 def _length(n: int, one: Reals) -> float:
     if n == 1:
         return float(abs(one[0]))
-    return _root_of_squares(one[0], one[1], one[2] if n > 2 else 0.0)
+    total = rest = 0.0
+    for i in range(n):
+        total, rest = _add_square(total, rest, one[i])
+    return _root(total, rest)
 
 
 @compiled_as(_length)
@@ -53,7 +56,10 @@ def length(n: int, one: Reals) -> float:
 def _distance(n: int, one: Reals, other: Reals) -> float:
     if n == 1:
         return float(abs(one[0] - other[0]))
-    return _root_of_squares(one[0] - other[0], one[1] - other[1], one[2] - other[2] if n > 2 else 0.0)
+    total = rest = 0.0
+    for i in range(n):
+        total, rest = _add_square(total, rest, one[i] - other[i])
+    return _root(total, rest)
 
 
 @compiled_as(_distance)
@@ -63,19 +69,20 @@ def distance(n: int, one: Reals, other: Reals) -> float:
 
 
 @equation
-def _root_of_squares(a: float, b: float, c: float) -> float:
-    """The norm of three components, correct but for a very rare ulp, as Python's is.
+def _add_square(total: float, rest: float, x: float) -> tuple[float, float]:
+    """A sum of squares in two floats (Dekker, Numerische Mathematik 18, 1971), and one square more."""
+    square, error = _square(x)
+    after = total + square
+    back = after - total
+    return after, rest + (((total - (after - back)) + (square - back)) + error)
 
-    The sum of squares is kept in two floats (Dekker, Numerische Mathematik 18, 1971), and a Newton step with its
-    exact residual follows the root.
+
+@equation
+def _root(total: float, rest: float) -> float:
+    """The root of such a sum, correct but for a very rare ulp, as Python's norms are.
+
+    A Newton step with its exact residual follows the root.
     """
-    total, rest = _square(a)
-    for x in (b, c):
-        square, error = _square(x)
-        after = total + square
-        back = after - total
-        rest += ((total - (after - back)) + (square - back)) + error
-        total = after
     if total == 0.0:
         return 0.0
     root = math.sqrt(total)

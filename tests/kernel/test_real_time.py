@@ -17,11 +17,15 @@ from hapnet.kernel import real_time
 from hapnet.kernel.servo_end import CompiledServo
 from hapnet.kernel.world_end import CompiledMass, CompiledSteps
 from hapnet.mechanics.curvature import Curvature
+from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
-from hapnet.records.record import Record, element, fields
+from hapnet.plant.worlds.scene import Scene, along
+from hapnet.plant.worlds.walls import Wall
+from hapnet.records.record import OfAxes, Record, element, fields
 
 TICKS = 1500
+TOOL = "tool:box + plane?normal=0,0,-1&at=0,0,-20mm"
 DT = 1e-3
 
 
@@ -33,7 +37,7 @@ def start_of(setup: Setup, side: Any, position: Vector) -> CouplingStart[Any]:
     return CouplingStart(setup.params, setup.tuning, position, side.ceiling_J, 0.0, setup.harvest)
 
 
-ROOM = {"spring", "offset", "wanted", "pull", "error", "c", "damper", "product"}
+ROOM = {"spring", "offset", "wanted", "pull", "error", "c", "damper", "product", "penetration", "bends", "seen"}
 """Fields that only lend room to an equation, and the spring, which nobody writes into else."""
 
 
@@ -50,7 +54,7 @@ def state(record: Any, n: int) -> Any:
         elif len(shape) == 2:
             found[name] = [tuple(row)[:n] for row in value]
         else:
-            found[name] = tuple(value)[: n if shape == (3,) else None] if shape else value
+            found[name] = tuple(value)[: n if type_ is OfAxes else None] if shape else value
     return found
 
 
@@ -64,7 +68,8 @@ def planes(rng: np.random.Generator, n: int, kind: str) -> tuple[Plane, ...] | N
         bends = (Curvature(tuple(np.eye(n)[0].tolist()), 20.0),) if kind == "bends" and n > 1 else ()
         friction = 0.4 if kind == "rubs" else 0.0
         offset, velocity = float(rng.uniform(-0.005, 0.01)), float(rng.choice([0.0, 0.02]))
-        found.append(Plane(tuple(normal.tolist()), offset, 2000.0, 5.0, velocity, bends, friction))
+        effects = Effects(viscosity=2.0, sticking=0.6) if kind == "acts" else None
+        found.append(Plane(tuple(normal.tolist()), offset, 2000.0, 5.0, velocity, bends, friction, effects))
     return tuple(found)
 
 
@@ -106,7 +111,7 @@ def drive(servo: DeviceCoupling, happened: Iterator[tuple[str, Any]]) -> Iterato
 CASES: dict[str, tuple[dict[str, Any], int, tuple[str, ...]]] = {
     "one axis": ({}, 1, ("flat",)),
     "three axes": ({"dof": 3}, 3, ("flat",)),
-    "whatever a world may send": ({"dof": 3}, 3, ("flat", "bends", "rubs", "none")),
+    "whatever a world may send": ({"dof": 3}, 3, ("flat", "bends", "rubs", "acts", "none")),
     "as in the paper": ({"rendering": "paper", "dof": 2}, 2, ("none",)),
     "zoh, smoothed and predicted": (
         {"coupling": "zoh", "dof": 2, "device.smoothing_s": 0.005, "device.predict_s": 0.01}, 2, ("flat",),
@@ -118,6 +123,9 @@ CASES: dict[str, tuple[dict[str, Any], int, tuple[str, ...]]] = {
         {"dof": 3, "device.resolution_m": 5e-5, "device.force_limit_N": 1.0, "device.shuffle": "needed",
          "device.on_silence": "release", "device.silence_after_s": 0.05}, 3, ("flat",),
     ),
+    "seven axes": ({"device.force_limit_N": 1.0}, 7, ("flat", "none")),
+    "a tool": ({"scene": TOOL}, 12, ("flat", "rubs")),
+    "a tool with two stiffnesses": ({"scene": TOOL, "device.stiffness": [200, 0.3]}, 12, ("flat",)),
 }  # fmt: skip
 
 
@@ -136,12 +144,25 @@ def test_a_compiled_servo_gives_the_same_bits(case: str) -> None:
     assert state(plain, n) == state(fast, n)
     assert state(plain.coupling, n) == state(fast.coupling, n)
     assert plain.figures() == fast.figures()
+    if plain.model is not None:
+        assert fast.model is not None
+        assert state(plain.model.rubbing, n) == state(fast.model.rubbing, n)
+        for one, other in zip(plain.model.planes, fast.model.planes, strict=True):
+            assert (state(one, n), one.bends.curvatures) == (state(other, n), other.bends.curvatures)
 
 
 def world_of(setup: Setup, ends: Ends) -> tuple[WorldCoupling, Any]:
     mass = virtual_mass(setup)
     made = setup.coupling.world(start_of(setup, setup.params.world, mass.position))
     return ends.steps(made, mass, setup.scene.contacts), mass
+
+
+class Stops(Scene):
+    """A stop on each of seven joints."""
+
+    def __init__(self) -> None:
+        walls = [Wall(along(7, k, 1.0), 0.01, 3000.0, 10.0) for k in range(7)]
+        super().__init__("stops", 7, tuple(walls), 0.001, 0.03)
 
 
 WORLDS: dict[str, dict[str, Any]] = {
@@ -155,6 +176,8 @@ WORLDS: dict[str, dict[str, Any]] = {
     },
     "with matrices": {"dof": 2, "world.shuffle": "needed"},
     "a ball, whose contacts stay Python's": {"scene": "sphere"},
+    "a tool, whose mass stays Python's": {"scene": TOOL, "world.shuffle": "needed"},
+    "seven axes": {"scene": "tests.kernel.test_real_time:Stops"},
 }  # fmt: skip
 
 

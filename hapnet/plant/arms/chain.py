@@ -20,7 +20,7 @@ from typing import Annotated
 
 from hapnet.mechanics.pose import cross as product
 from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, OfAxes, Reals, Record
+from hapnet.records.record import FloatRows, Floats, Reals, Record
 
 JOINTS = 8
 """The most joints of an arm."""
@@ -94,7 +94,7 @@ class Chain(Record):
 
     n: int
     tip_mass: float
-    gamma: OfAxes
+    gamma: Vector3
     links: Annotated[Sequence[Link], (JOINTS + 1,)]
     tip: Lever
     weight: Lever

@@ -37,6 +37,9 @@ _WORTH_TICKS = 200_000
 _WORTH_ARM_TICKS = 5_000
 """The same for an arm."""
 
+_WORTH_END_TICKS = 30_000
+"""The same for the ends of such a run, beside the arm."""
+
 _ticks: Counter[str] = Counter()
 
 
@@ -84,15 +87,19 @@ def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
 
 
 def with_device(setup: Setup) -> Setup:
-    """The setup, with the ticks of an arm or of a tool's handle compiled where that pays; the rest of such a run is the
-    reference's."""
+    """The setup, with the ticks of an arm or of a tool's handle, and both ends of the coupling, compiled if that pays.
+    The rest of such a run is the reference's.
+    """
     params = setup.params
     if not (is_arm(params.hardware) or params.units == POSE) or no_compiler() is not None:
         return setup
     from hapnet.kernel import real_time  # here, since it imports every end
 
-    worth = round(params.duration_s * params.device.servo_hz) >= _WORTH_ARM_TICKS
-    compiles = worth or sources.are_compiled(real_time.part_of_device(params))
+    ticks = round(params.duration_s * params.device.servo_hz)
+    wanted = real_time.SERVO, real_time.WORLD
+    if ticks >= _WORTH_END_TICKS or not real_time.missing(setup.coupling, wanted, setup.dof, params):
+        return replace(setup, ends=real_time.CompiledEnds())
+    compiles = ticks >= _WORTH_ARM_TICKS or sources.are_compiled(real_time.part_of_device(params))
     return replace(setup, ends=real_time.CompiledDevices()) if compiles else setup
 
 

@@ -1,0 +1,48 @@
+"""Whole runs of a tool and of an arm joint by joint, with compiled ends and without: the same samples, bit by bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapnet.kernel.arm_end import CompiledArm
+from hapnet.kernel.handle_end import CompiledHandle
+from hapnet.kernel.servo_end import CompiledServo
+from hapnet.params import Params
+from hapnet.records.machine_code import no_compiler
+from hapnet.simulation.compiled import coverage
+from hapnet.simulation.simulation import Simulation
+from tests.simulation.test_arms import seven
+
+LINK = {"link.up": "4g", "link.down": "4g", "duration_s": 1.0}
+TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.5}
+JOINTS = {"scene": "joints", "device.stiffness": (3.0, 2.0, 2.5, 2.0, 1.5, 1.0, 0.5)}
+
+
+@pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
+@pytest.mark.parametrize("case", ["tool", "seven joints"])
+def test_compiled_ends_give_the_same_run(case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    changes: dict[str, Any] = TOOL
+    if case == "seven joints":
+        file = tmp_path / "seven.urdf"
+        file.write_text(seven(), "utf-8")
+        changes = JOINTS | {"hardware": f"arm:{file}?tip=l7&home=0,0.5,0,0.8,0,0.5,0&axes=joints"}
+    monkeypatch.setattr(coverage, "_WORTH_END_TICKS", 1)
+    runs = [Simulation(Params().set(LINK | changes), 5)]
+    monkeypatch.setattr(coverage, "no_compiler", lambda: "switched off")
+    runs.append(Simulation(Params().set(LINK | changes), 5))
+    fast, plain = (run.run() for run in runs)
+    assert runs[0].not_compiled is not None, "the whole run is compiled: this says nothing of its ends"
+    device = CompiledHandle if case == "tool" else CompiledArm
+    assert [isinstance(run.device.servo, CompiledServo) for run in runs] == [True, False]
+    assert [isinstance(run.device.device, device) for run in runs] == [True, False]
+    for side in ("device", "world"):
+        ours, theirs = getattr(fast.recording, side), getattr(plain.recording, side)
+        assert ours is not None
+        assert ours.keys() == theirs.keys()
+        for name in ours:
+            np.testing.assert_array_equal(ours[name], theirs[name], err_msg=f"{side}.{name}")
+    assert fast.summary["motion"]["peak_force_N"] > 0.0
