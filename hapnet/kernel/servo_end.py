@@ -21,7 +21,7 @@ from hapnet.records.record import OfAxes, Record
 class ServoEnd(Record):
     """The device's end of a coupling of set-positions, with the arguments of its next tick.
 
-    who : chooses y. interval : since the run of PSPM before [s].
+    who : chooses y. interval : since the run of PSPM before [s]. takes : does the tick take an answer of the world?
     """
 
     servo: SampledServo
@@ -29,6 +29,7 @@ class ServoEnd(Record):
     model: ContactState
     who: int
     interval: float
+    takes: int
     dt: float
     x: OfAxes
     v: OfAxes
@@ -37,7 +38,7 @@ class ServoEnd(Record):
 @equation
 def tick(end: ServoEnd) -> int:
     """`SampledServo.tick` of a servo that is in time."""
-    end.interval = end.servo.elapsed + end.dt
+    end.interval, end.takes = end.servo.elapsed + end.dt, end.model.answer.pending
     return servos.tick(end.servo, end.coupling, end.model, end.dt, end.x, end.v, end.who)
 
 
@@ -59,7 +60,6 @@ class CompiledServo(SampledServo):
         end, model, n = self._end, self.model, self.n
         end.dt, end.x[:n], end.v[:n] = dt, x, v
         end.who = ITSELF if model is None or model.goes_on else ASKING
-        takes = model is not None and model.answer.pending
         result = self._run(self._array)
         if result == ASKS:
             self.coupling.choose(self.elapsed, x)
@@ -67,7 +67,7 @@ class CompiledServo(SampledServo):
             result = self._run(self._array)
         elif model is not None and result != RESTS:
             model.went_on(end.interval, x)
-            if takes:
+            if end.takes:
                 model.planes = [_plane(place, n) for place in end.model.planes[: model.count]]
         return sent(self.sender, self.coupling, x) if result == SENDS else None
 
