@@ -45,7 +45,9 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
         allowed = f"continuous with the coupling {params.coupling}: it is not known how it holds a force there"
         raise InvalidParameter("follower.servo", robot.servo, allowed)
     held = is_held(params, spec)
-    if scene.moves_proxy or scene.units != METRES:
+    if scene.moves_proxy and not held:
+        raise InvalidParameter("follower.servo", robot.servo, f"sampled in the scene {params.scene}, with pspm or zoh")
+    if scene.units != METRES:
         allowed = f"none in the scene {params.scene}: a robot can move only where a mass in metres can"
         raise InvalidParameter("follower.robot", robot.robot, allowed)
     if robot.resolution_m and not held:
@@ -74,9 +76,10 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
             body,
             scene.contacts,
             frame,
-            robot.own_damping if held else 0.0,
+            robot.own_damping if held and not scene.moves_proxy else 0.0,
             robot.resolution_m,
             held=held,
+            engine=scene.moves_proxy,
             here=robot.start == "here",
         )
 

@@ -93,9 +93,11 @@ class HeldSteps(SetPositionSteps):
         while left > 1.5 * self._period:
             parts.append(mass.push(self._period, 0.0, self.servo.force, contacts))
             lengths.append(self._period)
+            self.servo.force = parts[-1].coupling_force
             self.servo.follow(self._period, parts[-1].position)
             left -= self._period
         parts.append(mass.push(left, 0.0, self.servo.force, contacts))
+        self.servo.force = parts[-1].coupling_force  # an engine may have applied less
         done = parts[0] if len(parts) == 1 else _joined(parts, [*lengths, left])
         self._velocity, self.servo.sensed = mass.velocity, done.force
         if self.servo.reporter is not None:

@@ -33,6 +33,7 @@ class Robot(Mass):
 
     body : moves it among `contacts`, in its own units. frame : see `Frame`. damping : its own [Ns/m].
     resolution : of its encoders [m]. held : is its force held, so that its port is the actuator's?
+    engine : does a physics engine move it, whose port is the actuator's? Then its damping is the engine's.
     here : where it stands at the start is where the leader stands, wherever that is; else both share one origin.
     """
 
@@ -45,12 +46,13 @@ class Robot(Mass):
         resolution: float,
         *,
         held: bool,
+        engine: bool,
         here: bool,
     ) -> None:
         self.body, self.frame = body, frame
         self.contacts = contacts
         self._damping, self._resolution = damping, resolution
-        self.held, self._here = held, here
+        self.held, self._engine, self._here = held, engine, here
         self.done_J = 0.0
         """Work put in at the actuator's port, of true positions [J]."""
         self._measured = self._counts()
@@ -104,7 +106,7 @@ class Robot(Mass):
         frame = self.frame
         own_drag = drag / (frame.motion * frame.force) + self._damping
         own = frame.own_force(push)
-        count = max(1, round(dt / PART_S)) if self.held else 1
+        count = max(1, round(dt / PART_S)) if self.held and not self._engine else 1
         begun = self.body.position
         force, work, depth = [0.0] * len(own), 0.0, 0.0
         for _ in range(count):
@@ -114,6 +116,9 @@ class Robot(Mass):
             work += done.work_J - self._damping * inner(done.velocity, done.velocity) * dt / count
             depth = done.penetration_m
         moved = [end - begin for begin, end in zip(begun, self.body.position, strict=True)]
+        if self._engine:  # which may have applied less: the mean force with the same work
+            own = _doing(-work, done.coupling_force, moved)
+            force = [-one for one in own]
         if self.held:
             self.done_J -= frame.energy * inner(own, moved)
         velocity = tuple([one / dt for one in moved])
@@ -136,6 +141,13 @@ class Robot(Mass):
             end,
             done.penetration_m / frame.motion,
         )
+
+
+def _doing(work_J: float, force: Vector, moved: Sequence[float]) -> Vector:
+    """The force nearest to `force` (n,) [N] that does this work on the way `moved` (n,) [m]."""
+    square = inner(moved, moved)
+    more = (work_J - inner(force, moved)) / square if square > 0.0 else 0.0
+    return tuple([part + more * along for part, along in zip(force, moved, strict=True)])
 
 
 class RobotContacts(Surroundings):

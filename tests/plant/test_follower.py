@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -101,7 +103,7 @@ def test_a_robots_contacts_are_drawn_from_where_it_truly_is() -> None:
     body = PassiveIntegrator(0.1, 1.0, 100.0, (0.0,))
     body.adopt(contacts)
     frame = Frame(0.5, 3.0, (0.0,))
-    robot = Robot(body, contacts, frame, damping=0.0, resolution=1e-3, held=True, here=False)
+    robot = Robot(body, contacts, frame, damping=0.0, resolution=1e-3, held=True, engine=False, here=False)
     around = RobotContacts(robot, sees=True)
     work = 0.0
     for _ in range(300):
@@ -129,3 +131,51 @@ def test_what_does_not_fit_a_robot_is_named(changes: dict[str, object], name: st
     with pytest.raises(InvalidParameter) as caught:
         simulate({"follower.robot": "simulated", **changes})
     assert caught.value.name == name
+
+
+ARM = """
+<mujoco model="arm">
+  <option timestep="0.001" gravity="0 0 0"/>
+  <worldbody>
+    <body name="upper">
+      <joint type="hinge" axis="0 1 0" damping="0.02"/>
+      <joint type="hinge" axis="0 0 1" damping="0.02"/>
+      <geom type="capsule" fromto="0 0 0 0.134 0 0" size="0.01" mass="0.08"/>
+      <body name="fore" pos="0.134 0 0">
+        <joint type="hinge" axis="0 1 0" damping="0.02"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.1325" size="0.01" mass="0.06"/>
+        <body name="tip" pos="0 0 0.1325"><geom type="sphere" size="0.008" mass="0.02"/></body>
+      </body>
+    </body>
+    <geom type="plane" pos="0.16 0 0" zaxis="-1 0 0" size="1 1 0.1"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("scales", [(1.0, 1.0), (2.0, 0.5)])
+def test_an_arm_of_an_engine_follows_by_its_tip(scales: tuple[float, float], tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(ARM, "utf-8")
+    result = run({
+        "scene": f"mujoco:{tmp_path / 'arm.xml'}?proxy=tip", "operator": "hand-21", "duration_s": 4.0,
+        "world.stiffness": 200.0, "world.damping": 4.0, "follower.own_damping": 1.0,
+        "follower.motion_scale": scales[0], "follower.force_scale": scales[1],
+    })  # fmt: skip
+    summary = result.summary
+    world, device = summary["world"], summary["device"]
+    assert world is not None
+    assert device is not None
+    assert summary["verdict"]["passive"]
+    assert min(world["ledger"]["slack_J"] or 0.0, device["ledger"]["slack_J"] or 0.0) >= -1e-12
+    own = summary["environment"]["env_slack_J"]
+    assert own is not None
+    assert own >= -1e-12
+    assert (summary["motion"]["free_rms_m"] or 1.0) < 0.01
+
+
+def test_an_engine_is_no_robot_of_a_law_that_acts_within_its_step(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(ARM, "utf-8")
+    with pytest.raises(InvalidParameter, match=r"follower\.servo is 'continuous'"):
+        run({"scene": f"mujoco:{tmp_path / 'arm.xml'}?proxy=tip", "follower.servo": "continuous"})

@@ -59,6 +59,10 @@ _LIGHTEST = 1e12
 
 Product = Callable[[Sequence[float]], list[float]]
 
+Substep = Callable[[float, Vector, float], tuple[Vector, float]]
+"""Makes a substep of so many seconds with a set-position [m] or a force [N], which takes at most so much energy [J].
+Returns the mean force applied [N], and its work [J]."""
+
 _PAID = 1.0 - 1e-12
 """The share of the energy at hand that may be used: so rounding makes no deficit."""
 
@@ -102,28 +106,38 @@ class EngineMass(Mass):
         self._pushed = (0.0,) * self._account.dof
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
-        account, n = self._account, self._account.dof
+        before = self._potential_J(self._account.position, set_position)
+        most = _PAID * (before + self._available_J)
+        done = self._made(dt, self._coupled if self._tells else self._held, set_position, most)
+        return done._replace(dissipated_J=done.work_J - (self._potential_J(done.position, set_position) - before))
+
+    def _made(self, dt: float, kind: Callable[[float], Substep], given: Vector, most_J: float) -> Step:
+        """A step of substeps of this kind, which are given this vector, and take at most `most_J` [J] in all."""
+        account = self._account
         simulated = min(dt, MAX_S)
         count = max(1, ceil(simulated / account.engine.substep_s - 1e-9))
         h = simulated / count
         account.begin()
-        substep = self._coupled if self._tells else self._held(h)
+        substep = kind(h)
         start = account.position
-        total, work = [0.0] * n, 0.0
-        before = self._potential_J(start, set_position)
-        most = _PAID * (before + self._available_J)
+        total, work = [0.0] * account.dof, 0.0
         for _ in range(count):
-            applied, done = substep(h, set_position, most - work)
+            applied, done = substep(h, given, most_J - work)
             work += done
             total = list(map(add, total, applied))
         x = account.position
         mean = tuple([f / count for f in total])
         return Step(
-            tuple([(b - a) / dt for a, b in zip(start, x, strict=True)]), tuple(map(neg, mean)),
-            -work, -work - (self._potential_J(x, set_position) - before), mean, x, account.depth,
-        )  # fmt: skip
+            tuple([(b - a) / dt for a, b in zip(start, x, strict=True)]),
+            tuple(map(neg, mean)),
+            -work,
+            0.0,
+            mean,
+            x,
+            account.depth,
+        )
 
-    def _held(self, h: float) -> Callable[[float, Vector, float], tuple[Vector, float]]:
+    def _held(self, h: float) -> Substep:
         """Substeps of `h` [s] with a force that is held."""
         account = self._account
         spring, damper = self._gains(h)
@@ -140,15 +154,18 @@ class EngineMass(Mass):
 
         return substep
 
-    def _coupled(self, h: float, set_position: Vector, most_J: float) -> tuple[Vector, float]:
-        """A substep of `h` [s] in which the engine integrates the proxy on its coupling."""
+    def _coupled(self, h: float) -> Substep:
+        """Substeps of `h` [s] in which the engine integrates the proxy on its coupling."""
 
-        def force(x: Vector, reached: Vector) -> Vector:
-            e = [0.5 * (a + b) - y for a, b, y in zip(x, reached, set_position, strict=True)]
-            v = [(b - a) / h for a, b in zip(x, reached, strict=True)]
-            return tuple(map(neg, map(add, self._stiffness(e), self._damper(v))))
+        def substep(h: float, set_position: Vector, most_J: float) -> tuple[Vector, float]:
+            def force(x: Vector, reached: Vector) -> Vector:
+                e = [0.5 * (a + b) - y for a, b, y in zip(x, reached, set_position, strict=True)]
+                v = [(b - a) / h for a, b in zip(x, reached, strict=True)]
+                return tuple(map(neg, map(add, self._stiffness(e), self._damper(v))))
 
-        return self._account.coupled_substep(h, (set_position, self._K, self._B), force, most_J)
+            return self._account.coupled_substep(h, (set_position, self._K, self._B), force, most_J)
+
+        return substep
 
     def _gains(self, h: float) -> tuple[Product, Product]:
         """The force's dependence on the spring's length and on the velocity, in a substep of `h` [s]."""
@@ -182,8 +199,13 @@ class EngineMass(Mass):
         return 0.5 * float(inner(e, self._stiffness(e)))
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings | None = None) -> Step:
-        """Not possible: a law's impedance would have to be solved together with the engine's step."""
-        raise HapnetError("an engine's scene needs a coupling whose virtual mass has a spring, such as pspm")
+        """Under a held force; a law's drag would have to be solved together with the engine's step.
+
+        A substep that takes more than the engine could account for is made again without it (`EngineAccount`).
+        """
+        if drag != 0.0:
+            raise HapnetError("an engine's scene needs a coupling whose virtual mass has a spring, such as pspm")
+        return self._made(dt, lambda h: self._account.substep, push, inf)
 
 
 class EngineWorld(WorldDefaults, Surroundings):
