@@ -1,8 +1,10 @@
 """Soft bodies that a ball in the hand presses: ``soft`` (a block), ``soft:organ``, or ``soft:FILE?unit=mm``.
 
 The ball is the proxy, `ball` its radius. By default the body begins 20 mm in front of the ball, and its far side is
-held. Every length has a unit; what is not given has a default. `lump` is a part that is stiffer: how many times, where
-its centre is as seen from the body's, and its radius.
+held. Solids may stand beside it, as in ``soft?pin=none + plane?normal=0,0,-1&at=0,0,-30mm``
+(`hapnet.plant.worlds.rigid`): ball and body touch them, and a body that nothing holds lies on one. Every length has a
+unit; what is not given has a default. `lump` is a part that is stiffer: how many times, where its centre is as seen
+from the body's, and its radius.
 """
 
 from __future__ import annotations
@@ -20,11 +22,14 @@ from hapnet.plant.worlds import soft_mesh
 from hapnet.plant.worlds.mesh_file import require_file
 from hapnet.plant.worlds.properties import UNITS, Properties, kind_of
 from hapnet.plant.worlds.protocol import WorldDefaults
+from hapnet.plant.worlds.rigid import parts_in, solids_of
+from hapnet.plant.worlds.rigid_contacts import Solid
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.soft_body import Body, Marks, Material
 from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
 from hapnet.plant.worlds.soft_linear import Indices
 from hapnet.plant.worlds.soft_picture import SoftPicture
+from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 
 WORD = "soft"
 WORDS = (
@@ -38,6 +43,8 @@ _PINNED = 0.12
 """The share of a body's extent that is held at its far side."""
 
 _STEP_M = 5e-4
+_FALLS_MPS = 0.05
+"""A body that still moves so fast has nothing to lie on."""
 
 
 class SoftWorld(WorldDefaults):
@@ -48,6 +55,10 @@ class SoftWorld(WorldDefaults):
         self._steps = Scene(name, contacts.dof, (), min_s, max_s)
         self.start: Vector = self._steps.start
         contacts.require_outside(self.start)
+
+    @property
+    def stiffnesses(self) -> tuple[float, ...] | None:
+        return tuple([solid.stiffness for solid in self.contacts.solids.solids]) or None
 
     def next_step_s(self, rng: np.random.Generator) -> float:
         """T_k [s], drawn uniformly. In real time a step that takes longer lasts for what it took."""
@@ -71,7 +82,10 @@ class SoftWorld(WorldDefaults):
 
 def builder(text: str) -> Callable[..., SoftWorld] | None:
     """A function that makes the world that `text` describes; None: it describes no soft body."""
-    return partial(soft_world, text) if kind_of(text)[0] == WORD else None
+    kinds = [kind_of(part)[0] for part in parts_in(text)]
+    if WORD in kinds[1:]:
+        raise InvalidParameter("scene", text, "the soft body first, as in soft + plane")
+    return partial(soft_world, text) if kinds[0] == WORD else None
 
 
 def soft_world(
@@ -81,12 +95,16 @@ def soft_world(
 
     Raises InvalidParameter, MissingLibrary.
     """
-    _, file, words = kind_of(text)
+    first, *others = parts_in(text)
+    _, file, words = kind_of(first)
     properties = Properties(text, words)
     require("soft", "a soft body")
     try:
         body, skin = _body(properties, file)
-        return SoftWorld(text, SoftContacts(body, skin, checked_dof(dof)), step_min_s, step_max_s)
+        contacts = SoftContacts(body, skin, checked_dof(dof), solids=_solids(others))
+        if contacts.settle() > _FALLS_MPS:
+            raise properties.error(text, "a body that is pinned, or lies on a solid, or gravity=0,0,0")
+        return SoftWorld(text, contacts, step_min_s, step_max_s)
     except InvalidParameter as error:
         if error.name.startswith(("scene ", "step_", "dof")):
             raise
@@ -123,9 +141,12 @@ def _body(properties: Properties, file: str) -> tuple[Body, Skin]:
     pinned = _pinned(properties, places)
     properties.finish(WORDS)
     places[:, 0] += _FRONT_M + skin.radius - places[:, 0].min()
-    body = Body(places, tets, pinned, material)
-    body.settle()
-    return body, skin
+    return Body(places, tets, pinned, material), skin
+
+
+def _solids(parts: list[str]) -> list[Solid]:
+    given = {"stiffness": WALL_STIFFNESS, "damping": WALL_DAMPING}
+    return [solid for part in parts for solid in solids_of(part, given)[0]]
 
 
 def _lump(properties: Properties, places: Array, tets: Indices) -> Array:

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.plant.worlds.soft_elastic import equations
-from hapnet.plant.worlds.soft_linear import Factor, Indices, conjugate_gradients
+from hapnet.plant.worlds.soft_linear import Factor, Indices
 
 Marks = NDArray[np.bool_]
-_SETTLING_S, _SETTLES, _SETTLED_MPS = 0.1, 60, 1e-4
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class Body:
         self.surface = boundary(self.tets, self.x)
         self.normals: Array = corner_normals(self.x, self.surface)
         self._around = self._mean_of_turns(volumes)
-        self.factor = Factor(self.tets, self.grads, self.lam, self.mu, self.mass, self.free, self.beta_s)
+        self.factor = Factor(self.tets, self.grads, self.lam, self.mu, self.mass, self.free, self.beta_s, self.x)
         self.nodal: Array = np.tile(np.eye(3), (len(nodes), 1, 1))  # Theta
 
     # -- energies -----------------------------------------------------------------------------------------------------
@@ -146,22 +145,6 @@ class Body:
         self.x += dt * mean
         self.v = 2.0 * mean - self.v
         self.mean = mean
-
-    def settle(self) -> None:
-        """Come to rest under gravity, with no energy to begin with."""
-        for _ in range(_SETTLES):
-            self.strains[:] = self.true_strains()
-            b = self.push(_SETTLING_S, self.mean)
-            mean, _ = conjugate_gradients(
-                lambda v: self.response(_SETTLING_S, v),
-                lambda r: self.to_world(self.factor.solve(_SETTLING_S, self.to_local(r))), b, self.mean, 1e-3,
-            )  # fmt: skip
-            self.x += _SETTLING_S * mean
-            self.mean = mean
-            if np.abs(mean).max() < _SETTLED_MPS:
-                break
-        self.strains[:] = self.true_strains()
-        self.mean, self.v = np.zeros_like(self.x), np.zeros_like(self.x)
 
     def nodal_strains(self) -> Array:
         """The equivalent strain at each node (N,): ``sqrt(2/3 e:e)`` of the deviator e."""

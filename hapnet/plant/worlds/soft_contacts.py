@@ -1,4 +1,4 @@
-"""A ball, the proxy, and an elastic body that it presses: what a step needs and leaves, and its energy.
+"""A ball, the proxy, an elastic body that it presses, and rigid solids around: what a step needs, and its energy.
 
 The equations of the points that touch are those of `hapnet.plant.worlds.soft_touch`, the body's those of
 `hapnet.plant.worlds.soft_body`. The stored energy is anchored (`hapnet.plant.worlds.rigid_contacts`): at a step's onset
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,12 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.observed_world import compliance_of
-from hapnet.plant.worlds.rigid_contacts import padded
+from hapnet.plant.worlds.rigid_contacts import Solid, padded
 from hapnet.plant.worlds.soft_body import Body
 from hapnet.plant.worlds.soft_linear import Indices, conjugate_gradients
 from hapnet.plant.worlds.soft_planes import planes_at
-from hapnet.plant.worlds.soft_touch import Touch
+from hapnet.plant.worlds.soft_solids import Solids
+from hapnet.plant.worlds.soft_touch import Touch, block_diagonal
 
 RESERVOIR_J = 0.01
 """The ceiling of E_c."""
@@ -36,8 +37,14 @@ _SOLVES = 3
 _FAR_M = 1e-3
 """If a node goes by so much farther than expected, the body's turns are computed again."""
 
-_NEAR_M, _MOST = 1e-3, 40
-"""A point may touch if it is nearer than this, and than what body and ball go; the most of them."""
+_NEAR_M, _MOST, _MOST_LYING = 1e-3, 40, 300
+"""A point may touch if it is nearer than this, and than what body and ball go; the most that touch the ball, and the
+most that touch solids."""
+
+_FREE = 1e3
+"""So compliant is what nothing holds [m/N]."""
+
+_SETTLING_S, _SETTLES, _SETTLED_MPS = 0.1, 20, 1e-4
 
 
 @dataclass(frozen=True)
@@ -51,24 +58,42 @@ class Skin:
 
 
 class SoftContacts(Surroundings):
-    """The `Surroundings` of a ball and one body. dof : the ball's axes; the body always has three.
+    """The `Surroundings` of a ball, one body and solids. dof : the ball's axes; the body always has three.
 
-    Attributes: scale, s of the last step; discarded_J, in total; rounds, of the last step's solve, all passes; points,
-    depths, pushes: the surface's points (P, 3) as nodes, and of the last step those that touch.
+    A contact is a row: the first `points` are those of the body's surface with the ball, then come those of the
+    surface's nodes with each solid, and at last those of the ball with each solid. nodes, weights (C, 3): where a row
+    is in the body. by_ball (C,) : 1 where the ball moves there, else 0. stiffness, damping (C,) [N/m], [Ns/m].
+
+    Attributes: scale, s of the last step; discarded_J, in total; rounds, of the last step's solve, all passes; q (C,)
+    [m] and forces (C, 3) [N], of the rows.
     """
 
-    def __init__(self, body: Body, skin: Skin, dof: int, tolerance: float = TOLERANCE) -> None:
+    def __init__(
+        self, body: Body, skin: Skin, dof: int, tolerance: float = TOLERANCE, solids: Sequence[Solid] = ()
+    ) -> None:
         self.body, self.skin, self._dof, self.tolerance = body, skin, dof, tolerance
-        self.nodes, self.weights = surface_points(body.surface)
+        nodes, weights = surface_points(body.surface)
+        self.points, corners, many = len(nodes), len(np.unique(body.surface)), len(solids)
+        self.solids = Solids(solids, corners, skin.radius)
+        self.nodes: Indices = np.concatenate([nodes, *[nodes[:corners]] * many, np.zeros((many, 3), dtype=np.int64)])
+        self.weights: Array = np.concatenate([weights, *[weights[:corners]] * many, np.zeros((many, 3))])
         self.reservoir_J, self.discarded_J = RESERVOIR_J, 0.0
         self.scale, self.rounds = 1.0, 0
         count = len(self.nodes)
+        self.by_ball: Array = np.ones(count)
+        self.stiffness: Array = np.full(count, skin.stiffness)
+        self.damping: Array = np.full(count, skin.damping)
+        if many:
+            self.by_ball[self.points : -many] = 0.0
+            self.stiffness[-many:] = [solid.stiffness for solid in solids]
+            self.damping[-many:] = [solid.damping for solid in solids]
         self.q: Array = np.zeros(count)
         self.drag: Array = np.zeros(count)  # c_t
         self.forces: Array = np.zeros((count, 3))  # on the points [N]
         self.centre: Array = np.zeros(3)  # of the ball, after the last step
         self.rest, self.outward_at_rest = self.places(body.x), self.outward()
         self._outward = self.outward_at_rest
+        self._falling = float((np.linalg.norm(body.weight, axis=1) / body.mass).max())  # [m/s2]
 
     @property
     def dof(self) -> int:
@@ -77,12 +102,12 @@ class SoftContacts(Surroundings):
     # -- geometry -----------------------------------------------------------------------------------------------------
 
     def places(self, x: Array) -> Array:
-        """The surface's points (P, 3) with the nodes at x (N, 3)."""
+        """Where all rows are in the body (C, 3), with the nodes at x (N, 3)."""
         found: Array = np.einsum("pk,pki->pi", self.weights, x[self.nodes])
         return found
 
     def outward(self) -> Array:
-        """The normals of the surface's points (P, 3), about of unit length."""
+        """The body's normals at all rows (C, 3), about of unit length."""
         return self.places(self.body.turned_normals())
 
     def turn_of(self, point: int) -> Array:
@@ -90,30 +115,49 @@ class SoftContacts(Surroundings):
         return np.asarray(self.weights[point] @ self.body.nodal[self.nodes[point]].reshape(3, 9)).reshape(3, 3)
 
     def compliance(self, points: Indices, normals: Array) -> Array:
-        """The static one along the normals (k, 3) of points (k,): what gives way by pushes on others (k, k) [m/N]."""
-        to_points, held = self.from_nodes(points)
-        rows = (3 * held[:, None] + np.arange(3)).ravel()
-        along = np.einsum("ki,kim->km", normals, to_points.reshape(len(points), 3, -1))
-        found: Array = self.body.factor.static * (along @ self.body.factor.columns(held)[rows] @ along.T)
+        """The static one along the normals (k, 3) of points (k,): what gives way by pushes on others (k, k) [m/N].
+
+        What lies on solids is held by the springs of its contacts, and across them too where there is friction.
+        """
+        resting = np.flatnonzero((self.q > 0.0) & (self.by_ball == 0.0))
+        to_points, held = self.from_nodes(np.concatenate([points, resting]))
+        rows, cut = (3 * held[:, None] + np.arange(3)).ravel(), 3 * len(points)
+        of_nodes = self.body.factor.static * self.body.factor.columns(held)[rows]
+        whole = to_points @ (to_points @ of_nodes.T).T
+        springs = block_diagonal(self._held_by(resting))
+        whole = whole[:cut, :cut] - whole[:cut, cut:] @ np.linalg.solve(whole[cut:, cut:] + springs, whole[cut:, :cut])
+        found: Array = np.einsum("ki,kimj,mj->km", normals, whole.reshape(len(points), 3, -1, 3), normals)
         return found
 
-    def from_nodes(self, points: Indices) -> tuple[Array, Indices]:
-        """The matrix (3k, 3m) from the frames of free nodes (m,) to points (k,), and these nodes."""
+    def _held_by(self, rows: Indices) -> Array:
+        """How the contacts of nodes with solids give way (k, 3, 3) [m/N]."""
+        places, gives = self.places(self.body.x)[rows], 1.0 / self.stiffness[rows, None, None]
+        _, normals = self.solids.tangents(rows - self.points, places)
+        along = normals[:, :, None] * normals[:, None, :]
+        across = np.where(self.friction(rows, places)[:, None, None] > 0.0, gives, _FREE)
+        found: Array = gives * along + across * (np.eye(3) - along)
+        return found
+
+    def from_nodes(self, points: Indices) -> tuple[Any, Indices]:
+        """The sparse matrix (3k, 3m) from the frames of free nodes (m,) to rows (k,), and these nodes."""
+        from scipy import sparse
+
         nodes, weights, body = self.nodes[points], self.weights[points], self.body
         held = np.unique(nodes[weights > 0.0])
         held = held[held < body.free]
-        there = np.searchsorted(held, nodes)
-        found: Array = np.zeros((len(points), 3, len(held), 3))
-        for i in range(3):
-            at = np.flatnonzero((weights[:, i] > 0.0) & (nodes[:, i] < body.free))
-            node = there[at, i]
-            found[at, :, node] += weights[at, i][:, None, None] * body.nodal[held[node]]
-        return found.reshape(3 * len(points), 3 * len(held)), held
+        row, of = np.nonzero((weights > 0.0) & (nodes < body.free))
+        node = nodes[row, of]
+        blocks, where = weights[row, of][:, None, None] * body.nodal[node], np.arange(3)
+        rows, columns = np.broadcast_arrays(
+            3 * row[:, None, None] + where[:, None], 3 * np.searchsorted(held, node)[:, None, None] + where
+        )
+        shape = (3 * len(points), 3 * len(held))
+        return sparse.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape), held
 
     def gaps(self, points: Array, centre: Array, which: Any = slice(None)) -> tuple[Array, Array]:
         """Depth (k,) [m] of points (k, 3) in the ball, and the unit normals (k, 3) from the ball into the body.
 
-        which : the points' numbers.
+        which : the rows' numbers, none of a solid.
 
         The ball is in front of a point's surface. If its centre is behind that of the nearest point, it has gone
         through: then this point is deeper than the radius.
@@ -138,8 +182,30 @@ class SoftContacts(Surroundings):
 
     def penetration(self, position: Sequence[float]) -> float:
         """How deep the ball at `position` is in the point where it is deepest [m]."""
-        depths, _ = self.gaps(self.places(self.body.x), np.array(padded(position)))
-        return max(0.0, float(depths.max()))
+        centre, ball = np.array(padded(position)), slice(0, self.points)
+        depths, _ = self.gaps(self.places(self.body.x)[ball], centre, ball)
+        others, _ = self.solids.tangents(*self._balls(centre))
+        return float(np.concatenate([[0.0], depths, others]).max())
+
+    def _balls(self, centre: Array) -> tuple[Indices, Array]:
+        """The solids' rows of the ball, and where it is for them."""
+        rows = np.arange(self.solids.balls, self.solids.rows)
+        return rows, np.tile(centre, (len(rows), 1))
+
+    def depths(self, points: Array, centre: Array, way: Array) -> Array:
+        """Of all rows (C,) [m]: how deep they are, each of which may go so far (C,) [m]."""
+        ball, middle = slice(0, self.points), slice(self.points, self.points + self.solids.balls)
+        corners = slice(0, self.solids.count)
+        found, _ = self.gaps(points[ball], centre, ball)
+        others = self.solids.depths(points[corners], way[middle])
+        return np.concatenate([found, others, self.solids.tangents(*self._balls(centre))[0]])
+
+    def friction(self, rows: Indices, places: Array) -> Array:
+        """mu of rows (k,) at places (k, 3): of a node and a solid the larger one of both."""
+        found, first = np.full(len(rows), self.skin.friction), int(np.searchsorted(rows, self.points))
+        mu = self.solids.friction(rows[first:] - self.points, places[first:])
+        found[first:] = np.where(self.by_ball[rows[first:]] > 0.0, mu, np.maximum(mu, found[first:]))
+        return found
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         return planes_at(self, np.array(padded(position)), reach_m)
@@ -148,26 +214,63 @@ class SoftContacts(Surroundings):
         return self.body.moving_J + self._held_J() + self.reservoir_J
 
     def _held_J(self) -> float:
-        return self.body.strained_J + 0.5 * self.skin.stiffness * float(self.q @ self.q)
+        return self.body.strained_J + 0.5 * float(self.stiffness @ (self.q * self.q))
 
     # -- a step -------------------------------------------------------------------------------------------------------
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
-        body, n = self.body, self._dof
-        place, free = np.array(padded(position)), np.array(padded(velocity))
+        n, place, free = self._dof, np.array(padded(position)), np.array(padded(velocity))
         compliance = np.zeros((3, 3))
         compliance[:n, :n] = compliance_of(inverse, n)
-        points = self.places(body.x)
-        depths = self._anchor(points, place)
+        points, way = self.places(self.body.x), self._way(dt, free)
+        depths = self.depths(points, place, way)
+        force, ball = self._advance(dt, points, depths, way, place, free, compliance)
+        self.centre = place + dt * ball
+        return tuple((-force)[:n].tolist()), ball[:n].tolist()
+
+    def settle(self) -> float:
+        """Let the body come to rest under gravity and on the solids, without the ball. Returns the last speed [m/s]."""
+        body, speed, none = self.body, 0.0, np.zeros(3)
+        for _ in range(_SETTLES):
+            points, way = self.places(body.x), self._way(_SETTLING_S, none)
+            depths = np.full(len(points), -np.inf)
+            nodes = points[: self.solids.count]
+            depths[self.points : self.points + self.solids.balls] = self.solids.depths(
+                nodes, way[self.points : self.points + self.solids.balls]
+            )
+            self.reservoir_J = inf
+            self._advance(_SETTLING_S, points, depths, way, none, none, np.zeros((3, 3)))
+            body.v[:] = 0.0
+            speed = float(np.abs(body.mean).max())
+            if speed < _SETTLED_MPS:
+                break
+        body.strains[:] = body.true_strains()
+        body.mean[:] = 0.0
+        self.reservoir_J, self.discarded_J = RESERVOIR_J, 0.0
+        return speed
+
+    def _way(self, dt: float, free: Array) -> Array:
+        """How far each row may go [m]: what ball and body go, and what the body falls."""
+        gone = np.linalg.norm(self.places(self.body.mean), axis=1) + self.by_ball * np.linalg.norm(free)
+        found: Array = dt * (gone + (1.0 - self.by_ball) * dt * self._falling)
+        return found
+
+    def _advance(
+        self, dt: float, points: Array, depths: Array, way: Array, place: Array, free: Array, compliance: Array
+    ) -> tuple[Array, Array]:
+        """One step. The ball's force on all (3,) [N], and its velocity (3,) [m/s]."""
+        body = self.body
+        self._anchor(depths)
         b = body.push(dt, body.mean)
         self._outward = self.outward()
-        touch = self._touch(dt, points, depths, place, free, compliance)
+        touch = Touch(self, dt, self._near(depths, way), free, compliance)
+        touch.place(points, depths, place)
         mean, forces, self.rounds = body.mean, self.forces[touch.points], 0
         expected, is_far = mean, False
         for turn in range(_SOLVES):
-            settled = touch.settle(mean, forces, points[touch.points], depths[touch.points], place)
+            settled = touch.settle(mean, forces)
             if turn and (is_far := dt * float(np.abs(mean - expected).max()) > _FAR_M):
                 b = body.push(dt, mean)
             if settled is None and not is_far:
@@ -175,29 +278,26 @@ class SoftContacts(Surroundings):
             expected, guess = mean, mean if settled is None else mean + touch.spread(settled - forces)
             mean, rounds = conjugate_gradients(touch.apply, touch.precondition, b + touch.load, guess, self.tolerance)
             ball = touch.ball(mean)
-            rho = ball - touch.at_points(mean)
+            rho = touch.rho(ball, mean)
             forces = touch.forces(rho)
             self.rounds += rounds
-        self._finish(dt, touch, mean, ball, rho, forces)
-        self.centre = place + dt * ball
-        return tuple((-forces.sum(axis=0))[:n].tolist()), ball[:n].tolist()
+        self._finish(dt, touch, mean, rho, forces)
+        return touch.on_ball(forces), ball
 
-    def _touch(self, dt: float, points: Array, depths: Array, place: Array, free: Array, compliance: Array) -> Touch:
-        """The points that may touch in this step: those that do, and those that the ball may come to."""
-        way = dt * (np.linalg.norm(self.places(self.body.mean), axis=1) + np.linalg.norm(free))
+    def _near(self, depths: Array, way: Array) -> Indices:
+        """The rows that may touch in this step: those that do, and those that may come to."""
         near = np.flatnonzero(depths > -(way + _NEAR_M))
-        if len(near) > _MOST:
-            near = np.sort(near[np.argsort(-depths[near])[:_MOST]])
-        return Touch(self, dt, near, free, compliance)
+        first = int(np.searchsorted(near, self.points))
+        return np.concatenate([_deepest(near[:first], depths, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
 
-    def _finish(self, dt: float, touch: Touch, mean: Array, ball: Array, rho: Array, forces: Array) -> None:
+    def _finish(self, dt: float, touch: Touch, mean: Array, rho: Array, forces: Array) -> None:
         """Body and springs at the step's end, and what was dissipated."""
-        body, skin = self.body, self.skin
+        body = self.body
         along = (touch.normals * rho).sum(axis=1)
         slip = (rho * rho).sum(axis=1) - along * along
         dissipated = dt * (
             body.beta_s * float((mean * body.stiffness(mean)).sum())
-            + skin.damping * float(touch.theta @ (along * along))
+            + float((self.damping[touch.points] * touch.theta) @ (along * along))
             + float(touch.drag @ slip)
         )
         self.q[touch.points] += dt * touch.theta * along
@@ -209,12 +309,11 @@ class SoftContacts(Surroundings):
         self.reservoir_J = min(whole, RESERVOIR_J)
         self.discarded_J += whole - self.reservoir_J
 
-    def _anchor(self, points: Array, place: Array) -> Array:
-        """Set strains and depths back to the true ones; these depths (P,) [m]."""
+    def _anchor(self, depths: Array) -> None:
+        """Set strains and depths back to the true ones; `depths` (C,) [m]."""
         body = self.body
         held = self._held_J()
         body.strains[:] = body.true_strains()
-        depths, _ = self.gaps(points, place)
         self.q = np.maximum(depths, 0.0)
         true, at_hand = self._held_J(), held + self.reservoir_J
         self.scale = 1.0
@@ -226,7 +325,11 @@ class SoftContacts(Surroundings):
         else:
             self.reservoir_J = min(at_hand - true, RESERVOIR_J)
             self.discarded_J += at_hand - true - self.reservoir_J
-        return depths
+
+
+def _deepest(rows: Indices, depths: Array, most: int) -> Indices:
+    """The deepest of these rows, in order."""
+    return rows if len(rows) <= most else np.sort(rows[np.argsort(-depths[rows])[:most]])
 
 
 def surface_points(surface: Indices) -> tuple[Indices, Array]:

@@ -28,16 +28,19 @@ class Factor:
     """S at rest, ``2m/T + (T/2 + beta) K`` for T = `FACTORED_S`, factored.
 
     tets, grads, lam, mu : see `hapnet.plant.worlds.soft_elastic`. mass (N,) [kg]. free : so many nodes, the first ones,
-        can move.
+        can move. places (N, 3) : the nodes' [m].
+
+    If all nodes are free, the body moves as a rigid one too: there S is ``2m/T``, and its part of the inverse is exact.
     """
 
     def __init__(
-        self, tets: Indices, grads: Array, lam: Array, mu: Array, mass: Array, free: int, beta_s: float
+        self, tets: Indices, grads: Array, lam: Array, mu: Array, mass: Array, free: int, beta_s: float, places: Array
     ) -> None:
         from scipy import sparse
         from scipy.sparse.linalg import splu
 
         self._free, self._beta_s = free, beta_s
+        self._rigid = rigid_modes(mass, places) if free == len(mass) else np.zeros((3 * free, 0))
         self._slots: dict[int, int] = {}
         self._kept: Array = np.empty((3 * MOST_COLUMNS, 3 * free))
         g, unit = grads, np.eye(3)
@@ -65,13 +68,26 @@ class Factor:
     def solve(self, dt: float, local: Array) -> Array:
         """``S^-1 b``, about, with b and the result in the frames of the nodes, (3 free,)."""
         found: Array = self._factor.solve(local) * self.softness(dt)
+        found += self._stiffer(dt) * (self._rigid @ (self._rigid.T @ local))
+        return found
+
+    def _stiffer(self, dt: float) -> float:
+        """What the inverse of a rigid motion differs by [s], over the mass."""
+        return 0.5 * (dt - self.softness(dt) * FACTORED_S)
+
+    def responses(self, dt: float, nodes: Indices) -> Array:
+        """The columns of ``S^-1`` for a step of `dt` [s], about, which belong to free nodes (m,), (3 free, 3 m)."""
+        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
+        found: Array = self.softness(dt) * self.columns(nodes)
+        found += self._stiffer(dt) * (self._rigid @ self._rigid[rows].T)
         return found
 
     def columns(self, nodes: Indices) -> Array:
         """Those of ``S0^-1`` that belong to free nodes (m,), (3 free, 3 m): how the body gives way to forces there."""
-        if len(self._slots) + len(nodes) > MOST_COLUMNS:
-            self._slots.clear()
         missing = [a for a in nodes.tolist() if a not in self._slots]
+        if len(self._slots) + len(missing) > MOST_COLUMNS:
+            self._slots.clear()
+            missing = nodes.tolist()
         if missing:
             unit = np.zeros((3 * self._free, 3 * len(missing)))
             rows = (3 * np.array(missing)[:, None] + np.arange(3)).ravel()
@@ -82,6 +98,16 @@ class Factor:
         slots = np.array([self._slots[a] for a in nodes.tolist()], dtype=np.int64)
         found: Array = self._kept[(3 * slots[:, None] + np.arange(3)).ravel()].T
         return found
+
+
+def rigid_modes(mass: Array, places: Array) -> Array:
+    """An orthonormal basis of a body's rigid motions, in the metric of its masses (3N, 6)."""
+    apart = places - mass @ places / mass.sum()
+    turns = [np.cross(axis, apart) for axis in np.eye(3)]
+    shifts = [np.broadcast_to(axis, places.shape) for axis in np.eye(3)]
+    root = np.repeat(np.sqrt(mass), 3)[:, None]
+    found: Array = np.linalg.qr(root * np.stack([one.ravel() for one in (*shifts, *turns)], axis=1))[0] / root
+    return found
 
 
 def conjugate_gradients(

@@ -15,6 +15,7 @@ from hapnet.plant.worlds.outlines import part_of
 from hapnet.plant.worlds.picture import SOFT, Color, Part, Touch, at_rest, part
 from hapnet.plant.worlds.shapes import Sphere
 from hapnet.plant.worlds.soft_contacts import SoftContacts
+from hapnet.plant.worlds.solids_picture import parts_of
 
 COLORS: tuple[tuple[float, Color], ...] = (
     (0.0, (226, 150, 140, 255)), (0.05, (240, 190, 90, 255)), (0.1, (235, 125, 50, 255)), (0.2, (200, 40, 40, 255)),
@@ -39,7 +40,7 @@ class SoftPicture:
         places = self._contacts.body.x[self._used]
         ball = part_of(Sphere((0.0, 0.0, 0.0), self._contacts.skin.radius), _BALL, 0)
         shells = [part(places, self._triangles, color, SOFT, smooth=True) for _, color in COLORS]
-        return (*shells, *(() if ball is None else (ball,)))
+        return (*shells, *(() if ball is None else (ball,)), *parts_of(self._contacts.solids.solids))
 
     def poses(self) -> Array:
         """The ball's."""
@@ -55,14 +56,19 @@ class SoftPicture:
         return np.concatenate(shells)
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """The points that push the ball."""
-        contacts = self._contacts
-        which = np.flatnonzero((contacts.forces**2).sum(axis=1) > 0.0)
-        if not len(which):
-            return []
-        points, outward = contacts.places(contacts.body.x)[which], contacts.outward()[which]
+        """What pushes the ball: points of the body, and solids."""
+        contacts, first = self._contacts, self._contacts.points
+        which = np.flatnonzero(contacts.forces.any(axis=1) & (contacts.by_ball > 0.0))
+        body, solids = which[which < first], which[which >= first]
+        points, normals = contacts.places(contacts.body.x)[body], contacts.outward()[body]
+        centres = np.tile(contacts.centre, (len(solids), 1))
+        depths, into = contacts.solids.tangents(solids - first, centres)
+        places = [*points.tolist(), *(centres + (contacts.skin.radius - depths)[:, None] * into).tolist()]
+        mu = contacts.friction(which, np.concatenate([points, centres])).tolist()
         pushes = (-contacts.forces[which]).tolist()
         return [
-            Touch(tuple(point), tuple(normal), contacts.skin.friction, tuple(push))
-            for point, normal, push in zip(points.tolist(), outward.tolist(), pushes, strict=True)
+            Touch(tuple(place), tuple(normal), each, tuple(push))
+            for place, normal, each, push in zip(
+                places, [*normals.tolist(), *(-into).tolist()], mu, pushes, strict=True
+            )
         ]

@@ -12,11 +12,12 @@ device meets a body that is still in the shape in which it was not touched.
 
 from __future__ import annotations
 
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapnet.checks import Array
+from hapnet.checks import MOST_PLANES, Array
 from hapnet.mechanics.curvature import Curvature, Curvatures, across
 from hapnet.mechanics.plane import Plane
 
@@ -36,11 +37,17 @@ _SLIGHT = 0.01
 
 def planes_at(contacts: SoftContacts, centre: Array, reach_m: float) -> tuple[Plane, ...]:
     """The planes for a ball at `centre` (3,) [m] that is less than `reach_m` from the body."""
-    places = contacts.places(contacts.body.x)
-    depths, normals = contacts.gaps(places, centre)
+    found = [*_of_body(contacts, centre, reach_m), *contacts.solids.planes(centre, reach_m)]
+    cut = [one for plane in found if (one := _cut(plane, contacts.dof)) is not None]
+    return tuple(cut[:MOST_PLANES])
+
+
+def _of_body(contacts: SoftContacts, centre: Array, reach_m: float) -> list[Plane]:
+    ball = slice(0, contacts.points)
+    depths, normals = contacts.gaps(contacts.places(contacts.body.x)[ball], centre, ball)
     deepest = int(depths.argmax())
     if not depths[deepest] > -reach_m:
-        return ()
+        return []
     near = np.argsort(-depths)[:_MOST]
     near = near[depths[near] > depths[deepest] - 0.5 * contacts.skin.radius]
     weight = np.maximum(depths[near], 0.0)
@@ -55,20 +62,23 @@ def planes_at(contacts: SoftContacts, centre: Array, reach_m: float) -> tuple[Pl
     slopes = np.maximum.accumulate(np.diff(forces) / np.diff(knots))
     more = np.diff(slopes, prepend=0.0)
     skin, bends = contacts.skin, _curvatures(contacts, int(near[0]), n)
-    cut = float(np.linalg.norm(n[: contacts.dof]))  # with fewer axes the ball feels what is along them
-    if cut < 0.1:
-        return ()
-    unit, along = tuple((n[: contacts.dof] / cut).tolist()), float(n @ centre)
-    if contacts.dof < 3:
-        bends = ()
-    beta = contacts.body.beta_s
-    return tuple(
-        [
-            Plane(unit, (along + knot) / cut, k * cut * cut, beta * k, 0.0, bends, skin.friction)
-            for knot, k in zip(knots.tolist(), more.tolist(), strict=False)
-            if k > _SLIGHT * slopes[-1]
-        ]
-    )
+    unit, along, beta = tuple(n.tolist()), float(n @ centre), contacts.body.beta_s
+    return [
+        Plane(unit, along + knot, k, beta * k, 0.0, bends, skin.friction)
+        for knot, k in zip(knots.tolist(), more.tolist(), strict=False)
+        if k > _SLIGHT * slopes[-1]
+    ]
+
+
+def _cut(plane: Plane, dof: int) -> Plane | None:
+    """The plane for a ball with fewer axes, which feels what is along them; None: next to nothing."""
+    unit = plane.normal[:dof]
+    if dof == 3 or (size := hypot(*unit)) < 0.1:
+        return plane if dof == 3 else None
+    return plane._replace(
+        normal=tuple([part / size for part in unit]), offset_m=plane.offset_m / size,
+        stiffness=plane.stiffness * size * size, damping=plane.damping * size * size, curvatures=(), effects=None,
+    )  # fmt: skip
 
 
 class Course:
@@ -107,7 +117,7 @@ def _curvatures(contacts: SoftContacts, first: int, n: Array) -> Curvatures:
 
     What touches the ball's centre is the surface moved by its radius: ``k/(1 + k r)``.
     """
-    rest = contacts.rest
+    rest = contacts.rest[: contacts.points]
     near = np.flatnonzero(((rest - rest[first]) ** 2).sum(axis=1) < (1.5 * contacts.skin.radius) ** 2)
     facing = contacts.outward_at_rest[first]
     basis = np.array(across(tuple(facing.tolist())))

@@ -1,15 +1,16 @@
-"""The points of a soft body that touch a ball in one step: one linear solve, and exact energy.
+"""The points of a soft body that touch a ball or solids in one step: one linear solve, and exact energy.
 
 Points of the body's surface meet the ball with springs of depth q along a normal n, from the ball into the body. With
 rho the ball's velocity less the point's, u = n . rho, and theta the share of the way for which they touch, a point gets
 
     f = k theta (q + theta T u/2) + b theta u along n, and c_t rho across it;    q1 = q + theta T u
 
-so ``f u T`` is what the spring gains and the dampers dissipate, for any theta. theta and the friction's c_t (mu f over
-the speed) are found beforehand: with both given, all forces are ``F = f0 n + H rho``, linear in the velocities. The
-ball's own equation ``A v_p = c - sum F_i`` is eliminated (a 3 x 3 Schur complement), the body's is solved by conjugate
-gradients to any tolerance and scaled so that its residual does no work, and then the ball's is solved exactly. So the
-account closes at any tolerance. Without the elimination the error would be the ball's: energy from nothing.
+so ``f u T`` is what the spring gains and the dampers dissipate, for any theta. With a solid, which rests, rho is the
+point's velocity alone, or the ball's. theta and the friction's c_t (mu f over the speed) are found beforehand: with
+both given, all forces are ``F = f0 n + H rho``, linear in the velocities. The ball's own equation ``A v_p = c - sum F``
+is eliminated (a 3 x 3 Schur complement), the body's is solved by conjugate gradients to any tolerance and scaled so
+that its residual does no work, and then the ball's is solved exactly. So the account closes at any tolerance. Without
+the elimination the error would be the ball's: energy from nothing.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ _PASSES = 10
 _SAME, _SLIGHT = 0.02, 0.01
 """No theta changes by more in the last pass; below the second it is 0."""
 
+_RUB = 0.1
+"""Friction is found to this share of it."""
+
 _CREEP_MPS = 5e-5
 """Below this speed friction is a damper: a contact that sticks creeps by less."""
 
@@ -35,7 +39,7 @@ _CREEP_MPS = 5e-5
 class Touch:
     """The points of one step that may touch, and the equations with them.
 
-    contacts : whose they are. dt : of the step [s]. points : (k,), as indices of the surface's points.
+    contacts : whose they are. dt : of the step [s]. points : (k,), as numbers of rows, in order.
     free, compliance : the ball's velocity without contact [m/s], and its C = A^-1, 0 along axes that it has not (3, 3).
 
     First the passes are made with an approximation of the body, in which only the points are left (`settle`): with G
@@ -48,11 +52,18 @@ class Touch:
         self._contacts, self._dt, self.points = contacts, dt, points
         self._free, self._compliance = free, compliance
         self._nodes, self._weights = contacts.nodes[points], contacts.weights[points]
+        self._by_ball: Array = contacts.by_ball[points, None]
+        self._in_body = self._weights.any(axis=1, keepdims=True)
+        self._stiffness, self._damping = contacts.stiffness[points], contacts.damping[points]
+        self._first = int(np.searchsorted(points, contacts.points))  # of the solids
         self._to_points, held = contacts.from_nodes(points)
-        self._columns = body.factor.columns(held)  # L
+        self._from_points = self._to_points.T
+        self._columns = body.factor.responses(dt, held)  # L
         count = len(points)
         rows = (3 * held[:, None] + np.arange(3)).ravel()
-        self._yield = body.factor.softness(dt) * self._columns[rows]  # of these nodes to one another
+        self._yield = self._columns[rows]  # of these nodes to one another
+        self._given = self._to_points @ (self._to_points @ self._yield.T).T  # G + C
+        self._given += np.kron(np.outer(self._by_ball, self._by_ball), compliance)
         self._is_solved = False
         self._put(np.zeros(count), np.zeros((count, 3)), np.zeros(count))
         self.drag = contacts.drag[points]
@@ -60,32 +71,59 @@ class Touch:
     def _put(self, theta: Array, normals: Array, drag: Array) -> None:
         """These are theta, the normals and c_t."""
         self.theta, self.normals, self.drag = theta, normals, np.where(theta > 0.0, drag, 0.0)
-        self._push = (self._contacts.skin.stiffness * theta * self._contacts.q[self.points])[:, None] * normals  # f0 n
-        firm = 0.5 * self._contacts.skin.stiffness * self._dt * theta * theta + self._contacts.skin.damping * theta
+        self._push = (self._stiffness * theta * self._contacts.q[self.points])[:, None] * normals  # f0 n
+        firm = 0.5 * self._stiffness * self._dt * theta * theta + self._damping * theta
         along = normals[:, :, None] * normals[:, None, :]
         self._H = firm[:, None, None] * along + self.drag[:, None, None] * (np.eye(3) - along)
 
     # -- the passes ---------------------------------------------------------------------------------------------------
 
-    def settle(self, v: Array, forces: Array, points: Array, depths: Array, place: Array) -> Array | None:
+    def place(self, points: Array, depths: Array, centre: Array) -> None:
+        """Where all rows are at the onset (C, 3) [m], how deep they are (C,) [m], and the ball's centre."""
+        self._centre, self._depths = centre, depths[self.points]
+        self._places = np.where(self._in_body, points[self.points], centre)
+        self._mu = self._contacts.friction(self.points, self._places)
+
+    def _way(self, rho: Array, ball: Array) -> Array:
+        """How far the rows go (k, 3) [m] if these are the velocities."""
+        return self._dt * np.where(self._in_body, self._by_ball * ball - rho, ball)
+
+    def _see(self, rho: Array, ball: Array) -> tuple[Array, Array]:
+        """The solids' tangents half way: how deep the rows would be without their own way [m], and the normals."""
+        rows, half = slice(self._first, None), 0.5 * self._way(rho, ball)[self._first :]
+        depths, normals = self._contacts.solids.tangents(
+            self.points[rows] - self._contacts.points, self._places[rows] + half
+        )
+        return depths - 0.5 * self._dt * (normals * rho[rows]).sum(axis=1), normals
+
+    def _gaps(self, rho: Array, ball: Array, solids: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Depths (k,) [m] at the step's end, and normals (k, 3) half way, if these are the velocities."""
+        contacts, dt, first = self._contacts, self._dt, self._first
+        way, place, rows = self._way(rho, ball)[:first], self._places[:first], self.points[:first]
+        depths, _ = contacts.gaps(place + way, self._centre + dt * ball, rows)
+        _, normals = contacts.gaps(place + 0.5 * way, self._centre + 0.5 * dt * ball, rows)
+        still, across = solids
+        return (
+            np.concatenate([depths, still + dt * (across * rho[first:]).sum(axis=1)]),
+            np.concatenate([normals, across]),
+        )
+
+    def settle(self, v: Array, forces: Array) -> Array | None:
         """Find theta, normals, c_t and the forces (k, 3) [N], of a body that moves with v (N, 3) under `forces`.
 
         None: they are those that it was solved with.
         """
-        k, dt = len(self.points), self._dt
-        given = self._to_points @ self._yield @ self._to_points.T  # G
-        given += np.tile(self._compliance, (k, k))
-        ball = self._free - self._compliance @ forces.sum(axis=0)
-        rho = ball - self.at_points(v)
+        given = self._given
+        ball = self._free - self._compliance @ self.on_ball(forces)
+        rho = self.rho(ball, v)
         free = rho.ravel() + given @ forces.ravel()
+        solids = self._see(rho, ball)
         for turn in range(_PASSES):
-            after = points + dt * (ball - rho)
-            depth1, _ = self._contacts.gaps(after, place + dt * ball, self.points)
-            _, normals = self._contacts.gaps(0.5 * (points + after), place + 0.5 * dt * ball, self.points)
-            theta = shares(depths, depth1)
+            depths, normals = self._gaps(rho, ball, solids)
+            theta = shares(self._depths, depths)
             if turn or self._is_solved:
                 theta = np.where((forces * self.normals).sum(axis=1) < 0.0, 0.0, theta)
-                if np.abs(theta - self.theta).max(initial=0.0) < _SAME:
+                if np.abs(theta - self.theta).max(initial=0.0) < _SAME and self._rubs_rightly(rho, forces):
                     if not turn:
                         return None
                     break
@@ -93,38 +131,61 @@ class Touch:
             self._put(
                 np.where(theta > _SLIGHT, theta, 0.0), normals, self.next_drag(rho, forces) if turn else self.drag
             )
-            H = block_diagonal(self._H)
-            rho = np.linalg.solve(np.eye(3 * k) + given @ H, free - given @ self._push.ravel()).reshape(-1, 3)
+            beside = np.eye(len(given)) + times_blocks(given, self._H)
+            rho = np.linalg.solve(beside, free - given @ self._push.ravel()).reshape(-1, 3)
             forces = self.forces(rho)
-            ball = self._free - self._compliance @ forces.sum(axis=0)
+            ball = self._free - self._compliance @ self.on_ball(forces)
         self._is_solved = True
         self._eliminate()
         return forces
 
+    def rho(self, ball: Array, v: Array) -> Array:
+        """What touches less what is touched (k, 3) [m/s], with the ball's velocity and the nodes' (N, 3)."""
+        return self._by_ball * ball - self.at_points(v)
+
+    def _rubs_rightly(self, rho: Array, forces: Array) -> bool:
+        """Is friction what Coulomb says, nearly, of all points together?"""
+        push, slip = self._pushes(forces), self._slips(rho)
+        wrong = np.abs(self.next_drag(rho, forces) - self.drag) * slip
+        return float(wrong @ (self.theta > 0.0)) <= _RUB * float(self._mu @ push)
+
     def next_drag(self, rho: Array, forces: Array) -> Array:
         """c_t (k,) [Ns/m]: Coulomb's force over the present speed."""
-        push = np.maximum((forces * self.normals).sum(axis=1), 0.0)
-        slip = rho - (rho * self.normals).sum(axis=1)[:, None] * self.normals
-        found: Array = self._contacts.skin.friction * push / np.maximum(np.linalg.norm(slip, axis=1), _CREEP_MPS)
+        found: Array = self._mu * self._pushes(forces) / np.maximum(self._slips(rho), _CREEP_MPS)
+        return found
+
+    def _pushes(self, forces: Array) -> Array:
+        """Along the normals (k,) [N]."""
+        found: Array = np.maximum((forces * self.normals).sum(axis=1), 0.0)
+        return found
+
+    def _slips(self, rho: Array) -> Array:
+        """Across them (k,) [m/s]."""
+        found: Array = np.linalg.norm(rho - (rho * self.normals).sum(axis=1)[:, None] * self.normals, axis=1)
         return found
 
     def forces(self, rho: Array) -> Array:
-        """On the points (k, 3) [N]."""
+        """On what is pushed, of the rows (k, 3) [N]."""
         found: Array = self._push + (self._H @ rho[:, :, None])[:, :, 0]
+        return found
+
+    def on_ball(self, forces: Array) -> Array:
+        """What the ball gives for them (3,) [N]."""
+        found: Array = (self._by_ball * forces).sum(axis=0)
         return found
 
     # -- the body's equation, without the ball ------------------------------------------------------------------------
 
     def _eliminate(self) -> None:
         """``(I + C sum H) v_p = w - C sum (f0 n - H v_i)``, and what the preconditioner needs."""
-        whole = self._H.sum(axis=0)
+        by_ball = self._by_ball[:, :, None] * self._H
+        whole = by_ball.sum(axis=0)
         self._schur = np.linalg.solve(np.eye(3) + self._compliance @ whole, self._compliance)
-        self._held = self._free - self._schur @ (whole @ self._free + self._push.sum(axis=0))
-        self.load = self.to_nodes(self._push + self._H @ self._held)
-        beside = self._H.reshape(-1, 3)
-        M = self._to_points.T @ (block_diagonal(self._H) - beside @ self._schur @ beside.T) @ self._to_points
-        inner = np.linalg.solve(np.eye(len(M)) + M @ self._yield, M)
-        self._inner = self._contacts.body.factor.softness(self._dt) ** 2 * inner
+        self._held = self._free - self._schur @ (whole @ self._free + self.on_ball(self._push))
+        self.load = self.to_nodes(self._push + by_ball @ self._held)
+        beside = by_ball.reshape(-1, 3)
+        M = self._from_points @ (self._from_points @ (block_diagonal(self._H) - beside @ self._schur @ beside.T)).T
+        self._inner = np.linalg.solve(np.eye(len(M)) + M @ self._yield, M)
 
     def at_points(self, v: Array) -> Array:
         """A field of the nodes (N, 3) at the points (k, 3)."""
@@ -140,13 +201,13 @@ class Touch:
 
     def spread(self, forces: Array) -> Array:
         """What forces on the points (k, 3) add to the nodes' velocities (N, 3), about."""
-        local = self._to_points.T @ forces.ravel()
-        return self._contacts.body.to_world(self._contacts.body.factor.softness(self._dt) * (self._columns @ local))
+        local = self._from_points @ forces.ravel()
+        return self._contacts.body.to_world(self._columns @ local)
 
     def apply(self, v: Array) -> Array:
         """The body's matrix with the contacts in it, and without the ball, times v (N, 3)."""
         held = (self._H @ self.at_points(v)[:, :, None])[:, :, 0]
-        back = self._H @ (self._schur @ held.sum(axis=0))
+        back = self._by_ball * (self._H @ (self._schur @ self.on_ball(held)))
         return self._contacts.body.response(self._dt, v) + self.to_nodes(held - back)
 
     def precondition(self, residual: Array) -> Array:
@@ -159,7 +220,7 @@ class Touch:
     def ball(self, v: Array) -> Array:
         """v_p (3,) [m/s] with the body's mean velocity v."""
         held = (self._H @ self.at_points(v)[:, :, None])[:, :, 0]
-        found: Array = self._held + self._schur @ held.sum(axis=0)
+        found: Array = self._held + self._schur @ self.on_ball(held)
         return found
 
 
@@ -169,6 +230,12 @@ def shares(before: Array, after: Array) -> Array:
     way = np.maximum(np.abs(d1 - d0), 1e-12)
     inside = np.minimum(1.0, np.maximum(np.maximum(d0, d1), 0.0) / way)
     return np.where(np.minimum(d0, d1) > 0.0, 1.0, inside)
+
+
+def times_blocks(matrix: Array, blocks: Array) -> Array:
+    """A matrix (n, 3k) times the block diagonal one of (k, 3, 3)."""
+    parts: Array = matrix.reshape(len(matrix), len(blocks), 3).transpose(1, 0, 2) @ blocks
+    return parts.transpose(1, 0, 2).reshape(matrix.shape)
 
 
 def block_diagonal(blocks: Array) -> Array:

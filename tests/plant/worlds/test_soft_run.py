@@ -35,3 +35,11 @@ def test_whole_bodies_are_passive_over_links(scene: str, link: str) -> None:
         link = "delay 35ms 12ms loss gemodel 1% 20% rate 20mbit"
     motion = run(scene, link, "hand-6", 10.0)
     assert motion["contacts"] > 0  # type: ignore[operator]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["wifi", "4g"])
+def test_a_body_among_solids_is_passive_over_links(link: str) -> None:
+    scene = "soft:organ?nodes=216&pin=none + plane?normal=0,0,-1&at=0,0,-30mm&friction=0.4 + plane?at=90mm,0,0"
+    motion = run(scene, link, "hand-6", 10.0)
+    assert motion["contacts"] > 0  # type: ignore[operator]
