@@ -66,6 +66,8 @@ class SoftContacts(Surroundings):
 
     Attributes: scale, s of the last step; discarded_J, in total; rounds, of the last step's solve, all passes; q (C,)
     [m] and forces (C, 3) [N], of the rows.
+
+    More than twenty attributes: what is known of the rows is an array for each quantity.
     """
 
     def __init__(
