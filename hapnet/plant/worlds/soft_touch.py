@@ -45,6 +45,8 @@ class Touch:
     First the passes are made with an approximation of the body, in which only the points are left (`settle`): with G
     their compliance by the factor at rest, ``rho = rho_free - (G + C) F`` and ``F = f0 n + H rho``. Then the body's
     equation is solved with theta, normals and c_t as they came out.
+
+    More than twenty attributes: a step's whole linear system, and what its passes keep of one another.
     """
 
     def __init__(self, contacts: SoftContacts, dt: float, points: Indices, free: Array, compliance: Array) -> None:
