@@ -15,7 +15,7 @@ from hapnet.params import Params
 from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.protocol import World
-from hapnet.units import METRES
+from hapnet.units import POSE
 
 
 def follows(params: Params) -> bool:
@@ -47,8 +47,8 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
     held = is_held(params, spec)
     if scene.moves_proxy and not held:
         raise InvalidParameter("follower.servo", robot.servo, f"sampled in the scene {params.scene}, with pspm or zoh")
-    if scene.units != METRES:
-        allowed = f"none in the scene {params.scene}: a robot can move only where a mass in metres can"
+    if scene.units == POSE:
+        allowed = f"none in the scene {params.scene}: a tool that turns cannot follow"
         raise InvalidParameter("follower.robot", robot.robot, allowed)
     if robot.resolution_m and not held:
         raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")

@@ -24,11 +24,12 @@ LEVER_M = 0.1
 _POWERS = {
     2: ("device.damping", "device.mass", "device.own_damping", "operator_hand.mass", "operator_hand.damping",
         "operator_hand.stiffness", "world.mass", "world.damping", "world.stiffness", "world.wall.stiffness",
-        "world.wall.damping"),
-    1: ("device.force_limit_N", "device.step_limit_N", "device.self_test_N", "world.step_limit_N"),
+        "world.wall.damping", "follower.mass", "follower.own_damping"),
+    1: ("device.force_limit_N", "device.step_limit_N", "device.self_test_N", "world.step_limit_N",
+        "follower.force_limit_N", "follower.step_limit_N"),
     -1: ("device.greatest_speed", "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m",
          "operator_hand.press_depth_m", "operator_hand.hover_m", "world.wall.position_m", "world.wall.half_width_m",
-         "contact_model.reach_m"),
+         "contact_model.reach_m", "follower.greatest_speed"),
 }  # fmt: skip
 _DEFAULTS = Params()
 _TURNED = {

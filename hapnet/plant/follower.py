@@ -220,6 +220,10 @@ class RobotScene(WorldDefaults):
         return self._scene.dof
 
     @property
+    def units(self) -> str:
+        return self._scene.units
+
+    @property
     def start(self) -> Vector:
         return self._scene.start
 

@@ -133,6 +133,18 @@ def test_what_does_not_fit_a_robot_is_named(changes: dict[str, object], name: st
     assert caught.value.name == name
 
 
+def test_an_arm_leads_its_twin_joint_by_joint() -> None:
+    """Axes in radians, and a follower of 4.5e-4 kg m^2 a joint."""
+    result = run({"scene": "joints", "hardware": "omni?axes=joints", "operator": "sine", "duration_s": 3.0})
+    summary = result.summary
+    assert summary["units"] == "rad"
+    assert summary["verdict"]["passive"]
+    assert (summary["motion"]["free_rms_m"] or 1.0) < 0.015  # of a sine of 0.3 rad
+    for part in (summary["device"], summary["world"]):
+        assert part is not None
+        assert (part["ledger"]["slack_J"] or 0.0) >= -1e-12
+
+
 ARM = """
 <mujoco model="arm">
   <option timestep="0.001" gravity="0 0 0"/>
