@@ -18,8 +18,8 @@ def export(
         str,
         typer.Option(
             "--format",
-            help="csv, parquet, both; auto: both if pyarrow is there.",
-            autocompletion=complete.words("auto", "csv", "parquet", "both"),
+            help="csv, parquet, both; auto: both if pyarrow is there; rosbag2: for `ros2 bag`.",
+            autocompletion=complete.words("auto", "csv", "parquet", "both", "rosbag2"),
         ),
     ] = "auto",
     json_to: flags.Json = None,
@@ -27,14 +27,16 @@ def export(
 ) -> int:
     """Write one or two recordings as tables: CSV, and Parquet. Those of two hosts are put on one clock.
 
-    One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty.
+    One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty. With
+    --format rosbag2 it is a bag that `ros2 bag` plays; that needs no ROS here, but the extra ros2.
     """
     from hapnet.recording import alignment
+    from hapnet.recording.export import ROSBAG, formats
     from hapnet.recording.export import export as exported
-    from hapnet.recording.export import formats
     from hapnet.recording.opened import opened
 
-    formats(table)
+    if table != ROSBAG:
+        formats(table, ROSBAG)
     words = output.console(json_to)
     with Progress(output.progress_console(), "reading"):
         found = opened(files)

@@ -14,24 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.recording import rosbag
 from hapnet.recording.frames import knows_utc, table
 from hapnet.recording.mcap import complete_or_absent
 from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording, plain, utc_less_clock_ns
 
 FORMATS = ("auto", "csv", "parquet", "both")
+ROSBAG = "rosbag2"
+"""A recording's format besides: one directory for both sides."""
 SETTINGS = b"hapnet"
 """The settings of a recording in a Parquet file: a JSON text under this key of its metadata."""
 
 
-def formats(word: str) -> tuple[str, ...]:
-    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``.
+def formats(word: str, *others: str) -> tuple[str, ...]:
+    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``; `others`: what an error names besides.
 
     Raises InvalidParameter: `word` is none of these. MissingLibrary: Parquet is asked for, but pyarrow is not
     installed.
     """
     if word not in FORMATS:
-        raise InvalidParameter("--format", word, ", ".join(FORMATS), FORMATS)
+        raise InvalidParameter("--format", word, ", ".join((*FORMATS, *others)), (*FORMATS, *others))
     there = find_spec("pyarrow") is not None
     if word in ("parquet", "both") and not there:
         raise MissingLibrary(f"--format {word}", "pyarrow", "sweep")
@@ -44,20 +47,25 @@ def export(what: Recorded, directory: str | PathLike[str] | None = None, *, form
     ``export("runs/1", format="csv")``. What is recorded may be a run's result, a file, the device's and the world's, or
     a run's directory.
 
-    directory : where they go; None: beside the file. format : csv, parquet, both, or auto: both where pyarrow is there.
+    directory : where they go; None: beside the file. format : csv, parquet, both, or auto: both where pyarrow is there;
+        or rosbag2, one directory for both sides (`hapnet.recording.rosbag`).
 
     Raises
     ------
     InvalidParameter : there are no samples, or no directory where nothing is a file. MissingLibrary : pyarrow is asked
         for and missing. RecordingError : a recording cannot be read, or a table cannot be written.
     """
-    endings = formats(format)
+    endings = () if format == ROSBAG else formats(format, ROSBAG)
     found = opened(what)
     whole = found.whole
     if whole.device is None and whole.world is None and not whole.events:
         raise InvalidParameter("FILE", str(found.files[0] if found.files else whole), "a recording with samples")
     if directory is None and not found.files:
         raise InvalidParameter("directory", None, "where the tables go, as nothing was read from a file")
+    if not endings:
+        path = (found.files[0].parent if directory is None else Path(directory)) / ROSBAG
+        rosbag.write(whole, path)
+        return [path]
     ordered = sorted(zip(found.files, found.parts, strict=False), key=lambda one: one[1].device is None)
     into = found.files[0].parent if directory is None else Path(directory)
     return write(whole, into, [file.stem for file, _ in ordered] or ["run"], endings)

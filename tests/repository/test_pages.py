@@ -28,7 +28,9 @@ from tests.support.pages import (
 HERE = [
     block for block in ALL if not block.why_not and not block.is_in_real_time and block.language in ("sh", "python")
 ]
-EXTRAS = {"pandas": "pandas", "mesh:": "igl", "mujoco": "mujoco", "sweep": "pyarrow", "tune": "optuna"}
+EXTRAS = {
+    "pandas": "pandas", "rosbag2": "rosbags", "mesh:": "igl", "mujoco": "mujoco", "sweep": "pyarrow", "tune": "optuna",
+}  # fmt: skip
 
 
 def marked(block: Block) -> object:
