@@ -49,6 +49,7 @@ RECIPES = (
     Recipe(("examples.pictures.credit --out DIR",), {"credit.png": "credit.png"}),
     Recipe(("examples.pictures.grain --out DIR",), {"grain.png": "grain.png"}),
     Recipe(("examples.pictures.peg --out DIR",), {"peg.gif": "peg.gif"}),
+    Recipe(("examples.pictures.soft --out DIR",), {"soft.gif": "soft.gif"}),
     Recipe(("examples.pictures.ten_minutes --out DIR",), {"ten-minutes.png": "ten-minutes.png"}),
     scene(
         "mesh.png",

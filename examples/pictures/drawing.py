@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
 
 from hapnet.checks import Array
 from hapnet.plots.style import MM, STYLE
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 COUPLINGS = {"zoh": "plain spring", "pspm": "PSPM"}
 POINTS = 2000
+COLOURS, REST_MS = 48, 2000
 
 
 def canvas(width_mm: float, height_mm: float) -> Figure:
@@ -33,6 +36,24 @@ def canvas(width_mm: float, height_mm: float) -> Figure:
 def saved(figure: Figure, name: str) -> None:
     """Write it into the directory that `--out` names."""
     figure.savefig(out_directory() / name)
+
+
+def image(figure: Figure) -> Image.Image:
+    """The figure as it is now, as a frame of a moving picture."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=110)
+    return Image.open(file).convert("RGB")
+
+
+def animated(frames: list[Image.Image], name: str, frame_s: float) -> None:
+    """Write a moving picture into the directory that `--out` names; it rests at its end."""
+    sample = Image.new("RGB", (frames[0].width, 3 * frames[0].height))
+    for row, share in enumerate((0.25, 0.5, 0.95)):
+        sample.paste(frames[int(share * len(frames))], (0, row * frames[0].height))
+    palette = sample.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    first, *rest = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in frames]
+    lasting = [round(1e3 * frame_s)] * len(rest) + [REST_MS]
+    first.save(out_directory() / name, save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False)
 
 
 def out_directory() -> Path:

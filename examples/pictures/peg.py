@@ -7,16 +7,14 @@ python -m examples.pictures.peg --out DIR
 
 from __future__ import annotations
 
-import io
 import math
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
 
-from examples.pictures.drawing import canvas, out_directory
+from examples.pictures.drawing import animated, canvas, image
 from hapnet.checks import Array, Vector
 from hapnet.mechanics.pose import rotation
 from hapnet.params import Params
@@ -29,8 +27,7 @@ from hapnet.summary.words import outcome
 
 RADIUS, LENGTH, HOLE, MOUTH, CHAMFER = 5.0, 30.0, 5.2, -20.0, 1.0  # [mm]
 SCENE = f"tool:peg + hole?at=0,0,{MOUTH:g}mm&chamfer={CHAMFER:g}mm&radius={HOLE:g}mm&stiffness=10000"
-FRAME_S, REST_MS = 0.1, 2000
-COLOURS = 48
+FRAME_S = 0.1
 
 WAY = (  # time [s], place along x and z [mm], turn about y [degrees], and what happens on the way there
     (0.0, 0.0, 0.0, 0.0, ""),
@@ -123,25 +120,12 @@ def frames() -> list[Image.Image]:
         words.set_text(next(point[4] for point in WAY if now <= point[0]))
         for line, values in lines:
             line.set_data(times[:i], values[:i])
-        made.append(_image(figure))
+        made.append(image(figure))
     return made
 
 
-def _image(figure: Figure) -> Image.Image:
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=110)
-    return Image.open(file).convert("RGB")
-
-
 def main() -> None:
-    made = frames()
-    sample = Image.new("RGB", (made[0].width, 3 * made[0].height))
-    for row, share in enumerate((0.25, 0.5, 0.95)):
-        sample.paste(made[int(share * len(made))], (0, row * made[0].height))
-    palette = sample.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    first, *rest = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in made]
-    lasting = [round(1e3 * FRAME_S)] * len(rest) + [REST_MS]
-    first.save(out_directory() / "peg.gif", save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False)
+    animated(frames(), "peg.gif", FRAME_S)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,9 @@ from hapnet.checks import Array, Vector
 from hapnet.plant.worlds.outlines import part_of
 from hapnet.plant.worlds.picture import SOFT, Color, Part, Touch, at_rest, part
 from hapnet.plant.worlds.shapes import Sphere
+from hapnet.plant.worlds.soft_body import corner_normals
 from hapnet.plant.worlds.soft_contacts import SoftContacts
+from hapnet.plant.worlds.soft_linear import Indices
 from hapnet.plant.worlds.solids_picture import parts_of
 
 COLORS: tuple[tuple[float, Color], ...] = (
@@ -72,3 +74,12 @@ class SoftPicture:
                 places, [*normals.tolist(), *(-into).tolist()], mu, pushes, strict=True
             )
         ]
+
+
+def strains_shown(shells: Array, triangles: Indices) -> Array:
+    """The strains (V,) that the shells (4, V, 3) show, from where they lie over the surface: up to some 22 %."""
+    normals, found = corner_normals(shells[0], triangles), np.zeros(len(shells[0]))
+    for i, (least, _) in enumerate(COLORS[1:], 1):
+        hairs = ((shells[i] - shells[0]) * normals).sum(axis=1) / (_HAIR_M * i)
+        found = np.where(hairs > _INSIDE + 0.5, np.maximum(found, least + hairs / _SHARP), found)
+    return np.maximum(found, 0.0)

@@ -16,6 +16,7 @@ from hapnet.plant.worlds.shapes import HalfSpace, Shape, Sphere
 from hapnet.plant.worlds.soft import SoftWorld
 from hapnet.plant.worlds.soft_body import Body, Material
 from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
+from hapnet.plant.worlds.soft_picture import strains_shown
 from tests.plant.worlds.test_soft import FRONT_M, TENTH, VARIABLE, moved, shaken
 
 BELOW = HalfSpace((0.0, 0.0, -1.0), 0.03)
@@ -169,6 +170,10 @@ def test_it_is_a_scene_with_a_picture() -> None:
     touches = picture.touches(step.position, step.force)
     assert np.sum([touch.force_N for touch in touches], axis=0) == pytest.approx(step.force)
     assert any(touch.point[2] == pytest.approx(-0.03, abs=1e-3) and touch.normal[2] == 1.0 for touch in touches)
+    shown = strains_shown(picture.soft().reshape(4, -1, 3), picture.parts[0].triangles.astype(int))
+    true = contacts.body.nodal_strains()[np.unique(contacts.body.surface)]
+    assert true.max() > 0.02
+    assert np.minimum(shown, 0.2) == pytest.approx(np.minimum(true, 0.2), abs=1e-6)
     assert world.towards((0.0, -0.08, 0.0))[1] == pytest.approx(-0.045, abs=6e-4)
 
 
