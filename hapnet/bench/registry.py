@@ -12,7 +12,7 @@ from hapnet.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.bench.link import link_release
 from hapnet.bench.mesh import world_step_mesh
 from hapnet.bench.page import page_mesh
-from hapnet.bench.plants import arm_tick, handle_tick
+from hapnet.bench.plants import arm_tick, handle_tick, side_tick_joints, side_tick_pose
 from hapnet.bench.recovery import energy_recovery
 from hapnet.bench.row import Options, Row
 from hapnet.bench.servo import servo_busy_thread, servo_idle
@@ -37,6 +37,8 @@ ROWS: dict[str, Measure] = {
     "device_tick": device_tick,
     "arm_tick": arm_tick,
     "handle_tick": handle_tick,
+    "side_tick_pose": side_tick_pose,
+    "side_tick_joints": side_tick_joints,
     **{f"pspm_update_{n}dof": partial(pspm_update, n) for n in DIMENSIONS},
     **{f"integrator_step_{n}dof": partial(integrator_step, n) for n in DIMENSIONS},
     "world_step_wall": world_step_wall,

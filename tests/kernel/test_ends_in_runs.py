@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.bench.plants import by_joints, seven_joints
 from hapnet.kernel.arm_end import CompiledArm
 from hapnet.kernel.handle_end import CompiledHandle
 from hapnet.kernel.servo_end import CompiledServo
@@ -15,11 +16,9 @@ from hapnet.params import Params
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
-from tests.simulation.test_arms import seven
 
 LINK = {"link.up": "4g", "link.down": "4g", "duration_s": 1.0}
 TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.5}
-JOINTS = {"scene": "joints", "device.stiffness": (3.0, 2.0, 2.5, 2.0, 1.5, 1.0, 0.5)}
 
 
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
@@ -28,8 +27,8 @@ def test_compiled_ends_give_the_same_run(case: str, monkeypatch: pytest.MonkeyPa
     changes: dict[str, Any] = TOOL
     if case == "seven joints":
         file = tmp_path / "seven.urdf"
-        file.write_text(seven(), "utf-8")
-        changes = JOINTS | {"hardware": f"arm:{file}?tip=l7&home=0,0.5,0,0.8,0,0.5,0&axes=joints"}
+        file.write_text(seven_joints(), "utf-8")
+        changes = by_joints(file) | {"scene": "joints"}
     monkeypatch.setattr(coverage, "_WORTH_END_TICKS", 1)
     runs = [Simulation(Params().set(LINK | changes), 5)]
     monkeypatch.setattr(coverage, "no_compiler", lambda: "switched off")

@@ -9,6 +9,7 @@ import pytest
 
 from hapnet.assembly.arms import real_time_warnings
 from hapnet.assembly.build import prepare
+from hapnet.bench.plants import seven_joints
 from hapnet.errors import InvalidParameter
 from hapnet.kernel import real_time
 from hapnet.kernel.real_time import CompiledDevices
@@ -48,27 +49,11 @@ def test_runs_over_4g(changes: dict[str, Any]) -> None:
         assert true_slack >= -1e-13 - (result.device.quantisation or 0.0)
 
 
-def seven() -> str:
-    """A URDF of seven joints in a row that turn about z, x, z, ..., as many arms have them."""
-    links = "".join(
-        f'<link name="l{k}"><inertial><origin xyz="0 0 0.08"/><mass value="0.4"/><inertia ixx="1e-3" iyy="1e-3" '
-        f'izz="4e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        for k in range(8)
-    )
-    joints = "".join(
-        f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 0.16"/>'
-        f'<axis xyz="{k % 2} 0 {1 - k % 2}"/><limit lower="-2" upper="2" effort="12" velocity="6"/>'
-        f'<dynamics damping="0.05"/></joint>'
-        for k in range(1, 8)
-    )
-    return f'<robot name="seven">{links}{joints}</robot>'
-
-
 @pytest.mark.parametrize(("joints", "rendering"), [(3, "auto"), (7, "auto")])
 def test_runs_joint_by_joint_over_4g(joints: int, rendering: str, tmp_path: Path) -> None:
     """Axes in rad and torques in Nm through the whole run, pressed against the world's stops at 0.3 rad."""
     file = tmp_path / "seven.urdf"
-    file.write_text(seven(), "utf-8")
+    file.write_text(seven_joints(), "utf-8")
     name = "omni?axes=joints" if joints == 3 else f"arm:{file}?tip=l7&home=0,0.5,0,0.8,0,0.5,0&axes=joints"
     K = (3.0, 2.0, 2.5, 2.0, 1.5, 1.0, 0.5)[:joints]
     changes = {"hardware": name, "scene": "joints", "rendering": rendering, "device.stiffness": K}
