@@ -19,11 +19,16 @@ from hapnet import cli
 from hapnet.bench import latency, page, servo, sides, simulation, traffic, watched
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.link import link_release
+from hapnet.bench.plants import PairedDevice
 from hapnet.bench.recovery import credit_times
 from hapnet.bench.registry import ROWS
 from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
+from hapnet.kernel import real_time
+from hapnet.kernel.handle_end import CompiledHandle
+from hapnet.kernel.servo_end import CompiledServo
 from hapnet.processes.child import Child, WaitForStart, together
+from hapnet.records.machine_code import no_compiler
 from hapnet.transport.config import free_address
 from hapnet.wire.messages import Position, encode
 from hapnet.wire.session import Session
@@ -92,8 +97,9 @@ def test_prepare_runs_before_each_call_and_all_calls_count() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["device_tick", "pspm_update_3dof", "world_step_wall", "world_step_kilohertz", "codec_position", "codec_energy"],
-)
+    ["device_tick", "pspm_update_3dof", "world_step_wall", "world_step_kilohertz", "codec_position", "codec_energy",
+     "side_tick_pose", "side_tick_joints"],
+)  # fmt: skip
 def test_cost_rows(name: str) -> None:
     row = ROWS[name](SHORT)
     assert row.name == name
@@ -103,6 +109,21 @@ def test_cost_rows(name: str) -> None:
     assert 0.0 < row.figures.minimum <= row.figures.median <= row.figures.p99
     assert row.ratio == row.figures.median / row.reference.median
     assert row.against
+
+
+@pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
+def test_a_side_whose_ticks_are_timed_is_paired_and_compiled() -> None:
+    paired = PairedDevice({"scene": "tool:stick"}, real_time.ends())
+    for _ in range(200):
+        paired.prepare()
+        paired.tick()
+    servo = paired.side.servo
+    assert isinstance(servo, CompiledServo)
+    assert isinstance(paired.side.device, CompiledHandle)
+    assert paired.side.ticks > 150
+    assert servo.model is not None
+    assert servo.model.has_earlier  # the world has answered
+    assert any(servo.model.earlier)  # and moves
 
 
 # Lateness
