@@ -68,7 +68,8 @@ class Factor:
     def solve(self, dt: float, local: Array) -> Array:
         """``S^-1 b``, about, with b and the result in the frames of the nodes, (3 free,)."""
         found: Array = self._factor.solve(local) * self.softness(dt)
-        found += self._stiffer(dt) * (self._rigid @ (self._rigid.T @ local))
+        if self._rigid.size:
+            found += self._stiffer(dt) * (self._rigid @ (self._rigid.T @ local))
         return found
 
     def _stiffer(self, dt: float) -> float:
@@ -79,7 +80,8 @@ class Factor:
         """The columns of ``S^-1`` for a step of `dt` [s], about, which belong to free nodes (m,), (3 free, 3 m)."""
         rows = (3 * nodes[:, None] + np.arange(3)).ravel()
         found: Array = self.softness(dt) * self.columns(nodes)
-        found += self._stiffer(dt) * (self._rigid @ self._rigid[rows].T)
+        if self._rigid.size:
+            found += self._stiffer(dt) * (self._rigid @ self._rigid[rows].T)
         return found
 
     def columns(self, nodes: Indices) -> Array:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from hapnet.errors import HapnetError
 from hapnet.simulation.simulation import simulate
 
 SMALL = "soft?nodes=216"
@@ -43,3 +47,31 @@ def test_a_body_among_solids_is_passive_over_links(link: str) -> None:
     scene = "soft:organ?nodes=216&pin=none + plane?normal=0,0,-1&at=0,0,-30mm&friction=0.4 + plane?at=90mm,0,0"
     motion = run(scene, link, "hand-6", 10.0)
     assert motion["contacts"] > 0  # type: ignore[operator]
+
+
+FLEX = """
+<mujoco><option timestep="0.0005" solver="CG"/><worldbody>
+  <flexcomp name="soft" type="grid" dim="3" count="5 5 5" spacing=".015 .015 .015" pos=".06 0 0" mass=".216"
+    radius=".002"><contact selfcollide="none" solref="0.01 1"/><edge damping="1"/>
+    <elasticity young="20000" poisson=".2" damping="{damping}"/><pin gridrange="4 0 0 4 4 4"/></flexcomp>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.slow
+def test_mujocos_flex_of_this_material_runs_through_its_world(tmp_path: Path) -> None:
+    """Passive, and drawn as it gives way, although MuJoCo makes energy of its own with it: that is damped or undone."""
+    pytest.importorskip("mujoco")
+    file = tmp_path / "flex.xml"
+    file.write_text(FLEX.format(damping=0.0005))
+    names = {"scene": f"mujoco:{file}", "operator": "press", "duration_s": 3.0, "link.up": "4g", "link.down": "4g"}
+    result = simulate(names, seed=1)
+    assert result.summary["verdict"]["passive"]
+    for side in ("device", "world"):
+        assert result.summary[side]["ledger"]["slack_J"] >= -1e-9
+    assert result.summary["environment"]["env_slack_J"] >= -1e-12
+    assert result.summary["motion"]["peak_force_N"] > 0.3
+    shapes = np.array([sample.vertices() for sample in result.recording.scene])
+    assert np.linalg.norm(shapes - shapes[0], axis=-1).max() > 1e-3
+    file.write_text(FLEX.format(damping=0.01))
+    with pytest.raises(HapnetError, match="diverges by itself"):
+        simulate(names, seed=1)
