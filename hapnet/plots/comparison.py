@@ -137,12 +137,14 @@ def tradeoff(
 ) -> Figure:
     """True force error and rendered stiffness against the most energy that ever came out of both ports.
 
-    There is a panel for each metric and link. A dot is a case. A mark is at the median of the metric and at the largest
-    energy of a variant's cases, since a claim of passivity concerns the worst case. The energy axis is linear up to d^2
-    and logarithmic beyond, where a coupling is not passive and the energy may be any amount; that part is shaded.
+    There is a panel for each link, and for each metric that a case has. A dot is a case. A mark is at the median of the
+    metric and at the largest energy of a variant's cases, since a claim of passivity concerns the worst case. The
+    energy axis is linear up to d^2 and logarithmic beyond, where a coupling is not passive and the energy may be any
+    amount; that part is shaded.
 
     found : by metric (`TRUE_ERROR`, `STIFFNESS`) and link, of each look. bound_mJ : d^2. most_mJ : that ever came out.
     """
+    found = {metric: over for metric, over in found.items() if any(map(any, over.values()))} or found
     with sheet(64.0 * len(found) + 24.0) as fig:
         panels = fig.subplots(len(found), len(links), sharex=True, sharey="row", squeeze=False)
         for row, (metric, over) in zip(panels, found.items(), strict=True):
@@ -151,7 +153,7 @@ def tradeoff(
                     if points is not None:
                         _points(panel, look.mark, points)
             row[0].set_ylabel(METRICS[metric].heading)
-        _axes(panels, links, bound_mJ, most_mJ)
+        _axes(panels, dict(zip(found, panels[:, 0], strict=True)), links, bound_mJ, most_mJ)
         fig.supxlabel(_OUT, fontsize=8)
         marks = [panels[0][0].plot([], [], label=look.name, **look.mark)[0] for look in looks]
         legend = fig.legend(  # with a title, as a figure's own title would lie on it
@@ -167,8 +169,11 @@ def _columns(looks: Sequence[Look]) -> int:
     return len(widths) if sum(widths) <= STORY + 10 else max(1, min(len(widths), STORY // max(widths)))
 
 
-def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
-    """Set scales, ticks and shades. `bound` : d^2; `most` : the most energy that ever came out [mJ]."""
+def _axes(panels: Any, first: Mapping[str, Any], links: Sequence[str], bound: float, most: float) -> None:
+    """Set scales, ticks and shades.
+
+    first : each metric's first panel. bound : d^2; most : the most energy that ever came out [mJ].
+    """
     right = max(2.0 * most, 1.6 * bound, 1e-6)
     for panel, link in zip(panels[0], links, strict=True):
         panel.set_title(link, fontsize=9)
@@ -179,15 +184,16 @@ def _axes(panels: Any, links: Sequence[str], bound: float, most: float) -> None:
         ticks = sorted({0.0, bound, *decades[::every], *decades[-1:]})
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         panel.set_xticks([], minor=True)
-    force, stiffness = (row[0] for row in panels)
-    force.set_yscale("symlog", linthresh=10.0)
-    top = max(force.get_ylim()[1], 20.0)
-    force.set_ylim(-1.0, top)
-    ticks = [tick for tick in (0.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0) if tick <= top]
-    force.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    force.set_yticks([], minor=True)
-    low, high = stiffness.get_ylim()
-    stiffness.set_ylim(max(min(low, 80.0), -50.0), min(max(high, 120.0), 250.0))  # of a graze it may be anything
+    if (force := first.get(TRUE_ERROR)) is not None:
+        force.set_yscale("symlog", linthresh=10.0)
+        top = max(1.1 * force.get_ylim()[1], 20.0)
+        force.set_ylim(-1.0, top)
+        ticks = [tick for tick in (0.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0) if tick <= top]
+        force.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        force.set_yticks([], minor=True)
+    if (stiffness := first.get(STIFFNESS)) is not None:
+        low, high = stiffness.get_ylim()
+        stiffness.set_ylim(max(min(low, 80.0), -50.0), min(max(high, 120.0), 250.0))  # of a graze it may be anything
     for panel in panels.flat:
         panel.axvspan(bound, right, alpha=0.5, **NOT_PASSIVE)
         panel.axvline(bound, color="#cb181d", linewidth=1.0)
