@@ -16,9 +16,10 @@ from hapnet.checks import Array, Vector, one_of
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.pose import ARM_M, arms, rotation, wrench
 from hapnet.params import Params
-from hapnet.plant.poses.contacts import ToolContacts, place
+from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.poses.hand import turned
 from hapnet.plant.poses.scene import ToolScene
+from hapnet.plant.poses.tool import place
 from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Recording
 from hapnet.study.impedance import AMPLITUDE_M, DEPTH_M, IMPOSING, Way, approach, swing
@@ -99,10 +100,10 @@ def _home(contacts: ToolContacts) -> Vector:
     way = -np.array(gradient) / np.linalg.norm(gradient)
     gone = 0.0
     while gone < distance:
-        free = min(shape.near(tuple(np.add(point, gone * way).tolist())).distance_m for point in contacts.tool.points)
-        if free < _BY:
+        near = contacts.within(turned(tuple((gone * way).tolist()), (0.0, 0.0, 0.0)), distance)
+        if near and near[0][0] < _BY:
             break
-        gone += free
+        gone += near[0][0] if near else distance
     return tuple(((min(gone, distance) + DEPTH_M) * way).tolist())
 
 
@@ -146,15 +147,11 @@ def _pulled(K: Array, x: Vector, y: Vector) -> Array:
 def _contact(contacts: ToolContacts, y: Vector) -> tuple[Array, Array]:
     """The wrench (6,) of the solids on the tool that rests at y (12,), and the damping (6, 6) of its contacts."""
     found, damping = np.zeros(6), np.zeros((6, 6))
-    for point in contacts.tool.points:
-        at = place(y, point, contacts.arm_m)
-        for solid in contacts.solids:
-            distance, gradient = solid.shape.near(at)
-            if distance < 0.0 and any(gradient):
-                normal = np.array(gradient) / np.linalg.norm(gradient)
-                along = np.concatenate([normal, np.cross(np.subtract(at, y[:3]), normal)])
-                found -= solid.stiffness * distance * along
-                damping += solid.damping * np.outer(along, along)
+    for distance, point, normal, solid in contacts.within(y, 0.0):
+        lever = np.subtract(place(y, point, contacts.arm_m), y[:3])
+        along = np.concatenate([normal, np.cross(lever, normal)])
+        found += solid.stiffness * distance * along
+        damping += solid.damping * np.outer(along, along)
     return found, damping
 
 

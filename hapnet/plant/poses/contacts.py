@@ -1,5 +1,7 @@
 """Contact of a rigid tool with rigid solids: the secant planes of `rigid_contacts`, one for each point that touches.
 
+Points are those of the tool at solids, and those of solids' edges at the tool (`edges.py`).
+
 A point p of the tool is linear in the pose's coordinates, so its plane is a plane there too, and the anchored energy of
 `hapnet.plant.worlds.rigid_contacts` holds as it stands: at an onset the depths are set to the true ones, whose energy
 the planes' energy and a small reservoir E_c must pay for, else all are scaled; what dampers and friction dissipate
@@ -19,13 +21,14 @@ from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import AXES, arms, in_world
 from hapnet.plant.poses.body import MOST, RigidBody, Touched, step
-from hapnet.plant.poses.tool import Tool
+from hapnet.plant.poses.edges import edge_points
+from hapnet.plant.poses.tool import Tool, place
 from hapnet.plant.worlds.friction import coefficient, tangential
 from hapnet.plant.worlds.mesh_contact import secants_of
 from hapnet.plant.worlds.rigid_contacts import Solid
 from hapnet.plant.worlds.rigid_step import ANCHOR_CEILING_J
 from hapnet.plant.worlds.secant import GOOD_MPS, Secant, end_J, onset_J
-from hapnet.plant.worlds.shapes import triple
+from hapnet.plant.worlds.shapes import Sphere, triple
 from hapnet.records.record import zero
 from hapnet.records.vectors import added, dot
 
@@ -64,8 +67,10 @@ class ToolContacts(Surroundings):
             (point, secant)
             for point in tool.points
             for solid in self.solids
+            if not (tool.closed and isinstance(solid.shape, Sphere))  # it meets faces, edges and corners as one
             for secant in secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction)
         ]
+        self._edges = edge_points(tool, self.solids, arm_m)
         self._rubs = any(solid.friction for solid in self.solids)
         self.energy_J: float = 0.0
         """e + E_c after the last step."""
@@ -74,16 +79,16 @@ class ToolContacts(Surroundings):
         self.at: Vector = (0.0,) * AXES
         """The tool's pose after the last step (12,) [m]."""
 
-    def place_of(self, x: Sequence[float], point: Vector) -> Vector:
-        """Where a point of the tool is, in the pose x (12,) [m]."""
-        return place(x, point, self.arm_m)
-
     def require_outside(self, position: Sequence[float]) -> None:
-        for point, secant in self._secants:
-            distance = secant.shape.near(self.place_of(position, point)).distance_m
-            if distance < 0.0:
-                allowed = f"a pose in which no point of the tool is inside (one is {-distance:.3g} m deep)"
-                raise InvalidParameter("start", tuple(position), allowed)
+        deep = max((-secant.shape.near(x).distance_m for _, secant, x in self._pairs(position)), default=0.0)
+        if deep > 0.0:
+            allowed = f"a pose in which no point of the tool is inside (one is {deep:.3g} m deep)"
+            raise InvalidParameter("start", tuple(position), allowed)
+
+    def _pairs(self, position: Sequence[float]) -> list[Met]:
+        """All that may touch, with the tool at `position` (12,) [m]."""
+        points = [(point, secant, place(position, point, self.arm_m)) for point, secant in self._secants]
+        return points + [(point, edge, x) for edge in self._edges for point, x in [edge.begin(position)]]
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
@@ -96,28 +101,30 @@ class ToolContacts(Surroundings):
 
     def penetration(self, position: Sequence[float]) -> float:
         found = 0.0
-        for point, secant in self._secants:
-            x = self.place_of(position, point)
+        for _, secant, x in self._pairs(position):
             if not secant.farther_than(0.0, x):
                 found = max(found, -secant.near(x).distance_m)
         return found
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The deepest planes, in the pose's coordinates: as they act on a body that stays rigid."""
+        made = []
+        for distance, point, normal, secant in self.within(position, reach_m)[:MOST_PLANES]:
+            r = in_world(position, self.arm_m, point)
+            made.append(rigid_plane(position, self.arm_m, r, normal, distance, secant.stiffness, secant.damping))
+        return tuple(made)
+
+    def within(self, position: Sequence[float], reach_m: float) -> list[tuple[float, Vector, Vector, Secant]]:
+        """What of the tool is within `reach_m` of a solid, the deepest first: the distance [m], the point in the tool's
+        axes, the unit normal into the solid, and the solid."""
         found = []
-        for point, secant in self._secants:
-            x = self.place_of(position, point)
+        for point, secant, x in self._pairs(position):
             if secant.farther_than(reach_m, x):
                 continue
             distance, gradient = secant.near(x)
             if distance <= reach_m and (size := hypot(*gradient)):
                 found.append((distance / size, point, tuple([-part / size for part in gradient]), secant))
-        found.sort(key=lambda one: one[0])
-        made = []
-        for distance, point, normal, secant in found[:MOST_PLANES]:
-            r = in_world(position, self.arm_m, point)
-            made.append(rigid_plane(position, self.arm_m, r, normal, distance, secant.stiffness, secant.damping))
-        return tuple(made)
+        return sorted(found, key=lambda one: one[0])
 
     # -- a step -------------------------------------------------------------------------------------------------------
 
@@ -128,7 +135,7 @@ class ToolContacts(Surroundings):
         nothing has changed.
         """
         state, planes = State(body), self._planes
-        start = [(point, secant, self.place_of(body.x, point)) for point, secant in self._secants]
+        start = self._pairs(body.x)
         planes.count = 0
         if not step(body, dt, _STILL, ybar, planes):
             return None
@@ -145,13 +152,13 @@ class ToolContacts(Surroundings):
                 break
             wrong = False
             for point, secant, x in met:
-                end = self.place_of(body.x, point)
+                end = place(body.x, point, self.arm_m)
                 wrong = secant.correct(x, _minus(end, x), end, dt * GOOD_MPS) or wrong
             if not (self._meet(body, start, met) or wrong):
                 break
         force, work, held = [0.0] * AXES, 0.0, 0.0
         for k, (point, secant, x) in enumerate(met):
-            delta = _minus(self.place_of(body.x, point), x)
+            delta = _minus(place(body.x, point, self.arm_m), x)
             held += end_J(secant, delta)
             pushed = self._force(k, delta, dt)
             work += dot(3, pushed, delta)
@@ -168,7 +175,7 @@ class ToolContacts(Surroundings):
         for point, secant, x in start:
             if id(secant) in known or len(met) == MOST:
                 continue
-            delta = _minus(self.place_of(body.x, point), x)
+            delta = _minus(place(body.x, point, self.arm_m), x)
             if secant.meets(x, delta, hypot(*delta)):
                 met.append((point, secant, x))
         return len(met) > before
@@ -202,7 +209,7 @@ class ToolContacts(Surroundings):
             if planes.pushes[k] == 0.0 or not secant.friction > 0.0:
                 continue
             normal = triple(planes.normals[k])
-            moved = _minus(self.place_of(body.x, point), x)
+            moved = _minus(place(body.x, point, self.arm_m), x)
             across = tangential((moved[0] / dt, moved[1] / dt, moved[2] / dt), normal)
             begun = tangential(place(state.v, point, self.arm_m, home=False), normal)
             size = hypot(*normal)
@@ -246,17 +253,6 @@ def rigid_plane(
     unit = tuple((N / size).tolist())
     offset = dot(AXES, unit, x) + distance / size
     return Plane(unit, offset, stiffness * size * size, damping * size * size, speed / size)
-
-
-def place(x: Sequence[float], point: Sequence[float], arm_m: float, *, home: bool = True) -> Vector:
-    """``c + sum a_j P_j/l`` of a place `point` in the body's axes [m]; `home` off: of velocities x."""
-    a, b, c = (part / arm_m for part in point)
-    p, q, r = point if home else (0.0, 0.0, 0.0)
-    return (
-        x[0] + p + a * x[3] + b * x[6] + c * x[9],
-        x[1] + q + a * x[4] + b * x[7] + c * x[10],
-        x[2] + r + a * x[5] + b * x[8] + c * x[11],
-    )
 
 
 def _minus(one: Vector, other: Vector) -> Vector:

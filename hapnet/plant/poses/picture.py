@@ -9,10 +9,12 @@ import numpy as np
 from hapnet.checks import Array, Vector
 from hapnet.mechanics.pose import pose
 from hapnet.plant.poses.contacts import ToolContacts
+from hapnet.plant.poses.tool import place
 from hapnet.plant.worlds.outlines import cuboid, cylinder
 from hapnet.plant.worlds.picture import Color, Part, Touch, part, shared
+from hapnet.plant.worlds.secant import friction_of
 from hapnet.plant.worlds.shapes import Cylinder
-from hapnet.plant.worlds.solids_picture import parts_of, touched
+from hapnet.plant.worlds.solids_picture import parts_of
 
 TOOL: Color = (234, 88, 12, 230)
 
@@ -39,9 +41,12 @@ class ToolPicture:
         return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """Where points of the tool are inside solids."""
+        """Where the tool is inside solids."""
         if not any(force) or len(position) != self._contacts.dof:
             return []
-        points = [self._contacts.place_of(position, point) for point in self._contacts.tool.points]
-        found = [touched(solid, point) for solid in self._contacts.solids for point in points]
-        return shared(tuple(force[:3]), [one for one in found if one is not None])
+        found = []
+        for distance, point, normal, solid in self._contacts.within(position, 0.0):
+            x = place(position, point, self._contacts.arm_m)
+            at = tuple([a + distance * n for a, n in zip(x, normal, strict=True)])
+            found.append((at, tuple([-part for part in normal]), friction_of(solid, x)))
+        return shared(tuple(force[:3]), found)

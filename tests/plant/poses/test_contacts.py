@@ -14,7 +14,7 @@ from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.poses.mass import ToolMass
 from hapnet.plant.poses.scene import ToolScene
-from hapnet.plant.poses.tool import Tool, box, peg
+from hapnet.plant.poses.tool import Tool, box, peg, place
 from hapnet.plant.worlds.hole import Hole
 from hapnet.plant.worlds.rigid_contacts import Solid
 from hapnet.plant.worlds.shapes import HalfSpace, Shape, Sphere
@@ -159,7 +159,7 @@ def test_planes_of_a_pose_say_how_deep_a_rigid_motion_leads() -> None:
         small = 1e-5
         q = Rotation.from_rotvec(small * rng.normal(size=3)).as_quat()
         moved = poses.coordinates(small * rng.normal(size=3), (q[3], *q[:3]))
-        true = sorted(-0.012 - contacts.place_of(moved, point)[2] for point in tool.points)[4:]
+        true = sorted(-0.012 - place(moved, point, ARM_M)[2] for point in tool.points)[4:]
         said = sorted(plane.depth(moved) * np.sqrt(plane.stiffness / 3000.0) for plane in planes)
         assert said == pytest.approx(true, abs=2e-8)
 
@@ -171,14 +171,14 @@ def _depth_of(point: Vector, normal: Vector, x: Array) -> float:
 def test_a_hole_is_what_its_peg_says() -> None:
     """Distances to plane, side and chamfer by hand, and gradients by differences."""
     hole = Hole((0.0, 0.0, -0.02), (0.0, 0.0, -1.0), 0.005, 0.001)
-    for place, distance in {
+    for spot, distance in {
         (0.0, 0.0, 0.0): 0.02,  # above the mouth: in front of the plane
         (0.03, 0.0, -0.021): -0.001,
         (0.004, 0.0, -0.03): 0.001,
         (0.0, -0.0052, -0.03): -0.0002,
         (0.0055, 0.0, -0.0202): 0.0003 / np.sqrt(2.0),
     }.items():
-        assert hole.near(place).distance_m == pytest.approx(distance, abs=1e-12), place
+        assert hole.near(spot).distance_m == pytest.approx(distance, abs=1e-12), spot
     rng = np.random.default_rng(9)
     for _ in range(200):
         p = rng.uniform((-0.01, -0.01, -0.03), (0.01, 0.01, -0.018))
