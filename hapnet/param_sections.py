@@ -182,7 +182,7 @@ class FollowerParams:
     mass: float = _p(0.045, "its apparent mass, if simulated [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "its own damping, if simulated [Ns/m]", _NOT_NEGATIVE)
     resolution_m: float = _p(
-        0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=0.01)
+        0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=10.0)
     )
     force_limit_N: float = _p(10.0, "maximum force of its actuators [N]; 0: no limit", _NOT_NEGATIVE)
     step_limit_N: float = _p(0.5, "largest step of its force per tick [N]; 0: no limit", _NOT_NEGATIVE)

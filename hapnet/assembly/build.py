@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
@@ -11,6 +12,7 @@ import numpy as np
 
 from hapnet.assembly.arms import description, simulated_device, with_arm
 from hapnet.assembly.follower import is_held, seen, with_follower
+from hapnet.assembly.follower import warnings as follower_warnings
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
@@ -114,7 +116,7 @@ class Setup:
         stiffest = max(known or (), default=None)
         if self.params.coupling not in COUPLING_NAMES:  # what springs a law of the user's own has is not known
             return of_springs(None, stiffest)
-        return felt(self.params, self.coupling.scaled, stiffest)
+        return felt(seen(self.params), self.coupling.scaled, stiffest)
 
 
 def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:
@@ -183,6 +185,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         found = held_torque.check(device, harvest, scene.dof)
         if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
             warnings.extend(found)
+    warnings.extend(follower_warnings(params, spec, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = spec.tune(seen(params), delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))
@@ -327,7 +330,8 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
         if is_held(setup.params, setup.coupling):
             period_s = 1.0 / setup.params.follower.servo_hz
-            return HeldSteps(follower_servo(setup, position, empty), period_s, servo_of(setup.params).watchdog_s)
+            watchdog_s = servo_of(setup.params).watchdog_s or math.inf
+            return HeldSteps(follower_servo(setup, position, empty), period_s, watchdog_s)
         end = _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
         return setup.ends.steps(end, mass, setup.scene.contacts)
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hapnet.assembly.user_device import servo_rate
+from hapnet.couplings import held_torque
+from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
-from hapnet.params import Params
+from hapnet.params import DeviceParams, Params
 from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.protocol import World
@@ -64,7 +68,10 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
         if robot.feedback != "position":
             allowed = "position with a robot whose surroundings and contact force nobody knows"
             raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-    period_s = 1.0 / robot.servo_hz
+        with suppress(InvalidParameter):  # the driver may be on the other host only
+            at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
+            params = params.set({"follower.servo_hz": min(robot.servo_hz, at_most)})
+    period_s = 1.0 / params.follower.servo_hz
     params = params.set({"world.step_min_s": period_s, "world.step_max_s": period_s})
 
     def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
@@ -83,7 +90,25 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
             here=robot.start == "here",
         )
 
-    return params, RobotScene(scene, made, period_s, sees=robot.feedback == "planes")
+    return params, RobotScene(
+        scene, made, period_s, sees=robot.feedback == "planes", stiff=robot.motion_scale * robot.force_scale
+    )
+
+
+def warnings(params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
+    """What somebody should know who runs a simulated follower, or means to."""
+    if not follows(params):
+        found = [name for name, value, one in params.leaves() if value != one.default]
+        return [f"{name} is set, but nothing follows: --follower" for name in found if name.startswith("follower.")]
+    if not is_held(params, spec) or not spec.limited or is_real(params):
+        return []
+    return [one for one in held_warnings(servo_of(params), dof) if one.startswith("world.damping")]
+
+
+def held_warnings(servo: DeviceParams, dof: int) -> list[str]:
+    """`hapnet.couplings.held_torque.check` of a robot's servo, in the words of its parameters."""
+    found = held_torque.check(servo, "measured", dof)
+    return [one.replace("device.", "world.").replace("this device", "this robot") for one in found]
 
 
 def seen(params: Params) -> Params:

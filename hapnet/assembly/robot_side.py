@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from hapnet.assembly.build import Setup, drive, follower_servo
+from hapnet.assembly.follower import held_warnings
 from hapnet.assembly.own_parts import named_section
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
@@ -13,7 +14,7 @@ from hapnet.couplings import held_torque
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
-from hapnet.recording.samples import DeviceSample, Sample, WorldSample
+from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.side.clutch import Clutch
 from hapnet.side.device import Clock, Write
 from hapnet.side.endpoint import DeviceControl
@@ -32,9 +33,10 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
     try:
         device = UserDevice(robot.robot, setup.dof, servo, setup.units)
     except InvalidParameter as error:
-        if error.name != "hardware":
+        if error.name not in ("hardware", "device.servo_hz"):
             raise
-        raise InvalidParameter("follower.robot", robot.robot, error.allowed, error.known) from error
+        name = "follower.robot" if error.name == "hardware" else "follower.servo_hz"
+        raise InvalidParameter(name, robot.robot, error.allowed, error.known) from error
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.world.damping)
     limits = [limit for limit in (robot.force_limit_N, device.force_limit) if limit]
@@ -44,9 +46,14 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         resolution_m=device.resolution,
         greatest_speed=device.greatest_speed or robot.greatest_speed,
         mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
+        own_damping=0.0,
     )
     at_robot = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own, device=servo))
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
+
+    if setup.coupling.limited:
+        for warning in held_warnings(servo_of(leads.params), setup.dof):
+            write(Event(clock(), "warning", warning, "warning"))
 
     def hold(position: Vector, empty: bool) -> DeviceCoupling:
         return follower_servo(leads, position, empty)

@@ -79,6 +79,7 @@ def transparency(
         ModelOptions,
         Without(
             "operator",
+            "follower",
             "coupling",
             "deadband",
             "servo",

@@ -173,13 +173,13 @@ def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: 
 
 def servo_of(params: Params) -> DeviceParams:
     """The follower's servo as a device's section: its limits and rate, with the spring and the reservoir of `world`."""
-    robot, world = params.follower, params.world
+    robot, world, leader = params.follower, params.world, params.device
     return replace(
-        params.device,
+        DeviceParams(),
         **{name: getattr(world, name) for name in _WORLDS},
         **{name: getattr(robot, name) for name in _ROBOTS},
-        watchdog_s=max(params.device.watchdog_s, 2.0 / robot.servo_hz),
-        trusted_damping=0.0,
+        pspm_period_s=leader.pspm_period_s,
+        watchdog_s=max(leader.watchdog_s, 2.0 / robot.servo_hz) if leader.watchdog_s else 0.0,
     )
 
 

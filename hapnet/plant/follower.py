@@ -111,9 +111,9 @@ class Robot(Mass):
         force, work, depth = [0.0] * len(own), 0.0, 0.0
         for _ in range(count):
             done = self.body.push(dt / count, own_drag, own, self.contacts)
-            for i, (f, v) in enumerate(zip(done.force, done.velocity, strict=True)):
-                force[i] += (f - self._damping * v) / count
-            work += done.work_J - self._damping * inner(done.velocity, done.velocity) * dt / count
+            for i, f in enumerate(done.force):
+                force[i] += f / count
+            work += done.work_J
             depth = done.penetration_m
         moved = [end - begin for begin, end in zip(begun, self.body.position, strict=True)]
         if self._engine:  # which may have applied less: the mean force with the same work
@@ -200,14 +200,14 @@ class RobotScene(WorldDefaults):
     """A scene in which a robot stands in the virtual mass's place. A step is a tick of its servo.
 
     scene : what is around it. made : makes the robot, with B' [Ns/m] and K' [N/m]. period_s : of its servo.
-    sees : as in `RobotContacts`. What is drawn of the scene is in the robot's units, so it is left out where these are
-    not the leader's.
+    sees : as in `RobotContacts`. stiff : what 1 N/m of the scene is in the leader's units. What is drawn of the scene
+    is in the robot's units, so it is left out where these are not the leader's.
     """
 
     def __init__(
-        self, scene: World, made: Callable[[ArrayLike, ArrayLike], Robot], period_s: float, *, sees: bool
+        self, scene: World, made: Callable[[ArrayLike, ArrayLike], Robot], period_s: float, *, sees: bool, stiff: float
     ) -> None:
-        self._scene, self._made, self._period_s, self._sees = scene, made, period_s, sees
+        self._scene, self._made, self._period_s, self._sees, self._stiff = scene, made, period_s, sees, stiff
         self._robot: Robot | None = None
         self.contacts: Surroundings = scene.contacts
 
@@ -229,7 +229,8 @@ class RobotScene(WorldDefaults):
 
     @property
     def stiffnesses(self) -> tuple[float, ...] | None:
-        return self._scene.stiffnesses
+        own = self._scene.stiffnesses
+        return None if own is None else tuple([self._stiff * one for one in own])
 
     @property
     def walls(self) -> tuple[Wall, ...]:

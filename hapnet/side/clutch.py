@@ -2,7 +2,8 @@
 
 The coupling has the device's position in a frame of its own. While the clutch is open there is no force, and the frame
 goes with the device: so for the coupling it rests. Nothing need be sent, and the accounts count the work of the force
-that is really held, which is none. When the clutch closes there is no jump, however far the hand went.
+that is really held: until there is none, the motion counts. When the clutch closes there is no jump, however far the
+hand went.
 """
 
 from __future__ import annotations
@@ -32,13 +33,14 @@ class Clutch:
         self._is_open = is_open
         self._rest: Vector = ()  # while it is open
 
-    def move(self, t: float, own: Vector, v: Vector) -> tuple[Vector, Vector]:
+    def move(self, t: float, own: Vector, v: Vector, force: Vector) -> tuple[Vector, Vector]:
         """The device has come to `own` [m] with velocity v [m/s], `t` seconds after control began. Returns both as the
         coupling has them.
 
-        A force is held up to the reading with which the clutch opens, so that motion still counts.
+        force : that was held until now [N]. As long as there is one, after the clutch has opened too, its motion
+            counts: an actuator may be slow, or may not have got the command.
         """
-        if self.open:
+        if self.open and not any(force):
             self.frame.meet(own, self._rest)
             place = self._rest
         else:

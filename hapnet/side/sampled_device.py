@@ -142,7 +142,7 @@ class SampledDeviceSide(DeviceSide):
     def _through(self, clutch: Clutch, now_ns: int, x: Vector, v: Vector) -> tuple[Vector, Vector]:
         """Position and velocity as the coupling has them."""
         was, origin_ns = clutch.open, now_ns if self.origin_ns is None else self.origin_ns
-        moved = clutch.move((now_ns - origin_ns) * NANO, x, v)
+        moved = clutch.move((now_ns - origin_ns) * NANO, x, v, self.servo.force)
         if clutch.open != was:
             state = "open: no force" if clutch.open else "closed: the device is coupled again"
             self._write(Event(now_ns, "clutch", f"the clutch is {state}"))

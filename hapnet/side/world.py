@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
+from hapnet.control.held_steps import HeldSteps
 from hapnet.errors import HapnetError
 from hapnet.loading import failure
 from hapnet.mechanics.contacts import Mass
@@ -152,6 +153,11 @@ class WorldSide:
         """Begin as near to `position` [m] as the walls let; before control starts."""
         assert self.origin_ns is None, "control has started"
         self.mass.place(self.scene.towards(position))
+
+    def held_forces(self) -> dict[str, Any]:
+        """The summary's entries about a robot's forces that are held from tick to tick; empty where no robot is."""
+        held = self._world if self.origin_ns is not None and isinstance(self._world, HeldSteps) else None
+        return {} if held is None else {"quantisation_J": held.servo.quantisation, **held.servo.figures()}
 
     def state(self) -> WorldState:
         """What `restore` takes."""

@@ -87,7 +87,7 @@ def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
     mean = side.stepped_s / side.steps if side.steps else None
     result["step"] = {"count": side.steps, "mean_s": mean, "max_s": side.longest_step_s if side.steps else None}
     result["environment"] = _own_account(side)
-    return result
+    return cast(SidePart, {**result, **plain(side.held_forces())})
 
 
 def robot_summary(part: SidePart, side: DeviceSide) -> SidePart:

@@ -39,6 +39,11 @@ START_S = 1.0
 """The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
 _FLOWS: tuple[tuple[Direction, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
+_WHOSE: Mapping[Role, str] = {"device": "", "world": "follower's "}
+_WHO: Mapping[Role, str] = {
+    "device": "device",
+    "world": "follower",
+}  # a world has a servo where a robot is in its place
 
 
 def judge(tree: object) -> Verdict:
@@ -50,8 +55,9 @@ def judge(tree: object) -> Verdict:
     if doubts := list(_doubts(summary)):
         return {"passive": None, "reason": "; ".join(dict.fromkeys([*doubts, *gave]))}
     said = [_kept(summary)]
-    if (device := summary["device"]) is not None and device["force"] == "commanded":
-        said.append("as commanded: the device does not report what it applied")
+    for side, part in _parts(summary):
+        if part["force"] == "commanded":
+            said.append(f"as commanded: the {_WHO[side]} does not report what it applied")
     return {"passive": True, "reason": "; ".join([*said, *gave])}
 
 
@@ -84,35 +90,36 @@ def overloaded(tree: object) -> str | None:
     return None
 
 
-def _leak(summary: Summary) -> float:
-    """What the force put out beyond the account while the servo was away [J]."""
-    device = summary["device"]
-    return 0.0 if device is None else max(0.0, device["overrun_leak_J"] or 0.0)
+def _leak(summary: Summary, *sides: Role) -> float:
+    """What held forces put out beyond the account while the servo was away, at these sides or at both [J]."""
+    parts = [part for side, part in _parts(summary) if side in (sides or SIDES)]
+    return sum(max(0.0, part["overrun_leak_J"] or 0.0) for part in parts)
 
 
 def _without_overruns(summary: Summary) -> Summary:
-    """Changes `summary` as if the force had put out no more than the account held while the servo was away."""
-    leak, device, hand = _leak(summary), summary["device"], summary["hand"]
-    for part in (summary["theorem"], hand, None if device is None else device["ledger"]):
-        if part is not None and part["margin_J"] is not None:
-            part["margin_J"] += leak
+    """Changes `summary` as if forces had put out no more than the account held while the servo was away."""
+    leak, hand = _leak(summary), summary["hand"]
+    ledgers = [(part["ledger"], _leak(summary, side)) for side, part in _parts(summary)]
+    for part, more in ((summary["theorem"], leak), (hand, leak), *ledgers):
+        if part["margin_J"] is not None:
+            part["margin_J"] += more
     if hand["work_J"] is not None:
         hand["work_J"] += leak
     return summary
 
 
 def _away(summary: Summary) -> Iterator[str]:
-    """How often the servo was away, for how long, and what that cost; how long nobody could have ended its force."""
-    if (device := summary["device"]) is None:
-        return
-    times, longest_ms, leak = device["servo"]["overruns"], device["servo"]["longest_ms"], _leak(summary)
-    if times or leak:
-        often = "" if not times else f" {times} time{'s' if times > 1 else ''}"
-        long = "" if not times or longest_ms is None else f", for up to {longest_ms:.0f} ms"
-        cost = f": {_milli(leak)} mJ came out beyond the account" if leak else ""
-        yield f"the servo was away for longer than watchdog_s{often}{long}{cost}"
-    if seconds := device["servo"]["withheld_s"]:
-        yield f"no force for {seconds:.2g} s: the process that holds the device's network stood still"
+    """How often a servo was away, for how long, and what that cost; how long nobody could have ended its force."""
+    for side, part in _parts(summary):
+        servo, leak = part["servo"], _leak(summary, side)
+        times, longest_ms = servo["overruns"], servo["longest_ms"]
+        if times or leak:
+            often = "" if not times else f" {times} time{'s' if times > 1 else ''}"
+            long = f", for up to {longest_ms:.0f} ms" if times and longest_ms is not None else ""
+            cost = f": {_milli(leak)} mJ came out beyond the account" if leak else ""
+            yield f"the {_WHOSE[side]}servo was away for longer than watchdog_s{often}{long}{cost}"
+        if seconds := servo["withheld_s"]:
+            yield f"no force for {seconds:.2g} s: the process that holds the device's network stood still"
 
 
 def excess_nJ(energy: Flow) -> int:
@@ -128,16 +135,14 @@ def stopped(tree: object) -> str | None:
 
 
 def _stop(summary: Summary) -> str | None:
-    device = summary["device"]
-    stop = None if device is None else device["stopped"]
-    if stop is None or stop["why"] is None:
-        return None
-    return f"the device's force was stopped after {stop['after_s']} s: {stop['why']}"
+    for side, part in _parts(summary):
+        if (stop := part["stopped"]) is not None and stop["why"] is not None:
+            return f"the {_WHO[side]}'s force was stopped after {stop['after_s']} s: {stop['why']}"
+    return None
 
 
 def _was_asked(summary: Summary) -> bool:
-    device = summary["device"]
-    return device is not None and (stop := device["stopped"]) is not None and stop["asked"] is True
+    return {stop["asked"] for _, part in _parts(summary) if (stop := part["stopped"]) is not None} == {True}
 
 
 def restarted(*sides: SidePart | None) -> bool:
@@ -160,19 +165,14 @@ def _with_margin(summary: Summary, tree: object) -> Summary:
     if isinstance(reported, Mapping) and "margin_J" in reported:
         return summary
     halves = [_half(summary, side) for side in SIDES]
-    if None not in halves and not jointly_passive(_coupling(summary)):
+    if None not in halves and not jointly_passive(summary["coupling"]):
         summary["theorem"]["margin_J"] = sum(half for half in halves if half is not None)
     return summary
 
 
-def _coupling(summary: Summary) -> str | None:
-    return summary["coupling"]
-
-
 def _half(summary: Summary, side: Role) -> float | None:
     """The margin of one side alone [J]."""
-    part = summary[side]
-    return None if part is None else part["ledger"]["margin_J"]
+    return None if (part := summary[side]) is None else part["ledger"]["margin_J"]
 
 
 def _parts(summary: Summary) -> Iterator[tuple[Role, SidePart]]:
@@ -194,7 +194,7 @@ def _restarted(summary: Summary) -> bool:
 def _against(summary: Summary) -> Iterator[str]:
     """Why it was not passive."""
     margin, bound = summary["theorem"]["margin_J"], summary["theorem"]["bound_J"]
-    halves, jointly = has_reservoirs(_coupling(summary)), jointly_passive(_coupling(summary))
+    halves, jointly = has_reservoirs(summary["coupling"]), jointly_passive(summary["coupling"])
     if summary["theorem"]["diverged"] is True:
         yield "it diverged: the energy account is no finite number any more"
     if margin is not None and margin < -ROUNDING_J:
@@ -313,17 +313,17 @@ def _doubts(summary: Summary) -> Iterator[str]:
             yield f"the {receiver} credited {_milli(early)} mJ before the {sender} sent it"
     for side, part in _parts(summary):
         deficit, silent_s = part["deficit_max_J"], part["unanswered_s"]
-        if deficit is not None and deficit > DEFICIT_J + (_leak(summary) if _known_port(part) else 0.0):
+        if deficit is not None and deficit > DEFICIT_J + (_leak(summary, side) if _known_port(part) else 0.0):
             yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
         yield from _contradictions(side, part)
     if (line := _stop(summary)) is not None and not _was_asked(summary):
         yield line
-    if (device := summary["device"]) is not None:
-        if _leak(summary) and not _known_port(device):
-            yield from _away(summary)
-        yield from _doubts_of_device(device, margin)
+    if any(_leak(summary, side) and not _known_port(part) for side, part in _parts(summary)):
+        yield from _away(summary)
+    for side, part in _parts(summary):
+        yield from _doubts_of_servo(side, part, margin)
     world, slack = summary["world"], summary["environment"]["env_slack_J"]
     if world is not None and world["failed"] is not None and slack is None:
         yield f"the world failed, and its own account is not known: {world['failed']}"
@@ -352,19 +352,19 @@ def _contradictions(side: Role, part: SidePart) -> Iterator[str]:
         yield f"somebody else spoke in the {other}'s name: of its energy messages {', '.join(found)}"
 
 
-def _doubts_of_device(device: SidePart, margin: float | None) -> Iterator[str]:
-    """Doubts that come from the servo and the encoders. `margin`: of both ports [J]."""
-    risk = device["overrun_risk_J"]
+def _doubts_of_servo(side: Role, device: SidePart, margin: float | None) -> Iterator[str]:
+    """Doubts that come from a servo and its encoders. `margin`: of both ports [J]."""
+    risk, whose = device["overrun_risk_J"], _WHOSE[side]
     if margin is not None and risk is not None and risk > max(margin, ROUNDING_J):
-        yield f"while the servo was away, {_milli(risk)} mJ may have come out unseen, more than the margin"
+        yield f"while the {whose}servo was away, {_milli(risk)} mJ may have come out unseen, more than the margin"
     speed, limit = device["speed_max_mps"], device["speed_limit_mps"]
     if speed is not None and limit is not None and speed > limit:
-        yield f"the device moved at {speed:.3g} m/s, and declares at most {limit:.3g} m/s"
+        yield f"the {_WHO[side]} moved at {speed:.3g} m/s, and declares at most {limit:.3g} m/s"
     true, blur = device["true_slack_J"], device["quantisation_J"]
     if blur is not None and true is not None:
         blur = max(0.0, -true)  # a simulation knows what the encoders really hid
     if margin is not None and blur is not None and blur > max(margin, ROUNDING_J):
-        yield f"the encoders blur the account by up to {_milli(blur)} mJ, more than the margin of {_milli(margin)} mJ"
+        yield f"the {whose}encoders blur the account by up to {_milli(blur)} mJ, over the margin of {_milli(margin)} mJ"
 
 
 def _known_port(side: SidePart) -> bool:
@@ -374,7 +374,7 @@ def _known_port(side: SidePart) -> bool:
 
 def _missing(summary: Summary, accounts: list[Role]) -> Iterator[str]:
     """Why both ports together have no margin, although `accounts` exist."""
-    jointly = jointly_passive(_coupling(summary))
+    jointly = jointly_passive(summary["coupling"])
     if not accounts:
         yield "there is no energy account"
     elif _restarted(summary):

@@ -15,10 +15,18 @@ def test_while_it_is_open_the_coupled_position_stands_still() -> None:
     opened = {2, 3, 4}
     clutch = Clutch(Frame(1.0, 1.0, (0.0,)), lambda t: round(t) in opened)
     path = [0.0, 0.01, 0.02, 0.05, 0.09, 0.10, 0.12]  # it opens with the reading at 0.02, and closes with that at 0.10
-    seen = [clutch.move(float(t), (x,), (1.0,)) for t, x in enumerate(path)]
+    seen = [clutch.move(float(t), (x,), (1.0,), (0.0,)) for t, x in enumerate(path)]
     assert [x for (x,), _ in seen] == pytest.approx([0.0, 0.01, 0.02, 0.02, 0.02, 0.02, 0.04])
     assert [v for _, (v,) in seen] == [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
     assert clutch.frame.offset == pytest.approx((0.08,))
+
+
+def test_as_long_as_a_force_is_held_the_motion_counts() -> None:
+    """The actuator goes on for two readings after the clutch has opened."""
+    clutch = Clutch(Frame(1.0, 1.0, (0.0,)), lambda t: t > 0.5)
+    forces = [1.0, 1.0, 0.6, 0.2, 0.0, 0.0]
+    seen = [clutch.move(float(t), (0.01 * t,), (1.0,), (force,))[0][0] for t, force in enumerate(forces)]
+    assert seen == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.03, 0.03])
 
 
 @pytest.mark.parametrize("rendering", ["paper", "hapnet"])
