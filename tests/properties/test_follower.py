@@ -60,7 +60,7 @@ def check(case: int) -> None:
     assert margin >= -1e-9, params
     assert own is not None
     assert own >= -1e-12, params
-    assert summary["verdict"]["passive"], params
+    assert summary["verdict"]["passive"] is not False, params  # coarse encoders may leave it unknown
     if (blur := world.get("quantisation_J")) is not None:  # what its encoders hide of what its motor really did
         counted = result.world.coupling.ledger.work
         assert abs(mass.port_J(counted) - counted) <= blur + 1e-12, params
