@@ -1,7 +1,8 @@
 """What a step of a soft body costs, and how a device feels it.
 
 ``python -m tests.support.soft_figures`` prints the figures of hapnet/plant/worlds/soft.md; set OMP_NUM_THREADS=1, since
-times are of one core. ``--flex`` adds MuJoCo's flex of that size, ``--felt`` the error of the force over links.
+times are of one core. ``--flex`` adds MuJoCo's flex of that size, ``--felt press hand-21`` prints
+the error of the force over links instead.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +23,8 @@ from hapnet.plant.worlds.soft_body import Body, Material
 from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
 from hapnet.simulation.simulation import simulate
 
-TOUCHING = 12
+LTE = Path(__file__).parents[2] / ".." / "shared" / "data" / "links"
+TRACES = ("ATT-LTE-driving-2016", "Verizon-LTE-short")
 
 
 def median_ms(work: Callable[[], object], count: int) -> float:
@@ -101,32 +104,43 @@ def flex_ms(nodes: int) -> tuple[float, float]:
     return one, 15.0 * one
 
 
-def felt(scene: str, operator: str, links: tuple[str, ...], seconds: float) -> dict[str, float]:
-    """The force's error over links, of its rms in contact [%], against the same body at 1 ms without a link."""
+def felt(scene: str, operator: str, links: tuple[str, ...], seconds: float) -> dict[str, tuple[float, float, float]]:
+    """Of each link: the force's error, of its rms in contact and of its peak [%], and the least slack [J].
 
-    def course(link: str, **given: float) -> tuple[Array, Array]:
-        names = {"scene": scene, "operator": operator, "duration_s": seconds, "link.up": link, "link.down": link}
-        device = simulate({**names, **given}, seed=1).recording.device
+    Against the same body without a link in steps of 5 ms, as steps of 1 ms take five times as long.
+
+    A link is a profile, or the name of a recorded one.
+    """
+
+    def course(link: str, **given: float) -> tuple[Array, Array, float]:
+        up, down = (f"trace {LTE / link}.{way}" if link in TRACES else link for way in ("up", "down"))
+        names = {"scene": scene, "operator": operator, "duration_s": seconds, "link.up": up, "link.down": down}
+        result = simulate({**names, **given}, seed=1)
+        device, summary = result.recording.device, result.summary
         assert device is not None
-        return (device["time_ns"] - device["time_ns"][0]) * 1e-9, device["force_N"]
+        slack = min(float(summary[side]["ledger"]["slack_J"] or 0.0) for side in ("device", "world"))
+        assert float(summary["environment"]["env_slack_J"] or 0.0) >= -1e-12
+        return (device["time_ns"] - device["time_ns"][0]) * 1e-9, device["force_N"], slack
 
-    true_s, true = course("", **{"world.step_min_s": 0.001, "world.step_max_s": 0.001})
+    true_s, true, _ = course("", **{"world.step_min_s": 0.005, "world.step_max_s": 0.005})
     found = {}
     for link in links:
-        time_s, force = course(link)
+        time_s, force, slack = course(link)
         whole = np.stack([np.interp(time_s, true_s, part) for part in true.T], axis=1)
-        touches = (np.linalg.norm(whole, axis=1) > 0.05) & (time_s > 1.0)
-        error = np.linalg.norm(force - whole, axis=1)[touches]
-        found[link] = 100.0 * float(np.sqrt((error**2).mean() / (whole[touches] ** 2).sum(axis=1).mean()))
+        size = np.linalg.norm(whole, axis=1)
+        touches = (size > 0.05) & (time_s > 1.0)
+        error = float(np.sqrt((np.linalg.norm(force - whole, axis=1)[touches] ** 2).mean()))
+        rms = float(np.sqrt((size[touches] ** 2).mean()))
+        found[link] = 100.0 * error / rms, 100.0 * error / float(size.max()), slack
     return found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flex", action="store_true")
-    parser.add_argument("--felt", action="store_true")
+    parser.add_argument("--felt", nargs="*", default=[], help="operators; only this is printed then")
     chosen = parser.parse_args()
-    for nodes in (1000, 4913):
+    for nodes in () if chosen.felt else (1000, 4913):
         for degrees in (0.0, 50.0):
             middle, late, rounds, touching = step_ms(nodes, degrees)
             print(
@@ -136,10 +150,11 @@ def main() -> None:
     if chosen.flex:
         print("MuJoCo's flex, 1000 nodes: {:.1f} ms a step of 2 ms, {:.0f} ms for 30 ms".format(*flex_ms(1000)))
     if chosen.felt:
-        for operator in ("press", "hand-6"):
-            print(
-                operator, {link: round(error, 1) for link, error in felt("soft", operator, ("wifi", "4g"), 8.0).items()}
-            )
+        for operator in chosen.felt:
+            for link, (error, of_peak, slack) in felt("soft", operator, ("wifi", "4g", *TRACES), 8.0).items():
+                print(
+                    f"{operator} {link}: {error:.1f} % of rms, {of_peak:.1f} % of peak, slack {slack:.0e} J", flush=True
+                )
 
 
 if __name__ == "__main__":

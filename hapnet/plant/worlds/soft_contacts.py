@@ -37,14 +37,22 @@ _SOLVES = 3
 _FAR_M = 1e-3
 """If a node goes by so much farther than expected, the body's turns are computed again."""
 
-_NEAR_M, _MOST, _MOST_LYING = 1e-3, 40, 300
-"""A point may touch if it is nearer than this, and than what body and ball go; the most that touch the ball, and the
-most that touch solids."""
+_NEAR_M, _MOST, _MOST_LYING = 3e-3, 40, 300
+"""A point may touch if it is nearer to the ball's way than this, and than what it goes itself; the most that touch the
+ball, and the most that touch solids."""
 
 _FREE = 1e3
 """So compliant is what nothing holds [m/N]."""
 
 _SETTLING_S, _SETTLES, _SETTLED_MPS = 0.1, 20, 1e-4
+
+_SUNK = 0.5
+"""A point may be so far behind the ball's centre, as a cosine: a ball that has sunk in by more than its radius touches
+what is beside it too."""
+
+_STAYS_S = 0.5
+"""Time constant with which the shape without the ball is followed: a body that is held has about that of its rest, and
+what follows from one step's motion alone is rough."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,8 @@ class SoftContacts(Surroundings):
     is in the body. by_ball (C,) : 1 where the ball moves there, else 0. stiffness, damping (C,) [N/m], [Ns/m].
 
     Attributes: scale, s of the last step; discarded_J, in total; rounds, of the last step's solve, all passes; q (C,)
-    [m] and forces (C, 3) [N], of the rows.
+    [m] and forces (C, 3) [N], of the rows; still: where they would be without the ball (C, 3) [m], None: not known, as
+    nothing holds the body.
 
     More than twenty attributes: what is known of the rows is an array for each quantity.
     """
@@ -96,6 +105,7 @@ class SoftContacts(Surroundings):
         self.rest, self.outward_at_rest = self.places(body.x), self.outward()
         self._outward = self.outward_at_rest
         self._falling = float((np.linalg.norm(body.weight, axis=1) / body.mass).max())  # [m/s2]
+        self.still = self.rest.copy() if body.free < len(body.x) else None
 
     @property
     def dof(self) -> int:
@@ -116,8 +126,8 @@ class SoftContacts(Surroundings):
         """How a point of the surface is turned (3, 3)."""
         return np.asarray(self.weights[point] @ self.body.nodal[self.nodes[point]].reshape(3, 9)).reshape(3, 3)
 
-    def compliance(self, points: Indices, normals: Array) -> Array:
-        """The static one along the normals (k, 3) of points (k,): what gives way by pushes on others (k, k) [m/N].
+    def compliance(self, points: Indices) -> Array:
+        """The static one of points (k,): how they give way to forces on one another (3k, 3k) [m/N].
 
         What lies on solids is held by the springs of its contacts, and across them too where there is friction.
         """
@@ -127,8 +137,9 @@ class SoftContacts(Surroundings):
         of_nodes = self.body.factor.static * self.body.factor.columns(held)[rows]
         whole = to_points @ (to_points @ of_nodes.T).T
         springs = block_diagonal(self._held_by(resting))
-        whole = whole[:cut, :cut] - whole[:cut, cut:] @ np.linalg.solve(whole[cut:, cut:] + springs, whole[cut:, :cut])
-        found: Array = np.einsum("ki,kimj,mj->km", normals, whole.reshape(len(points), 3, -1, 3), normals)
+        found: Array = whole[:cut, :cut] - whole[:cut, cut:] @ np.linalg.solve(
+            whole[cut:, cut:] + springs, whole[cut:, :cut]
+        )
         return found
 
     def _held_by(self, rows: Indices) -> Array:
@@ -161,12 +172,12 @@ class SoftContacts(Surroundings):
 
         which : the rows' numbers, none of a solid.
 
-        The ball is in front of a point's surface. If its centre is behind that of the nearest point, it has gone
-        through: then this point is deeper than the radius.
+        The ball is in front of a point's surface, or has sunk in beside it. If its centre is behind that of the nearest
+        point, it has gone through: then this point is deeper than the radius.
         """
         apart = points - centre
         sizes = np.linalg.norm(apart, axis=1)
-        outside = (apart * self._outward[which]).sum(axis=1) < 0.0
+        outside = (apart * self._outward[which]).sum(axis=1) < _SUNK * sizes
         depths = np.where(outside, self.skin.radius - sizes, -np.inf)
         normals = apart / np.maximum(sizes, 1e-12)[:, None]
         nearest = int(sizes.argmin()) if len(sizes) else -1
@@ -250,6 +261,7 @@ class SoftContacts(Surroundings):
                 break
         body.strains[:] = body.true_strains()
         body.mean[:] = 0.0
+        self.still = None if self.still is None else self.places(body.x)
         self.reservoir_J, self.discarded_J = RESERVOIR_J, 0.0
         return speed
 
@@ -267,7 +279,7 @@ class SoftContacts(Surroundings):
         self._anchor(depths)
         b = body.push(dt, body.mean)
         self._outward = self.outward()
-        touch = Touch(self, dt, self._near(depths, way), free, compliance)
+        touch = Touch(self, dt, self._near(depths, points, way, place, dt * free), free, compliance)
         touch.place(points, depths, place)
         mean, forces, self.rounds = body.mean, self.forces[touch.points], 0
         expected, is_far = mean, False
@@ -286,11 +298,19 @@ class SoftContacts(Surroundings):
         self._finish(dt, touch, mean, rho, forces)
         return touch.on_ball(forces), ball
 
-    def _near(self, depths: Array, way: Array) -> Indices:
-        """The rows that may touch in this step: those that do, and those that may come to."""
-        near = np.flatnonzero(depths > -(way + _NEAR_M))
+    def _near(self, depths: Array, points: Array, way: Array, place: Array, going: Array) -> Indices:
+        """The rows that may touch in this step: those that do, and those that may come to.
+
+        way : how far each may go (C,) [m]. going : the ball's way from `place` on (3,) [m].
+        """
+        apart = points - place
+        share = np.clip(apart @ going / max(float(going @ going), 1e-12), 0.0, 1.0)
+        passing = self.skin.radius - np.linalg.norm(apart - share[:, None] * going, axis=1)
+        by_ball = (np.arange(len(depths)) < self.points) & (depths > -np.inf)
+        ahead = np.where(by_ball, np.maximum(depths, passing), depths)
+        near = np.flatnonzero(ahead > -(way - by_ball * np.linalg.norm(going) + _NEAR_M))
         first = int(np.searchsorted(near, self.points))
-        return np.concatenate([_deepest(near[:first], depths, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
+        return np.concatenate([_deepest(near[:first], ahead, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
 
     def _finish(self, dt: float, touch: Touch, mean: Array, rho: Array, forces: Array) -> None:
         """Body and springs at the step's end, and what was dissipated."""
@@ -307,6 +327,9 @@ class SoftContacts(Surroundings):
             kept[:] = 0.0
             kept[touch.points] = new
         body.advance(dt, mean)
+        if self.still is not None:
+            shape = self.places(body.x + body.beta_s * mean - touch.given_way(forces))
+            self.still += dt / (_STAYS_S + dt) * (shape - self.still)
         whole = self.reservoir_J + dissipated
         self.reservoir_J = min(whole, RESERVOIR_J)
         self.discarded_J += whole - self.reservoir_J

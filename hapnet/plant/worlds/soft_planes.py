@@ -1,13 +1,14 @@
 """The planes that a device renders of a soft body: how its force grows where the ball presses, as springs in parallel.
 
-For the ball a little further in, by delta along the mean normal n, the points' pushes F >= 0 solve
+The ball's centre goes on along a mean normal n, to c. The surface's points p are then where their pushes F take them:
 
-    F_i / k = max(0, d_i + delta n_i . n - sum_j G_ij (F_j - F0_j))
+    p_i = o_i + sum_j G_ij n_j F_j,    F_i = k max(0, r - |p_i - c|),    n_i = (p_i - c)/|p_i - c|
 
-with the present depths d and pushes F0, and G the static compliance of the points along their normals, by the factor at
-rest, turned as the body is now. The force along n is convex in delta: more points touch. So a few planes with the same
-normal, each from its own depth on, are its piecewise linear course, the part before the present depth too: there the
-device meets a body that is still in the shape in which it was not touched.
+with o their places in the shape without these pushes, and G the static compliance of the points by the factor at rest,
+turned as the body is now. The force along n is about convex: more points touch. So a few planes with the same normal,
+each from its own depth on, are its piecewise linear course, the part before the present depth too: there the device
+meets a body that is still in the shape in which it was not touched. It is computed with the ball where it would be: as
+seen from afar a ball would be as flat as its distance.
 """
 
 from __future__ import annotations
@@ -23,15 +24,18 @@ from hapnet.mechanics.plane import Plane
 
 if TYPE_CHECKING:
     from hapnet.plant.worlds.soft_contacts import SoftContacts
-    from hapnet.plant.worlds.soft_linear import Indices
 
-_MOST = 24
-_ROUNDS = 30
-_AHEAD_M = (0.0, 0.002, 0.006)
-"""Where the course is computed, besides where it begins."""
+_MOST = 40
+_ROUNDS, _TURNS = 12, 2
+_AHEAD_M = (0.002, 0.006, 0.015)
+"""Where the course is computed, beyond the present depth, and beyond where it begins if the ball does not touch."""
+
+_BESIDE_M = 0.002
+"""Points so much less deep than the deepest one have a share in the normal: what there is of the mesh is not felt."""
 
 _FLAT_PER_M = 2.0
-_SLIGHT = 0.01
+_FACING = 0.8
+_SLIGHT, _KNOTS = 0.01, 4
 """A plane that adds less than this share of the stiffness is left out."""
 
 
@@ -48,20 +52,19 @@ def _of_body(contacts: SoftContacts, centre: Array, reach_m: float) -> list[Plan
     deepest = int(depths.argmax())
     if not depths[deepest] > -reach_m:
         return []
-    near = np.argsort(-depths)[:_MOST]
-    near = near[depths[near] > depths[deepest] - 0.5 * contacts.skin.radius]
-    weight = np.maximum(depths[near], 0.0)
-    n = weight @ normals[near] if weight.any() else normals[deepest]
-    n = n / np.linalg.norm(n)
-    slant = normals[near] @ n
-    near, slant = near[slant > 0.1], slant[slant > 0.1]
-    course = Course(contacts, near, normals[near], depths[near], slant)
-    begin = course.begin()
-    knots = np.array(sorted({begin, *(begin + ahead if begin > 0.0 else ahead for ahead in _AHEAD_M)}))
-    forces = np.array([course.force(delta) for delta in knots])
-    slopes = np.maximum.accumulate(np.diff(forces) / np.diff(knots))
+    n = np.maximum(depths + max(0.0, _BESIDE_M - depths[deepest]), 0.0) @ normals
+    if not (size := float(np.linalg.norm(n))) > 0.0:
+        return []  # between two faces that look at each other
+    n = n / size
+    course = Course(contacts, depths, normals, centre, n)
+    if (begin := course.begin()) == np.inf:
+        return []
+    first = [begin] if begin >= 0.0 else [begin, 0.0]
+    knots = np.array([*first, *(first[-1] + ahead for ahead in _AHEAD_M)])[:_KNOTS]
+    forces = np.array([0.0, *(course.force(delta) for delta in knots[1:].tolist())])
+    slopes = np.maximum.accumulate(np.maximum(np.diff(forces) / np.diff(knots), 0.0))
     more = np.diff(slopes, prepend=0.0)
-    skin, bends = contacts.skin, _curvatures(contacts, int(near[0]), n)
+    skin, bends = contacts.skin, _curvatures(contacts, deepest, n)
     unit, along, beta = tuple(n.tolist()), float(n @ centre), contacts.body.beta_s
     return [
         Plane(unit, along + knot, k, beta * k, 0.0, bends, skin.friction)
@@ -82,34 +85,64 @@ def _cut(plane: Plane, dof: int) -> Plane | None:
 
 
 class Course:
-    """The force on the ball as it goes further in."""
+    """The force on the ball as it goes further in, from `centre` along n (3,).
 
-    def __init__(self, contacts: SoftContacts, points: Indices, normals: Array, depths: Array, slant: Array) -> None:
-        compliance = contacts.compliance(points, normals)
-        self._depths, self._slant = depths, slant
-        self._pushes = contacts.skin.stiffness * np.maximum(depths, 0.0)
-        self._still = depths + compliance @ self._pushes  # depths in the shape without these contacts
-        self._matrix = compliance + np.eye(len(points)) / contacts.skin.stiffness
+    depths, normals : of all points, as they are.
+    """
+
+    def __init__(self, contacts: SoftContacts, depths: Array, normals: Array, centre: Array, n: Array) -> None:
+        radius, body = contacts.skin.radius, contacts.body
+        away = contacts.places(body.x)[: contacts.points] - centre
+        ahead = away @ n
+        aside = (away * away).sum(axis=1) - ahead * ahead
+        early = ahead - np.sqrt(np.maximum(radius * radius - aside, 0.0))
+        early[(aside > radius * radius) | (depths < -1.0)] = np.inf  # those that the ball goes by, or that face away
+        near = np.argsort(early)[:_MOST]
+        near = np.sort(near[early[near] < np.inf])
+        self._k, self._radius, self._centre, self._n = contacts.skin.stiffness, radius, centre, n
+        self._G = contacts.compliance(near)
+        self._apart = away[near]
+        if contacts.still is not None:
+            self._still = contacts.still[near] - centre
+        else:
+            push = (self._k * np.maximum(depths[near], 0.0))[:, None] * normals[near]
+            moving = body.beta_s * contacts.places(body.mean)[near]
+            self._still = self._apart + moving - (self._G @ push.ravel()).reshape(-1, 3)
 
     def begin(self) -> float:
         """The delta at which the first point touches the body as it is without the ball [m]."""
-        return float((-self._still / self._slant).min())
+        ahead = self._still @ self._n
+        aside = (self._still**2).sum(axis=1) - ahead * ahead
+        early = ahead - np.sqrt(np.maximum(self._radius**2 - aside, 0.0))
+        return float(early.min(initial=np.inf))
 
     def force(self, delta: float) -> float:
-        """[N] along n, by a semismooth Newton's method for the pushes."""
-        wanted = self._still + delta * self._slant
-        active = wanted > 0.0
-        pushes = np.zeros(len(wanted))
-        for _ in range(_ROUNDS):
-            pushes[:] = 0.0
-            which = np.flatnonzero(active)
-            pushes[which] = np.linalg.solve(self._matrix[np.ix_(which, which)], wanted[which])
-            left = wanted - self._matrix @ pushes
-            changed = np.where(active, pushes > 0.0, left > 1e-9)
-            if np.array_equal(changed, active):
-                break
-            active = changed
-        return float(np.maximum(pushes, 0.0) @ self._slant)
+        """[N] along n; call it with deltas that grow, as each begins with the last one's places."""
+        c = delta * self._n
+        pushes = np.zeros(len(self._still))
+        for _ in range(_TURNS):
+            n = self._apart - c
+            n /= np.maximum(np.linalg.norm(n, axis=1), 1e-9)[:, None]
+            wanted = self._radius - ((self._still - c) * n).sum(axis=1)
+            k = len(n)
+            across_points = np.einsum("ia,iajb,jb->ij", n, self._G.reshape(k, 3, k, 3), n, optimize=True)
+            pushes = one_sided(across_points + np.eye(k) / self._k, wanted)
+            self._apart = self._still + (self._G @ (pushes[:, None] * n).ravel()).reshape(-1, 3)
+        return float(pushes @ (n @ self._n))
+
+
+def one_sided(matrix: Array, wanted: Array) -> Array:
+    """The pushes F >= 0 (k,) with ``matrix F >= wanted``, and equal where F > 0, by a semismooth Newton's method."""
+    active, pushes = wanted > 0.0, np.zeros(len(wanted))
+    for _ in range(_ROUNDS):
+        pushes[:] = 0.0
+        which = np.flatnonzero(active)
+        pushes[which] = np.linalg.solve(matrix[np.ix_(which, which)], wanted[which])
+        changed = np.where(active, pushes > 0.0, wanted - matrix @ pushes > 1e-9)
+        if np.array_equal(changed, active):
+            break
+        active = changed
+    return np.maximum(pushes, 0.0)
 
 
 def _curvatures(contacts: SoftContacts, first: int, n: Array) -> Curvatures:
@@ -117,14 +150,19 @@ def _curvatures(contacts: SoftContacts, first: int, n: Array) -> Curvatures:
 
     What touches the ball's centre is the surface moved by its radius: ``k/(1 + k r)``.
     """
-    rest = contacts.rest[: contacts.points]
-    near = np.flatnonzero(((rest - rest[first]) ** 2).sum(axis=1) < (1.5 * contacts.skin.radius) ** 2)
-    facing = contacts.outward_at_rest[first]
+    rest, outward = contacts.rest[: contacts.points], contacts.outward_at_rest[: contacts.points]
+    facing = outward[first]
+    near = ((rest - rest[first]) ** 2).sum(axis=1) < (1.5 * contacts.skin.radius) ** 2
+    near = np.flatnonzero(near & (outward @ facing > _FACING))
     basis = np.array(across(tuple(facing.tolist())))
     way = (rest[near] - rest[first]) @ basis.T
-    change = (contacts.outward_at_rest[near] - facing) @ basis.T
-    shape, *_ = np.linalg.lstsq(way, change, rcond=None)
-    values, directions = np.linalg.eigh(0.5 * (shape + shape.T))
+    height = (rest[near] - rest[first]) @ facing
+    a, b = way.T
+    (_, _, aa, ab, bb), *_ = np.linalg.lstsq(
+        np.stack([a, b, -0.5 * a * a, -a * b, -0.5 * b * b], axis=1), height, rcond=None
+    )
+    shape = np.array([[aa, ab], [ab, bb]])
+    values, directions = np.linalg.eigh(shape)
     found = []
     for k, (a, b) in zip(values.tolist(), directions.T.tolist(), strict=True):
         if not _FLAT_PER_M < abs(k) < 1.0 / contacts.skin.radius:

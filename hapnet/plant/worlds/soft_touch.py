@@ -206,6 +206,10 @@ class Touch:
         local = self._from_points @ forces.ravel()
         return self._contacts.body.to_world(self._columns @ local)
 
+    def given_way(self, forces: Array) -> Array:
+        """How far the nodes of a body that is held have given way to the ball, if its forces (k, 3) last (N, 3) [m]."""
+        return (0.5 * self._dt + self._contacts.body.beta_s) * self.spread(self._by_ball * forces)
+
     def apply(self, v: Array) -> Array:
         """The body's matrix with the contacts in it, and without the ball, times v (N, 3)."""
         held = (self._H @ self.at_points(v)[:, :, None])[:, :, 0]

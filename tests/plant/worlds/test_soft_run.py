@@ -9,6 +9,7 @@ import pytest
 
 from hapnet.errors import HapnetError
 from hapnet.simulation.simulation import simulate
+from tests.support.soft_figures import LTE, TRACES, felt
 
 SMALL = "soft?nodes=216"
 
@@ -75,3 +76,14 @@ def test_mujocos_flex_of_this_material_runs_through_its_world(tmp_path: Path) ->
     file.write_text(FLEX.format(damping=0.01))
     with pytest.raises(HapnetError, match="diverges by itself"):
         simulate(names, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TRACES)
+def test_a_recorded_link_is_passive_and_its_pauses_are_hardly_felt(name: str) -> None:
+    """It stands still for most of a second while the hand comes and presses; without a link the force is the same."""
+    if not LTE.is_dir():
+        pytest.skip("the recorded LTE links are not beside the project (../shared/data/links)")
+    _, of_peak, slack_J = felt("soft", "hand-24", (name,), 6.0)[name]
+    assert slack_J >= -1e-9
+    assert of_peak <= 5.0
