@@ -22,7 +22,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.observed_world import compliance_of
 from hapnet.plant.worlds.rigid_contacts import Solid, padded
 from hapnet.plant.worlds.soft_body import Body
-from hapnet.plant.worlds.soft_linear import Indices, conjugate_gradients
+from hapnet.plant.worlds.soft_linear import Indices, conjugate_gradients, one_thread
 from hapnet.plant.worlds.soft_planes import planes_at
 from hapnet.plant.worlds.soft_solids import Solids
 from hapnet.plant.worlds.soft_touch import Touch, block_diagonal
@@ -82,6 +82,7 @@ class SoftContacts(Surroundings):
     def __init__(
         self, body: Body, skin: Skin, dof: int, tolerance: float = TOLERANCE, solids: Sequence[Solid] = ()
     ) -> None:
+        one_thread()
         self.body, self.skin, self._dof, self.tolerance = body, skin, dof, tolerance
         nodes, weights = surface_points(body.surface)
         self.points, corners, many = len(nodes), len(np.unique(body.surface)), len(solids)

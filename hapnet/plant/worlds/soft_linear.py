@@ -8,6 +8,8 @@ good one saves rounds. A few columns of ``S0^-1`` are kept: they say how the bod
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,19 @@ FACTORED_S = 0.2
 MOST_ROUNDS = 60
 MOST_COLUMNS = 400
 """Nodes of which columns are kept: those that were touched last."""
+
+
+@cache
+def one_thread() -> None:
+    """Linear algebra in this process takes one thread from now on, if threadpoolctl can tell it so (extra `soft`).
+
+    A step solves matrices of some hundred rows. With more threads that takes 100 times as long where other programs
+    run: each waits for the one that the system has put aside.
+    """
+    with suppress(ImportError):
+        from threadpoolctl import threadpool_limits
+
+        threadpool_limits(1, user_api="blas")
 
 
 class Factor:
