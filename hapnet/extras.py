@@ -9,7 +9,7 @@ from hapnet.errors import MissingLibrary
 _LIBRARIES = {  # of an extra: each module, and the library that has it
     "record": {"mcap": "mcap", "google.protobuf": "protobuf"},
     "report": {"mcap": "mcap", "google.protobuf": "protobuf", "matplotlib": "matplotlib"},
-    "soft": {"numba": "numba", "scipy": "scipy", "meshio": "meshio"},
+    "soft": {"numba": "numba", "scipy": "scipy", "meshio": "meshio", "threadpoolctl": "threadpoolctl"},
 }
 
 

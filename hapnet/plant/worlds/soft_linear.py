@@ -8,7 +8,6 @@ good one saves rounds. A few columns of ``S0^-1`` are kept: they say how the bod
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
 
 import numpy as np
@@ -28,15 +27,14 @@ MOST_COLUMNS = 400
 
 @cache
 def one_thread() -> None:
-    """Linear algebra in this process takes one thread from now on, if threadpoolctl can tell it so (extra `soft`).
+    """Linear algebra in this process takes one thread from now on.
 
     A step solves matrices of some hundred rows. With more threads that takes 100 times as long where other programs
     run: each waits for the one that the system has put aside.
     """
-    with suppress(ImportError):
-        from threadpoolctl import threadpool_limits
+    from threadpoolctl import threadpool_limits
 
-        threadpool_limits(1, user_api="blas")
+    threadpool_limits(1, user_api="blas")
 
 
 class Factor:
