@@ -106,7 +106,7 @@ def test_a_log_that_ends_early_is_exit_code_3() -> None:
 def test_a_run_without_room_for_its_files_says_so_in_one_line() -> None:
     """The limit holds for the children too; the summary, which needs no room, is whole."""
     with started(
-        "run", *ARM, "--duration", 1, "--json", "-", "--out", "r", command=(*limited(14_000), *HAPNET)
+        "run", *ARM, "--duration", 1, "--json", "-", "--out", "r", command=(*limited(17_000), *HAPNET)
     ) as program:
         code, stdout, stderr = program.end()
         assert not program.alive
