@@ -15,7 +15,7 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
-from hapnet.params import DeviceParams, Params
+from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.protocol import World
@@ -97,6 +97,8 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
 
 def warnings(params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
     """What somebody should know who runs a simulated follower, or means to."""
+    if params.follower == FollowerParams():
+        return []
     if not follows(params):
         found = [name for name, value, one in params.leaves() if value != one.default]
         return [f"{name} is set, but nothing follows: --follower" for name in found if name.startswith("follower.")]

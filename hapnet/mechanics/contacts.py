@@ -23,6 +23,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from hapnet.checks import Vector
 from hapnet.mechanics.plane import Plane
+from hapnet.records.vectors import inner
 
 Inverse = Callable[[Vector], Sequence[float]]
 """Applies A^-1 [m/s per N] to a vector (n,)."""
@@ -103,6 +104,16 @@ class Surroundings(Protocol):
         """Penetration depth of `position` (n,) in the obstacle where it is deepest [m]; 0 outside, or not known."""
         plane = self.plane(position)
         return 0.0 if plane is None else plane.depth(position)
+
+
+def doing(work_J: float, force: Vector, moved: Sequence[float]) -> Vector:
+    """The force nearest to `force` (n,) [N] that does this work on the way `moved` (n,) [m]: what a step that was made
+    in parts applied in the mean. As it is, if nothing moved.
+    """
+    if not (square := inner(moved, moved)) > 0.0:
+        return force
+    more = (work_J - inner(force, moved)) / square
+    return tuple([part + more * along for part, along in zip(force, moved, strict=True)])
 
 
 class Step(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet.checks import Signal, Vector
-from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
+from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings, doing
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import Picture
@@ -99,7 +99,7 @@ class Robot(Mass):
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
         """With the body's own spring and damper, which are solved with the step; its own damping is not."""
-        return self._seen(dt, self.body.step(dt, self.frame.own(set_position), self.contacts), 0.0)
+        return self._seen(dt, self.body.step(dt, self.frame.own(set_position), self.contacts))
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
         """Under a held force, or a law's; in parts, so that its damping acts on where it goes."""
@@ -117,14 +117,14 @@ class Robot(Mass):
             depth = done.penetration_m
         moved = [end - begin for begin, end in zip(begun, self.body.position, strict=True)]
         if self._engine:  # which may have applied less: the mean force with the same work
-            own = _doing(-work, done.coupling_force, moved)
+            own = doing(-work, done.coupling_force, moved)
             force = [-one for one in own]
         if self.held:
             self.done_J -= frame.energy * inner(own, moved)
         velocity = tuple([one / dt for one in moved])
-        return self._seen(dt, Step(velocity, tuple(force), work, 0.0, own, self.body.position, depth), drag)
+        return self._seen(dt, Step(velocity, tuple(force), work, 0.0, own, self.body.position, depth))
 
-    def _seen(self, dt: float, done: Step, drag: float) -> Step:
+    def _seen(self, dt: float, done: Step) -> Step:
         """A step of the body, in the leader's units."""
         frame, before = self.frame, self._measured
         self._measured = end = self._counts()
@@ -141,13 +141,6 @@ class Robot(Mass):
             end,
             done.penetration_m / frame.motion,
         )
-
-
-def _doing(work_J: float, force: Vector, moved: Sequence[float]) -> Vector:
-    """The force nearest to `force` (n,) [N] that does this work on the way `moved` (n,) [m]."""
-    square = inner(moved, moved)
-    more = (work_J - inner(force, moved)) / square if square > 0.0 else 0.0
-    return tuple([part + more * along for part, along in zip(force, moved, strict=True)])
 
 
 class RobotContacts(Surroundings):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.mechanics.contacts import Mass, Step, Surroundings, doing
 from hapnet.mechanics.pose import AXES, nearest
 from hapnet.plant.poses.body import RigidBody, settle
 from hapnet.plant.poses.contacts import ToolContacts
@@ -71,9 +69,8 @@ class ToolMass(Mass):
         force, work, lost, pull = self._advance(dt, set_position, HALVINGS)
         moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
         velocity = tuple([part / dt for part in moved])
-        if (square := inner(moved, moved)) > 0.0:  # of a step that was cut: the mean force that does the same work
-            force = _doing(work, force, moved, square)
-            pull = _doing(before - self._potential(set_position) - lost, pull, moved, square)
+        force = doing(work, force, moved)  # of a step that was cut: the mean force that does the same work
+        pull = doing(before - self._potential(set_position) - lost, pull, moved)
         self.contacts.at = end = self.position
         return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
 
@@ -104,12 +101,6 @@ class ToolMass(Mass):
         spring = [k * (x - y) for k, x, y in zip(self._K, middle, ybar, strict=True)]
         pull = tuple([-a - b for a, b in zip(damper, spring, strict=True)])
         return found[0], found[1], dt * inner(damper, mean), pull
-
-
-def _doing(work_J: float, force: Vector, moved: Sequence[float], square: float) -> Vector:
-    """The force nearest to `force` (12,) [N] that does this work on the way `moved` (12,) [m]."""
-    more = (work_J - inner(force, moved)) / square
-    return tuple([part + more * along for part, along in zip(force, moved, strict=True)])
 
 
 def _pair(name: str, value: ArrayLike) -> tuple[float, float]:
