@@ -273,14 +273,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
     device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.device.damping)
-    limits = [limit for limit in (params.device.force_limit_N, device.force_limit) if limit]
-    own = dataclasses.replace(
-        params.device,
-        force_limit_N=min(limits, default=0.0),
-        resolution_m=device.resolution,
-        greatest_speed=device.greatest_speed or params.device.greatest_speed,
-        mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
-    )
+    own = device.declares(params.device)
     if setup.coupling.limited and setup.harvest == "measured":
         for warning in held_torque.check(own, setup.harvest, setup.dof):
             write(Event(clock(), "warning", warning, "warning"))

@@ -10,7 +10,6 @@ from hapnet.assembly.own_parts import named_section
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
-from hapnet.couplings import held_torque
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
@@ -39,15 +38,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         raise InvalidParameter(name, robot.robot, error.allowed, error.known) from error
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.world.damping)
-    limits = [limit for limit in (robot.force_limit_N, device.force_limit) if limit]
-    own = dataclasses.replace(
-        robot,
-        force_limit_N=min(limits, default=0.0),
-        resolution_m=device.resolution,
-        greatest_speed=device.greatest_speed or robot.greatest_speed,
-        mass=device.smallest_mass or held_torque.UNKNOWN_MASS,
-        own_damping=0.0,
-    )
+    own = dataclasses.replace(device.declares(robot), own_damping=0.0)
     at_robot = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own, device=servo))
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from math import isfinite
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,15 +21,18 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.assembly.posed import Posed
 from hapnet.checks import Vector
+from hapnet.couplings import held_torque
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.loading import failure, load
-from hapnet.params import ARMS, DeviceParams, Params, is_simulated
+from hapnet.params import ARMS, DeviceParams, FollowerParams, Params, is_simulated
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.units import METRES, POSE, one_text
+
+Section = TypeVar("Section", DeviceParams, FollowerParams)
 
 
 def allowed() -> str:
@@ -324,6 +328,17 @@ class UserDevice:
                 raise InvalidParameter(
                     "device.damping", damping, f"{minimum:g} to {most:g} Ns/m, as the device renders"
                 )
+
+    def declares(self, section: Section) -> Section:
+        """The parameters of a servo, with what this device declares of itself in their place."""
+        limits = [limit for limit in (section.force_limit_N, self.force_limit) if limit]
+        return replace(
+            section,
+            force_limit_N=min(limits, default=0.0),
+            resolution_m=self.resolution,
+            greatest_speed=self.greatest_speed or section.greatest_speed,
+            mass=self.smallest_mass or held_torque.UNKNOWN_MASS,
+        )
 
     def limiter(self, params: DeviceParams) -> ForceLimiter:
         """What this device may render, with the run's force ramp and dead-man switch.
