@@ -292,16 +292,14 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
         if (acted := self.device.acted()) is not None:
-            self._hold(acted if self.clutch is None else self.clutch.frame.coupled_force(acted))
-            self._held_before = None
+            self.servo.force, self._held_before = self._frame.coupled_force(acted), None
             self._reports = True
         elif release or self._held_before is not None or self._reports:
-            x = self._reading[0] if self.clutch is None else self.clutch.frame.coupled(self._reading[0])
+            x = self._frame.coupled(self._reading[0])
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, x, self.x)))
         if self.stopped is None:
             dt = (now_ns - self.last_ns) * NANO
-            force = self.servo.force if self.clutch is None else self.clutch.frame.own_force(self.servo.force)
-            if wrong := self._agreement.wrong(dt, force, self._reading[0]):
+            if wrong := self._agreement.wrong(dt, self._frame.own_force(self.servo.force), self._reading[0]):
                 self.stop_force(now_ns, wrong)
                 release = True
         return super()._control(now_ns, release=release)
@@ -313,9 +311,8 @@ class RealDeviceSide(SampledDeviceSide):
         may have taken in does not.
         """
         servo, coupling = self.servo, self.coupling
-        possible = [servo.force]
-        if (before := self._held_before) is not None:
-            possible.append(before if self.clutch is None else self.clutch.frame.coupled_force(before))
+        before = [] if self._held_before is None else [self._frame.coupled_force(self._held_before)]
+        possible = [servo.force, *before]
         self._held_before = None
         speed = super().held_forces().get("speed_limit_mps", math.inf)
         most_m = speed * min(dt, self.device.watchdog_s or dt)  # as far as the device can go while a force is held

@@ -9,6 +9,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, ForceParts, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.errors import HapnetError
+from hapnet.mechanics.frame import Frame
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.operating_range import OperatingRange, RangeWatch
 from hapnet.recording.samples import Event
@@ -40,6 +41,7 @@ class SampledDeviceSide(DeviceSide):
         self._watch: RangeWatch | None = None
         self.clutch: Clutch | None = None
         """Between the device's own axes and the coupling's; None: they are the same, always."""
+        self._same = Frame(1.0, 1.0, (0.0,) * device.dof)
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self.held: HeldDevice | None = None
@@ -56,6 +58,11 @@ class SampledDeviceSide(DeviceSide):
     def true_slack(self) -> float | None:
         # the true account has the device's own axes
         return None if self.held is None or self.clutch is not None else self.held.true_ledger.slack_min
+
+    @property
+    def _frame(self) -> Frame:
+        """Where the device's own axes are."""
+        return self._same if self.clutch is None else self.clutch.frame
 
     @property
     def quantisation(self) -> float | None:
@@ -124,20 +131,11 @@ class SampledDeviceSide(DeviceSide):
         message = self.endpoint.tick_sampled(now_ns, dt, self.x, v, release=release)
         if held is not None:
             held_device.apply(held)
-        elif self.clutch is None:
-            self._hold(self._apply(dt, servo.force))
-        else:
-            frame = self.clutch.frame
-            applied = self._apply(dt, frame.own_force(servo.force))
-            self._hold(None if applied is None else frame.coupled_force(applied))
-        return message
-
-    def _hold(self, applied: Vector | None) -> None:
-        """The device holds this force, as the coupling has it [N]; None: it is not known."""
-        if applied is None:
+        elif (applied := self._apply(dt, self._frame.own_force(servo.force))) is None:
             self.applied = False
         else:
-            self.servo.force = applied
+            servo.force = self._frame.coupled_force(applied)
+        return message
 
     def _through(self, clutch: Clutch, now_ns: int, x: Vector, v: Vector) -> tuple[Vector, Vector]:
         """Position and velocity as the coupling has them."""
@@ -198,9 +196,7 @@ class SampledDeviceSide(DeviceSide):
         if simulated is None:
             self._record(now_ns, self.x, self._v, self.servo.force, None, None)
         else:
-            hand, target = simulated.hand_force, simulated.references[-1]
-            if self.clutch is not None:
-                target = self.clutch.frame.coupled(target)
+            hand, target = simulated.hand_force, self._frame.coupled(simulated.references[-1])
             self._record(now_ns, self.x, self._v, self.servo.force, hand, target)
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
