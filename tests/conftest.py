@@ -45,7 +45,11 @@ _VIRTUAL_TIME = ("tests.properties.test_endurance", "tests.study", "tests.simula
 
 
 def pytest_configure() -> None:
-    """A shell starts its background jobs with Ctrl-C ignored, and children inherit that; some tests press it."""
+    """A shell starts its background jobs with Ctrl-C ignored, and children inherit that; some tests press it.
+
+    Three workers share the processors: linear algebra takes one thread in each, or they wait for one another.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

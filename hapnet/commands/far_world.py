@@ -151,7 +151,11 @@ class Hand:
         command = module("hapnet", "device", "--params", str(file), *far.words())
         try:
             self._child = started(
-                command, stdin=PIPE, keeps=(theirs,), environment={CONSOLE: "1", PAGE: str(theirs)}, own_group=True
+                command,
+                stdin=PIPE,
+                keeps=(theirs,),
+                environment={CONSOLE: "1", PAGE: f"{theirs} {os.getpid()}"},
+                own_group=True,
             )
         finally:
             os.close(theirs)

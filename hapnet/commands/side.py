@@ -44,7 +44,8 @@ PLACE = "HAPNET_PLACE"
 """Environment variable of such a side: where it begins, as a JSON array of coordinates [m]."""
 
 PAGE = "HAPNET_PAGE"
-"""Environment variable of a side that `hapnet play` starts alone: the pipe that takes the telemetry of both sides."""
+"""Environment variable of a side that `hapnet play` starts alone: the pipe that takes the telemetry of both sides, and
+the id of its parent process."""
 
 PARENT_EVERY_S = 0.2
 
@@ -102,7 +103,7 @@ def _main(
         log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
         real_time.make_ready(end)
     written, started_by_run = output.Written(), PARENT in os.environ
-    page = os.environ.pop(PAGE, None)
+    page, parent = map(int, os.environ.pop(PAGE, "0 0").split())
     caught: list[signal.Signals] = []
     try:
         side = RealtimeSide(
@@ -117,13 +118,13 @@ def _main(
             once=given.once,
             notify=log.notify,
             refused=refusals.take,
-            page=None if page is None else FrameWriter(int(page)).put,
+            page=FrameWriter(page).put if page else None,
         )
         if (place := os.environ.pop(PLACE, None)) is not None:
             side.place(tuple(json.loads(place)))
         failure: HapnetError | None = None
         try:
-            summary = asyncio.run(_run(side, params.duration_s, log, caught, os.getppid() if page else None))
+            summary = asyncio.run(_run(side, params.duration_s, log, caught, parent))
         except HapnetError as error:
             if side.control.origin_ns is None:
                 raise  # nothing has run
@@ -155,16 +156,15 @@ def _main(
 
 
 async def _run(
-    side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals], parent: int | None
+    side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals], page_parent: int
 ) -> Summary:
     stop = asyncio.Event()
     reported = catch(stop, caught, again=side.hurry)
     if sys.platform != "win32":
         handle_on_loop(signal.SIGUSR1, side.stop_force, "SIGUSR1")
-    if (run := os.environ.pop(PARENT, None)) is not None:
-        parent = int(run)
-    starter = "hapnet play" if run is None else "hapnet run"
-    beside = [] if parent is None else [asyncio.create_task(_outlive(side, parent, starter, reported))]
+    run = int(os.environ.pop(PARENT, "0"))  # not getppid(): who has been killed by now is no longer our parent
+    starter, parent = ("hapnet run", run) if run else ("hapnet play", page_parent)
+    beside = [asyncio.create_task(_outlive(side, parent, starter, reported))] if parent else []
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:

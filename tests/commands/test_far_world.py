@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,13 +19,15 @@ from hapnet import cli
 from hapnet.commands.far_world import FarWorld, Hand, fitting
 from hapnet.commands.options import ZenohOptions
 from hapnet.commands.play import led
+from hapnet.commands.side import PAGE
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter, frames
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.telemetry import Status
 from hapnet.transport.config import free_address
 from hapnet.view.history import History
-from tests.support.processes import Program, started, until
+from tests.conftest import ENVIRONMENT
+from tests.support.processes import HAPNET, LIMIT_S, Program, read_json, started, until
 
 
 def world_status(**about: object) -> Status:
@@ -160,3 +164,22 @@ def test_a_hand_whose_page_was_killed_ends_in_order(tmp_path: Path) -> None:
         assert "hapnet play" in str(summary["device"]["failed"])
         assert play.end()[0] == -signal.SIGKILL
         world.end()
+
+
+def test_a_hand_whose_page_was_killed_while_it_started_ends_too(tmp_path: Path) -> None:
+    """By the time it looks, another process is its parent."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as killed:
+        pass
+    page, theirs = os.pipe()
+    command = [*HAPNET, "device", "-l", free_address(), "--out", str(tmp_path)]
+    environment = {**ENVIRONMENT, PAGE: f"{theirs} {killed.pid}"}
+    with (
+        os.fdopen(page, "rb"),
+        subprocess.Popen(command, pass_fds=(theirs,), env=environment, stdout=subprocess.DEVNULL) as hand,
+    ):
+        os.close(theirs)
+        try:
+            hand.wait(LIMIT_S)
+        finally:
+            hand.kill()
+    assert "hapnet play" in read_json(tmp_path / "summary.json")["device"]["failed"]

@@ -123,9 +123,10 @@ class Program:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
         self.end()
+        assert not any(reader.is_alive() for reader in self._readers), "what it had started has not ended"
         for stream in (self.process.stdout, self.process.stderr):
             assert stream is not None
-            stream.close()
+            stream.close()  # while it is read, this would wait for ever
 
 
 def started(*argv: object, command: Sequence[str] = HAPNET, env: Mapping[str, str] | None = None) -> Program:
