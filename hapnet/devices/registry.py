@@ -23,6 +23,7 @@ BUILT_IN: Mapping[str, str] = {
     "touch": "hapnet.devices.touch:Touch",
     "gamepad": "hapnet.devices.gamepad:Gamepad",
     "3dmouse": "hapnet.devices.space_mouse:SpaceMouse",
+    "ros2": "hapnet.devices.ros2:Ros2",
 }
 """Name, and ``module:Class``."""
 

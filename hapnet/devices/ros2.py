@@ -1,0 +1,170 @@
+"""A device or a robot behind topics of ROS 2, over rmw_zenoh and without ROS. Its page is ros2.md beside it.
+
+`read` waits for the next message of the state's topic: so there is one command for each state, and the account counts
+each force between the two positions that it acted between.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from hapnet.checks import Vector
+from hapnet.devices.axes import Axes
+from hapnet.devices.driver import Driver
+from hapnet.devices.timed_velocity import TimedVelocity
+from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
+from hapnet.transport.ros2 import ROUTER, RosNode, check_topic, missing
+from hapnet.transport.ros2_inbox import Inbox
+
+POSE, WRENCH, JOINTS = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/WrenchStamped",
+    "sensor_msgs/msg/JointState",
+)
+
+NOISE = 1e-4
+"""Of positions at the times of their receipt, from peak to peak [m] or [rad]: a velocity is fitted within it."""
+
+_START_S = 10.0
+_NS = 1e-9
+
+
+class Ros2(Driver):
+    """Positions come from one topic, forces go to another: ``ros2:/arm/current_pose,command=/arm/target_wrench``.
+
+    state : topic of the positions, PoseStamped; with `joints`, JointState. command : topic on which the forces go out,
+    WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic that says which
+    force the actuators made, of the command's type; empty: nobody knows. joints : names with + between them, the
+    scene's axes; empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz]. router : of ROS 2.
+    domain : ROS_DOMAIN_ID. frame : the command's frame_id.
+
+    Raises InvalidParameter: an option is not allowed. MissingLibrary: the extra `ros2` is not installed. HapnetError:
+    there is no router, or nothing comes on the state's topic.
+    """
+
+    about = "a device or robot behind ROS 2 topics (rmw_zenoh), without ROS"
+    tested = "tested with rmw_zenoh's layout, not with ROS"
+    blocking = True
+
+    def __init__(
+        self,
+        dof: int,
+        state: str = "/target_pose",
+        command: str = "",
+        measured: str = "",
+        joints: str = "",
+        axes: str = "",
+        rate: float = 100.0,
+        router: str = ROUTER,
+        domain: int = 0,
+        frame: str = "base_link",
+    ) -> None:
+        for name, topic in (("state", state), ("command", command), ("measured", measured)):
+            if topic or name == "state":
+                check_topic(name, topic)
+        if not 10.0 <= rate <= 1000.0:
+            raise InvalidParameter("rate", rate, "10 to 1000 Hz")
+        names = joints.split("+") if joints else []
+        if names and (len(names) != dof or len(set(names)) != dof or not all(names)):
+            raise InvalidParameter("joints", joints, f"{dof} names of joints, one for each axis of the scene")
+        self.dof = dof
+        self.rate_hz: float | None = rate
+        self.units: str = "rad" if names else "m"
+        self.knows_force: bool = bool(measured)
+        if not command:
+            self.force_limit, self.smallest_mass = 1e-6, 1.0  # no motors, so no energy is kept for a force
+        self._names, self._axes = names, None if names else Axes(axes, dof)
+        self._turns = axes in ("", "xyz")
+        self._state, self._command, self._frame = state, command, frame
+        self._wait_s = 2.0 / rate
+        self._velocity = [TimedVelocity(math.inf, NOISE) for _ in range(dof)]
+        self._quaternion: Vector | None = None
+        self._acted: Vector | None = None
+        self._node = RosNode("hapnet", domain=domain, router=router)
+        self._states = Inbox(self._position, 1.0 / rate, time.monotonic_ns)
+        self._measured = Inbox(self._force, 1.0 / rate, time.monotonic_ns)
+        self._node.open()
+        self._node.subscribe(state, JOINTS if names else POSE, self._states.take)
+        if measured:
+            self._node.subscribe(measured, JOINTS if names else WRENCH, self._measured.take)
+        if self._states.next(_START_S) is None:
+            self.close()
+            unused = self._states.unused
+            raise HapnetError(f"nothing on {state} within {_START_S:g} s" + (f" but {unused}" if unused else ""))
+
+    @classmethod
+    def missing(cls) -> str:
+        return f"{' and '.join(missing().split())}, of the extra `ros2`" if missing() else ""
+
+    def read(self) -> tuple[Vector, Vector]:
+        if (found := self._states.next(self._wait_s)) is None:
+            for one in self._velocity:
+                one.restart()
+            unused = self._states.unused
+            raise DeviceSilent(f"nothing new on {self._state}" + (f" ({unused} so far)" if unused else ""))
+        (x, self._quaternion), came_ns = found
+        at_s = came_ns * _NS
+        force = self._measured.next()
+        self._acted = None if force is None else force[0]
+        return x, tuple([one.update(at_s, at_s, axis) for one, axis in zip(self._velocity, x, strict=True)])
+
+    def apply(self, force: Vector) -> Vector | None:
+        if not self._command:
+            return (0.0,) * self.dof
+        make = self._node.types.classes
+        seconds, rest = divmod(time.time_ns(), 1_000_000_000)
+        header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), self._frame)
+        if self._axes is None:
+            import numpy as np
+
+            none = np.zeros(0)
+            message = make[JOINTS](header, self._names, none, none, np.array(force))
+            self._node.publish(self._command, JOINTS, message)
+            return None
+        vector = make["geometry_msgs/msg/Vector3"]
+        wrench = make["geometry_msgs/msg/Wrench"](vector(*self._axes.spread(force)), vector(0.0, 0.0, 0.0))
+        self._node.publish(self._command, WRENCH, make[WRENCH](header, wrench))
+        return None
+
+    def acted(self) -> Vector | None:
+        return self._acted
+
+    def orientation(self) -> Vector | None:
+        return self._quaternion if self._turns else None
+
+    def close(self) -> None:
+        self._node.close()
+
+    def _position(self, data: bytes) -> tuple[Vector, Vector | None]:
+        """Position and orientation in a message; of joints only the first."""
+        if self._axes is None:
+            return self._of_joints(data, "position"), None
+        pose = self._node.types.decode(POSE, data).pose
+        at, turned = pose.position, pose.orientation
+        quaternion = _finite(turned.w, turned.x, turned.y, turned.z)
+        if (size := math.hypot(*quaternion)) < 0.5:
+            raise BadMessage("orientation", f"a quaternion of length {size:.2g}")
+        return self._axes.take(_finite(at.x, at.y, at.z)), tuple([part / size for part in quaternion])
+
+    def _force(self, data: bytes) -> Vector:
+        if self._axes is None:
+            return self._of_joints(data, "effort")
+        force = self._node.types.decode(WRENCH, data).wrench.force
+        return self._axes.take(_finite(force.x, force.y, force.z))
+
+    def _of_joints(self, data: bytes, part: str) -> Vector:
+        message = self._node.types.decode(JOINTS, data)
+        values = dict(zip(message.name, getattr(message, part), strict=False))
+        try:
+            return _finite(*[values[name] for name in self._names])
+        except KeyError as error:
+            raise BadMessage("joints", f"no {part} of {error}") from None
+
+
+def _finite(*values: Any) -> Vector:
+    found = tuple(map(float, values))
+    if not all(map(math.isfinite, found)):
+        raise BadMessage("number", f"{found}")
+    return found

@@ -1,0 +1,109 @@
+"""A device and a robot behind ROS 2's topics, beside a node that was written from rmw_zenoh's layout."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("rosbags.typesys")
+pytest.importorskip("xxhash")
+
+from hapnet.assembly.user_device import UserDevice
+from hapnet.devices.ros2 import Ros2
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.transport.config import free_address
+from tests.support.processes import until
+from tests.support.ros_node import POSE, WRENCH, BareNode, router
+
+STATE, COMMAND = "/arm/current_pose", "/arm/target_wrench"
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    found = free_address()
+    with router(found):
+        yield found
+
+
+@pytest.fixture
+def node(address: str) -> Iterator[BareNode]:
+    made = BareNode(address)
+    yield made
+    made.close()
+
+
+def moving(robot: Ros2) -> tuple[float, float]:
+    """Position and velocity along x, of the next state that comes."""
+    while True:
+        try:
+            (x, *_), (v, *_) = robot.read()
+        except DeviceSilent:
+            continue
+        return x, v
+
+
+def test_a_robot_is_read_commanded_and_seen_by_ros(node: BareNode, address: str) -> None:
+    node.listen(f"0{COMMAND}/{WRENCH}")
+    node.stream("arm/current_pose", 100.0)
+    robot = Ros2(3, STATE, COMMAND, router=address)
+    try:
+        while moving(robot)[1] <= 0.0:
+            pass
+        before, first_s = moving(robot)[0], time.monotonic()
+        for k in range(20):
+            x, v = moving(robot)
+            assert robot.apply((0.5, -0.25, 0.125 * k)) is None
+        lasted_s = time.monotonic() - first_s
+        assert x - before == pytest.approx(20 * 1e-4, abs=5e-4)
+        assert v == pytest.approx((x - before) / lasted_s, rel=0.5)
+        assert robot.orientation() == (1.0, 0.0, 0.0, 0.0)
+        assert robot.acted() is None
+        assert not robot.knows_force
+        until(lambda: len(node.forces("target_wrench")) == 20)
+        assert node.forces("target_wrench") == [(0.5, -0.25, 0.125 * k) for k in range(20)]
+        attached = [one for _, _, one in node.messages]
+        assert [number for number, *_ in attached] == list(range(1, 21))
+        assert len({gid for *_, gid in attached}) == 1
+        assert all(abs(at - time.time_ns()) < 60e9 for _, at, *_ in attached)
+        until(lambda: len(node.tokens) == 3)
+        kinds = {token.split("/")[5]: token.split("/") for token in node.tokens}
+        assert kinds["NN"][-1] == "hapnet"
+        assert kinds["MS"][9:11] == ["%arm%current_pose", POSE.split("/")[0]]
+        assert kinds["MP"][9:] == ["%arm%target_wrench", *WRENCH.split("/"), "::,10:,:,:,,"]
+    finally:
+        robot.close()
+    until(lambda: not node.tokens)
+
+
+def test_a_target_moves_a_device_without_force_until_it_is_silent(node: BareNode, address: str) -> None:
+    node.stream("target_pose", 100.0)
+    device = UserDevice(f"ros2:/target_pose,axes=x,router={address}", 1)
+    try:
+        assert device.force_limit == 1e-6
+        assert device.apply((1.0,)) == (0.0,)
+        node.close()
+        with contextlib.suppress(DeviceSilent):
+            device.read()  # the last one, if it came late
+        with pytest.raises(DeviceSilent, match="nothing new on /target_pose"):
+            device.read()
+    finally:
+        device.close()
+
+
+def test_what_does_not_fit_is_one_line(address: str) -> None:
+    for name, options in {"state": {"state": "target"}, "rate": {"rate": 5.0}, "joints": {"joints": "a+b"}}.items():
+        with pytest.raises(InvalidParameter, match=name):
+            Ros2(3, **options)  # type: ignore[arg-type]
+    with pytest.raises(HapnetError, match="no router of ROS 2 at tcp"):
+        Ros2(3, router="tcp/127.0.0.1:1")
+
+
+def test_rate_is_the_servos(node: BareNode, address: str) -> None:
+    from hapnet.params import DeviceParams
+
+    node.stream("target_pose", 100.0)
+    with pytest.raises(InvalidParameter, match="--servo-hz 100"):
+        UserDevice(f"ros2:axes=x,router={address}", 1, DeviceParams(servo_hz=1000.0))
