@@ -26,8 +26,8 @@ from hapnet.errors import HapnetError, OutputError
 from netem.errors import NetemError, unknown
 from netem.version_flag import versions
 
-_FIRST = ("run", "simulate", "play", "view", "device", "world", "reproduce", "replay", "report", "compare", "export",
-          "transparency", "tune", "devices", "emulate", "bench", "doctor", "sweep")  # fmt: skip
+_FIRST = ("run", "simulate", "play", "view", "bridge", "device", "world", "reproduce", "replay", "report", "compare",
+          "export", "transparency", "tune", "devices", "emulate", "bench", "doctor", "sweep")  # fmt: skip
 """The order of the list of commands; any other command comes behind these, by its name."""
 
 _COMMANDS = Path(__file__).parent / "commands"

@@ -31,8 +31,8 @@ from hapnet.recording.samples import Columns, Recording, utc_less_clock_ns
 FRAME = "hapnet"
 _SIDES = {"device": "force_N", "world": "coupling_force_N"}
 _LEVELS = {"info": 0, "warning": 1, "error": 2}
+ACCOUNT_EVERY_NS = 1_000_000_000
 _ACCOUNT = ("margin_J", "slack_J", "reservoir_J", "sent_J", "credited_J")
-_ACCOUNT_EVERY_NS = 1_000_000_000
 
 
 class Message(NamedTuple):
@@ -73,28 +73,50 @@ def write(recording: Recording, path: Path) -> None:
 
 def messages(recording: Recording, types: Any) -> Iterator[Message]:
     """All messages of a recording, a topic after the other. types : the classes of messages by their names."""
-    make = _Maker(types)
-    for side, force in _SIDES.items():
-        if getattr(recording, side) is None:
-            continue
-        columns = table(recording, side)
-        times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
-        yield from make.poses(f"/{side}/pose", times, columns, "position")
-        yield from make.poses(f"/{side}/set_position", times, columns, "set_position")
-        yield from make.twists(f"/{side}/twist", times, columns)
-        yield from make.wrenches(f"/{side}/wrench", times, columns, force)
-        if side == "world":
-            yield from make.wrenches("/world/contact", times, columns, "contact_force_N")
-        yield from make.joints(f"/{side}/joint_states", times, columns, force)
-        yield from make.account(side, times, columns)
+    make = Messages(types)
+    for side in _SIDES:
+        if getattr(recording, side) is not None:
+            yield from make.of_side(recording, side)
+            yield from make.account(recording, side)
     yield from make.events(recording)
 
 
-class _Maker:
+class Messages:
+    """Makes the messages of a recording. types : as for `messages`."""
+
     def __init__(self, types: Any) -> None:
         self._types = types
 
-    def poses(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
+    def of_side(self, recording: Recording, side: str) -> Iterator[Message]:
+        """What one side's samples are, a topic after the other."""
+        columns, force = table(recording, side), _SIDES[side]
+        times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
+        yield from self._poses(f"/{side}/pose", times, columns, "position")
+        yield from self._poses(f"/{side}/set_position", times, columns, "set_position")
+        yield from self._twists(f"/{side}/twist", times, columns)
+        yield from self._wrenches(f"/{side}/wrench", times, columns, force)
+        if side == "world":
+            yield from self._wrenches("/world/contact", times, columns, "contact_force_N")
+        yield from self._joints(f"/{side}/joint_states", times, columns, force)
+
+    def account(self, recording: Recording, side: str) -> Iterator[Message]:
+        """The account once a second: an error where the margin is below zero."""
+        columns: Columns = getattr(recording, side)
+        times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
+        since = (times - times[0]) // ACCOUNT_EVERY_NS
+        for k in np.flatnonzero(np.diff(since, prepend=-1)).tolist():
+            known = {name: float(columns[name][k]) for name in _ACCOUNT if name in columns}
+            level = 2 if known.get("margin_J", 0.0) < 0.0 else 0
+            yield self._diagnosis(int(times[k]), level, f"hapnet: account of the {side}", "", known)
+
+    def events(self, recording: Recording) -> Iterator[Message]:
+        """The events."""
+        more = utc_less_clock_ns(recording.meta)
+        for event in recording.events:
+            level = _LEVELS.get(event.level, 0)
+            yield self._diagnosis(event.time_ns + more, level, f"hapnet: {event.kind}", event.text, {})
+
+    def _poses(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
         kind = "geometry_msgs/msg/PoseStamped"
         points = _vectors(columns, f"{name}_m")
         if points is None:
@@ -107,14 +129,14 @@ class _Maker:
             pose = self._make("geometry_msgs/msg/Pose", place, self._make("geometry_msgs/msg/Quaternion", *turn))
             yield Message(topic, kind, time_ns, self._make(kind, self._header(time_ns), pose))
 
-    def twists(self, topic: str, times: Array, columns: Columns) -> Iterator[Message]:
+    def _twists(self, topic: str, times: Array, columns: Columns) -> Iterator[Message]:
         yield from self._pairs(topic, "Twist", times, columns, "velocity_mps", "velocity_radps")
 
-    def wrenches(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
+    def _wrenches(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
         torque = name.replace("force_N", "torque_Nm")
         yield from self._pairs(topic, "Wrench", times, columns, name, torque)
 
-    def joints(self, topic: str, times: Array, columns: Columns, force: str) -> Iterator[Message]:
+    def _joints(self, topic: str, times: Array, columns: Columns, force: str) -> Iterator[Message]:
         """An arm's angles beside its tip, or axes that are joints."""
         kind = "sensor_msgs/msg/JointState"
         names = [name for name in columns if name.startswith("joint_") and name.endswith("_rad")]
@@ -132,20 +154,6 @@ class _Maker:
             if not np.isnan(angles[k]).any():
                 content = self._make(kind, self._header(time_ns), called, angles[k], speeds[k], torques[k])
                 yield Message(topic, kind, time_ns, content)
-
-    def account(self, side: str, times: Array, columns: Columns) -> Iterator[Message]:
-        """The account once a second: an error where the margin is below zero."""
-        since = (times - times[0]) // _ACCOUNT_EVERY_NS
-        for k in np.flatnonzero(np.diff(since, prepend=-1)).tolist():
-            known = {name: float(columns[name][k]) for name in _ACCOUNT if name in columns}
-            level = 2 if known.get("margin_J", 0.0) < 0.0 else 0
-            yield self._diagnosis(int(times[k]), level, f"hapnet: account of the {side}", "", known)
-
-    def events(self, recording: Recording) -> Iterator[Message]:
-        more = utc_less_clock_ns(recording.meta)
-        for event in recording.events:
-            level = _LEVELS.get(event.level, 0)
-            yield self._diagnosis(event.time_ns + more, level, f"hapnet: {event.kind}", event.text, {})
 
     def _pairs(
         self, topic: str, word: str, times: Array, columns: Columns, first: str, second: str
