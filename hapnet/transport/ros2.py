@@ -76,7 +76,7 @@ class Types:
         except ImportError as error:
             raise MissingLibrary("a ROS 2 node", missing(), "ros2") from error
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._digest = xxhash.xxh3_128_intdigest
+        self._digest: Callable[[bytes], int] = xxhash.xxh3_128_intdigest
         self.classes: Any = self._store.types
 
     def hash(self, kind: str) -> str:
