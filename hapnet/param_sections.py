@@ -204,6 +204,7 @@ class FollowerParams:
         "position", "the device's spring is tied to where the robot is (position), renders the force on the robot "
         "(force), or the planes near it, which the scene knows (planes)", ("position", "force", "planes")
     )  # fmt: skip
+    fixtures: bool = _p(False, "a driver's motors render the scene's planes at the robot: virtual fixtures")
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,8 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
     if robot.feedback == "planes" and not spec.staged(params):
         allowed = "position or force: without the stages of rendering hapnet no planes are sent"
         raise InvalidParameter("follower.feedback", robot.feedback, allowed)
+    if robot.fixtures and not is_real(params):
+        raise InvalidParameter("follower.fixtures", robot.fixtures, "no with a robot that meets the scene itself")
     if is_real(params):
         if not held:
             allowed = f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"

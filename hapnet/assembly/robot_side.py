@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from hapnet.assembly.build import Setup, drive, follower_servo
-from hapnet.assembly.follower import held_warnings
+from hapnet.assembly.fixture import Fixture
+from hapnet.assembly.follower import held_warnings, seen
 from hapnet.assembly.own_parts import named_section
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
@@ -36,6 +37,10 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
             raise
         name = "follower.robot" if error.name == "hardware" else "follower.servo_hz"
         raise InvalidParameter(name, robot.robot, error.allowed, error.known) from error
+    if robot.fixtures:
+        if setup.scene.contacts.planes(setup.scene.start, 0.0) is None:
+            raise InvalidParameter("follower.fixtures", robot.fixtures, f"no: the scene {params.scene} has no planes")
+        device.device = Fixture(device.device, setup.scene.contacts)
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.world.damping)
     own = dataclasses.replace(device.declares(robot), own_damping=0.0)
@@ -43,11 +48,16 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
 
     if setup.coupling.limited:
-        for warning in held_warnings(servo_of(leads.params), setup.dof):
-            write(Event(clock(), "warning", warning, "warning"))
+        for common, params_in in ((False, leads.params), (True, seen(leads.params))):
+            for warning in held_warnings(servo_of(params_in), setup.dof):
+                if warning.startswith("world.ceiling_J") == common:  # joules are the leader's, all else is its own
+                    write(Event(clock(), "warning", warning, "warning"))
 
     def hold(position: Vector, empty: bool) -> DeviceCoupling:
-        return follower_servo(leads, position, empty)
+        servo = follower_servo(leads, position, empty)
+        if servo.reporter is not None:
+            servo.reporter.know_nothing()
+        return servo
 
     with named_section("follower"):
         hold((0.0,) * setup.dof, False)

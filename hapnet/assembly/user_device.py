@@ -258,6 +258,11 @@ class UserDevice:
         """Why the device renders no force now; empty: it does. HapnetError if it fails."""
         return str(self._call("braked")) if self._reports_braked else ""
 
+    @property
+    def missed(self) -> int:
+        """Readings that it made and nobody took, as far as it counts them."""
+        return int(getattr(self.device, "missed", 0) or 0)
+
     def buttons(self) -> tuple[bool, ...]:
         """Which buttons were pressed at the last reading; HapnetError if the device fails."""
         if not self._has_buttons:

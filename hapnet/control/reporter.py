@@ -29,6 +29,10 @@ class Teller:
         self._looked_m: float | None = None
         self._stands_for = 0.0
 
+    def know_nothing(self) -> None:
+        """Nobody knows what is around it, as of a real robot: it is felt through its position."""
+        self._planes = None
+
     def moved(self, done: Step, contacts: Surroundings) -> None:
         """The mass has made a step among these contacts."""
         self._contacts = contacts

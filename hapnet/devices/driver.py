@@ -56,6 +56,8 @@ class Driver(ABC):
     """The device itself takes the force away when no command has come for so long [s]; None: it does not."""
     dead_man: int | None = None
     """The button that must be held for a force; None: there is none."""
+    missed: int = 0
+    """Readings that the device made and nobody took, so far: the summary counts them."""
     knows_force: bool = True
     """Is what `acted` returns known from the device? False: it is a command, believed to have acted then."""
 

@@ -21,6 +21,7 @@ BUILT_IN: Mapping[str, str] = {
     "inverse3": "hapnet.devices.inverse3:Inverse3",
     "dhd": "hapnet.devices.force_dimension:ForceDimension",
     "touch": "hapnet.devices.touch:Touch",
+    "franka": "hapnet.devices.franka:Franka",
     "gamepad": "hapnet.devices.gamepad:Gamepad",
     "3dmouse": "hapnet.devices.space_mouse:SpaceMouse",
     "ros2": "hapnet.devices.ros2:Ros2",

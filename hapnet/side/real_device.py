@@ -46,6 +46,10 @@ class RealDevice(Device, Protocol):
     knows_force: bool
     """Is what `acted` returns known from the device?"""
 
+    @property
+    def missed(self) -> int:
+        """Readings that it made and nobody took."""
+
     def begin(self) -> None:
         """Control begins."""
 
@@ -209,7 +213,7 @@ class RealDeviceSide(SampledDeviceSide):
         """What the summary says about the device itself."""
         return {
             "name": self.device.name,
-            "missed": self.missed,
+            "missed": self.missed + self.device.missed,
             "silences": self.silences,
             "silent_s": self.silent_ns * NANO,
             "hot_s": self.limiter.limited_s,

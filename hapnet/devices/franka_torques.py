@@ -1,0 +1,168 @@
+"""The joint torques of an FR3 for a force at its tool, and the work that they do. No I/O, no clock.
+
+    tau   = J' F + tau_h                       J : of the tool's position, 3 x 7
+    tau_h = J' (k (x0 - x) - b v)_held + W' (K_w e - B_w w) - d a^2-damper + c
+
+* along axes that the scene does not have, the tool is held where it began (_held);
+* the wrist's spring has the potential K_w (1 - cos angle), with e = 1/2 sum of r_i x r_i0 over the columns r_i of the
+  tool's rotation; w = W dq;
+* the elbow is damped: n spans the null space of J and W, a = n' M dq / n' M n is the speed along it, and the torque
+  -d a M n / (n' M n) does not accelerate the tool and has the power -d a^2 / (n' M n) <= 0 (n of length 1);
+* c compensates Coriolis' and centrifugal torques.
+
+The account. Between two readings the joints move by dq, the tool by dx, and a torque acts that the robot reports as
+tau_J_d: of the one reported before and the one reported after, the one that put out more. Its work is that of the force
+that `acted` returns plus that of tau_h. Springs and dampers give out no more than they took; c may. So tau_h has an
+account of its own: where it would be below -`LENT_J`, springs and c are left out, and what it lacks is charged to the
+force. Where the tool moves too little to say which force did a work, the rest is owed and counted in the next readings.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+JOINTS = 7
+PERIOD_S = 1e-3
+TORQUE_LIMIT: Array = np.array([87.0] * 4 + [12.0] * 3)
+"""Of each joint [Nm]."""
+
+RATE = 990.0
+"""Its torques change by at most 1000 Nm/s; states are floats of 32 bits, so a hundredth less."""
+
+LENT_J = 0.01
+"""What the holding torques may give out before they have taken it in."""
+
+HELD_STIFFNESS, HELD_DAMPING = 600.0, 60.0
+MOST_OWED_N = 2.0
+"""What is owed changes the force by at most so much."""
+
+_WRIST_DAMPING_S = 0.08
+_SAME_NM = 1e-3
+_HOLDING = 0.6
+"""The share of the limit that holding may use."""
+
+
+class Arm(NamedTuple):
+    """One state: q [rad], dq [rad/s], the torque that the robot reports [Nm], the tool's position [m] and rotation, the
+    Jacobians of its position and of its rotation."""
+
+    q: Array
+    dq: Array
+    torque: Array
+    position: Array
+    rotation: Array
+    linear: Array
+    angular: Array
+
+    @classmethod
+    def of(cls, state: Any, jacobian: Any) -> Arm:
+        """From libfranka's RobotState and its Jacobian of 6 x 7; both have their columns one after the other."""
+        pose = np.array(state.O_T_EE).reshape(4, 4).T
+        both = np.array(jacobian).reshape(JOINTS, 6).T
+        q, dq, torque = (np.array(one) for one in (state.q, state.dq, state.tau_J_d))
+        return cls(q, dq, torque, pose[:3, 3], pose[:3, :3], both[:3], both[3:])
+
+
+class Account(NamedTuple):
+    """held : what the holding torques have taken in less what they gave out [J]. owed : work of the torques that no
+    force has been charged with yet [J]."""
+
+    held: float
+    owed: float
+
+
+class Torques:
+    """Torques for a force, with their account.
+
+    start : where the tool begins. held : projects on the axes that the scene does not have (3, 3). wrist [Nm/rad] and
+    elbow [Nms/rad] : see above.
+    """
+
+    def __init__(self, start: Arm, held: Array, wrist: float, elbow: float) -> None:
+        self._start, self._held, self._wrist, self._elbow = start, held, wrist, elbow
+        self._before = start
+        self.force: Array = np.zeros(3)
+        """The force that was sent last, after all limits [N]."""
+        self._hold: Array = np.zeros(JOINTS)
+        self._sent: Array = np.zeros(JOINTS)
+        self._confirmed = True
+        self._acting: tuple[Array, Array] = np.zeros(3), np.zeros(JOINTS)  # force and holding torque, as confirmed
+        self._held_J = self._owed_J = 0.0
+
+    @property
+    def account(self) -> Account:
+        return Account(self._held_J, self._owed_J)
+
+    def of(self, arm: Arm, force: Array, coriolis: Array, mass: Array) -> Array:
+        """The torques (7,) to send at `arm` for `force` (3,) [N]; mass : M, 7 x 7 one row after the other."""
+        push = arm.linear.T @ force
+        hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
+        room = np.where(push > 0.0, TORQUE_LIMIT - hold, TORQUE_LIMIT + hold)
+        share = min(1.0, float(np.min(room / np.maximum(np.abs(push), 1e-12))))
+        wanted = hold + share * push
+        before, part = self.force, self._step(wanted)
+        self.force = before + part * (share * force - before)
+        self._hold = self._sent - arm.linear.T @ self.force
+        return self._sent
+
+    def fading(self, arm: Arm) -> Array:
+        """The torques to send at `arm` on the way to none."""
+        self.acted(arm)
+        self._step(np.zeros(JOINTS))
+        return self._sent
+
+    def _step(self, wanted: Array) -> float:
+        """Go from what was sent towards `wanted`; returns which part of the way.
+
+        A command that the robot has not confirmed is repeated: whichever it has then, no step is too large.
+        """
+        step = wanted - self._sent
+        part = min(1.0, RATE * PERIOD_S / max(float(np.max(np.abs(step))), 1e-12)) if self._confirmed else 0.0
+        self._sent = self._sent + part * step
+        return part
+
+    def acted(self, arm: Arm) -> Array:
+        """The force (3,) [N] that acted since the last state."""
+        before, self._before = self._before, arm
+        joints, moved = arm.q - before.q, arm.position - before.position
+        (force, hold), torque = self._acting, before.torque
+        self._confirmed = bool(np.max(np.abs(arm.torque - self._sent)) < _SAME_NM)
+        if self._confirmed:
+            self._acting = self.force, self._hold
+        if arm.torque @ joints > torque @ joints:
+            (force, hold), torque = self._acting, arm.torque
+        self._held_J -= float(hold @ joints)
+        self._owed_J += float(torque @ joints - hold @ joints - force @ moved)
+        if self._held_J < -LENT_J:
+            self._owed_J -= self._held_J + LENT_J
+            self._held_J = -LENT_J
+        moved = moved - self._held @ moved  # no force is known to act along the others
+        far = float(np.linalg.norm(moved))
+        paid = min(abs(self._owed_J), MOST_OWED_N * far) * float(np.sign(self._owed_J))
+        self._owed_J -= paid
+        return force + (paid / far**2) * moved if far else force
+
+    def _holding(self, arm: Arm, coriolis: Array, mass: Array) -> Array:
+        velocity, turning = arm.linear @ arm.dq, arm.angular @ arm.dq
+        null = np.linalg.svd(np.vstack((arm.linear, arm.angular)))[2][-1]
+        along = mass @ null
+        inertia = float(null @ along)
+        torque: Array = -self._elbow * float(along @ arm.dq) / inertia**2 * along
+        torque = torque - arm.linear.T @ (HELD_DAMPING * self._held @ velocity)
+        torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * self._wrist * turning)
+        if self._held_J <= -0.5 * LENT_J:
+            return torque
+        away = self._held @ (self._start.position - arm.position)
+        turned = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
+        pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (self._wrist * turned)
+        return torque + pull + coriolis
+
+
+def _limited(torque: Array) -> Array:
+    """A holding torque, shortened to the share of each joint's limit that it may use."""
+    return torque * min(1.0, float(np.min(_HOLDING * TORQUE_LIMIT / np.maximum(np.abs(torque), 1e-12))))

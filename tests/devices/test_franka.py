@@ -1,0 +1,205 @@
+"""The driver of the FR3: its torques against the principle of virtual work, its account, what it does at failures."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapnet.devices.franka import Franka
+from hapnet.devices.franka_torques import LENT_J, TORQUE_LIMIT, Arm, Torques
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from tests.support import franka_stand_in as stand_in
+
+NOTHING = np.zeros((3, 3))
+
+
+@pytest.fixture
+def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setitem(sys.modules, "pylibfranka", stand_in)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: True)
+    monkeypatch.setattr("hapnet.devices.franka.find_spec", lambda name: True)
+    return
+
+
+def begun(dof: int = 3, **options: Any) -> tuple[Franka, stand_in.Robot]:
+    device = Franka(dof, "robot", sleep=lambda seconds: None, clock=lambda: 0.0, **options)
+    device.home()
+    device.begin()
+    return device, stand_in.Robot.made
+
+
+def arm(q: Any, dq: Any = (0.0,) * 7) -> Arm:
+    pose, jacobian = stand_in.chain(q)
+    return Arm(np.array(q), np.array(dq), np.zeros(7), pose[:3, 3], pose[:3, :3], jacobian[:3], jacobian[3:])
+
+
+def random_mass(rng: np.random.Generator) -> Any:
+    half = rng.normal(size=(7, 7))
+    return half @ half.T / 7.0 + 0.1 * np.eye(7)
+
+
+def test_a_torque_does_the_work_of_the_force_on_any_small_motion() -> None:
+    """tau . dq = F . dx for the motion of the chain itself, by its positions: no Jacobian."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        q, force = stand_in.START + rng.normal(scale=0.2, size=7), rng.normal(scale=0.2, size=3)
+        torque = Torques(arm(q), NOTHING, 0.0, 0.0).of(arm(q), force, np.zeros(7), random_mass(rng))
+        step = 1e-6 * rng.normal(size=7)
+        moved = stand_in.chain(q + step)[0][:3, 3] - stand_in.chain(q - step)[0][:3, 3]
+        assert torque @ (2.0 * step) == pytest.approx(force @ moved, rel=1e-6, abs=1e-13)
+
+
+def test_a_torque_beyond_its_limits_is_that_of_a_smaller_force() -> None:
+    made, here, mass = Torques(arm(stand_in.START), NOTHING, 0.0, 0.0), arm(stand_in.START), np.eye(7)
+    force, before = np.array([300.0, -100.0, 200.0]), np.zeros(7)
+    for _ in range(200):
+        torque = made.of(here, force, np.zeros(7), mass)
+        assert np.max(np.abs(torque - before)) <= 1.0  # 1000 Nm/s
+        assert np.all(np.abs(torque) <= TORQUE_LIMIT + 1e-9)
+        assert torque == pytest.approx(here.linear.T @ made.force, abs=1e-9)
+        before, here = torque, here._replace(torque=torque)
+        made.acted(here)
+    assert np.cross(made.force, force) == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.max(np.abs(torque) / TORQUE_LIMIT) == pytest.approx(1.0)
+    unconfirmed = here._replace(torque=torque + 0.5)
+    made.acted(unconfirmed)
+    assert made.of(unconfirmed, -force, np.zeros(7), mass) == pytest.approx(torque)  # what it has is not known
+
+
+def test_the_elbow_is_damped_and_the_tool_is_not_accelerated_by_that() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        here, mass = arm(stand_in.START + rng.normal(scale=0.2, size=7), 0.1 * rng.normal(size=7)), random_mass(rng)
+        torque = Torques(here, NOTHING, 0.0, 2.0).of(here, np.zeros(3), np.zeros(7), mass)
+        assert torque @ here.dq < 0.0
+        both = np.vstack((here.linear, here.angular))
+        assert both @ np.linalg.solve(mass, torque) == pytest.approx(np.zeros(6), abs=1e-9)
+
+
+def test_the_wrists_spring_has_a_potential() -> None:
+    """1 - cos of the angle: what turning about one axis takes, summed up over small steps."""
+    start = arm(stand_in.START)
+    work, steps = 0.0, 2000
+    for k in range(steps):
+        here = start._replace(rotation=_about_z((k + 0.5) * 0.6 / steps) @ start.rotation)
+        torque = Torques(start, NOTHING, 1.0, 0.0).of(here, np.zeros(3), np.zeros(7), np.eye(7))
+        work += float(torque @ np.linalg.pinv(here.angular) @ [0.0, 0.0, 0.6 / steps])
+    assert work == pytest.approx(-(1.0 - np.cos(0.6)), rel=1e-5)
+
+
+def _about_z(angle: float) -> Any:
+    return np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("lossy", [False, True])
+@pytest.mark.parametrize("axes", ["xyz", "x"])
+def test_the_account_has_all_work_of_the_torques(lossy: bool, axes: str, library: None) -> None:
+    """Of the torque reported before a motion and the one after it, that which put out more; nothing but the holding
+    torques' own account stands between that and the work of the force."""
+    device, robot = begun(len(axes), axes=axes)
+    rng = np.random.default_rng(3)
+    done = counted = 0.0
+    x, _ = device.read()
+    for k in range(500):
+        robot.lost = int(lossy and rng.random() < 0.2)
+        device.apply(tuple(6.0 * np.sin(0.004 * k * np.arange(1.0, 1.0 + device.dof)) - 8.0 * np.array(x)))
+        q, before = robot.q, robot.reported[-1]
+        now, _ = device.read()
+        done += max(before @ (robot.q - q), robot.reported[-1] @ (robot.q - q))
+        acted = device.acted()
+        assert acted is not None
+        counted += float(np.dot(acted, np.subtract(now, x)))
+        x = now
+    assert device.missed == (0 if not lossy else pytest.approx(100, abs=40))
+    account = device.account_J
+    assert counted == pytest.approx(done + account.held - account.owed, abs=1e-9)
+    assert account.held >= -LENT_J
+    assert abs(account.owed) < 0.002
+
+
+@pytest.mark.parametrize("error", ["cartesian_reflex", "communication_constraints_violation"])
+def test_a_reflex_is_said_and_ends_it(error: str, library: None) -> None:
+    device, robot = begun()
+    device.read()
+    device.apply((1.0, 0.0, 0.0))
+    robot.lost = 7
+    device.read()
+    robot.mode, robot.errors = stand_in.RobotMode.Reflex, error
+    with pytest.raises(HapnetError) as found:
+        device.read()
+    said = str(found.value)
+    assert said.startswith("the robot has stopped: ")
+    assert error in said
+    assert "7 states missed" in said
+    assert "\n" not in said
+    sent = len(robot.sent)
+    assert device.apply((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    device.close()
+    assert len(robot.sent) == sent
+    assert not robot.recovered  # a person does that
+
+
+def test_without_an_answer_nobody_knows_its_torque(library: None) -> None:
+    device, robot = begun()
+    device.read()
+    device.apply((1.0, 0.0, 0.0))
+
+    def gone(robot: stand_in.Robot) -> None:
+        raise stand_in.NetworkException("libfranka: UDP receive: Timeout")
+
+    robot.before_state = gone
+    with pytest.raises(HapnetError, match="no answer of the robot: UDP receive: Timeout"):
+        device.read()
+    with pytest.raises(DeviceSilent, match="UDP receive"):
+        device.apply((0.0, 0.0, 0.0))
+    device.close()
+
+
+def test_it_ends_by_a_ramp_and_holds_still(library: None) -> None:
+    device, robot = begun(force=100.0)
+    for _ in range(60):
+        device.read()
+        device.apply((0.0, 0.0, 90.0))
+    before, count = robot.sent[-1], len(robot.sent)
+    device.close()
+    assert np.max(np.abs(before)) > 20.0
+    assert np.max(np.abs(np.diff([before, *robot.sent[count:]], axis=0))) <= 1.0
+    assert robot.finished
+    assert not robot.sent[-1].any()
+
+
+def test_it_begins_only_with_a_robot_that_is_ready(library: None) -> None:
+    with pytest.raises(InvalidParameter, match="such as franka:"):
+        Franka(3)
+    with pytest.raises(InvalidParameter, match="speed"):
+        Franka(3, "robot", speed=3.0)
+    with pytest.raises(HapnetError, match="no robot at nowhere: Connection timeout"):
+        Franka(3, "nowhere")
+    device = Franka(3, "robot")
+    robot = stand_in.Robot.made
+    assert robot.config == stand_in.RealtimeConfig.kEnforce
+    robot.mode, robot.errors = stand_in.RobotMode.Reflex, "joint_reflex"
+    device.read()
+    with pytest.raises(HapnetError, match="mode Reflex joint_reflex: make it ready in Desk"):
+        device.home()
+    Franka(3, "robot", recover=True).home()
+    assert stand_in.Robot.made.recovered == 1
+    assert stand_in.Robot.made.thresholds[1] == [36.0] * 4 + [12.0] * 3
+
+
+def test_its_frame_is_hapnets(library: None) -> None:
+    """Its x points away from the base, which is away from the user: our y."""
+    device, robot = begun()
+    device.read()
+    device.apply((0.0, 1.0, 0.0))
+    for _ in range(20):
+        x, v = device.read()
+        device.apply((0.0, 1.0, 0.0))
+    assert v[1] > 0.0
+    moved = stand_in.chain(robot.q)[0][:3, 3] - stand_in.chain(stand_in.START)[0][:3, 3]
+    assert x == pytest.approx((-moved[1], moved[0], moved[2]))
