@@ -26,14 +26,11 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.devices.axes import Axes
 from hapnet.devices.driver import Driver
-from hapnet.devices.franka_torques import JOINTS, PERIOD_S, TORQUE_LIMIT, Account, Arm, Torques
+from hapnet.devices.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, TORQUE_LIMIT, Account, Arm, Torques
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 
 EARLY_S = 0.3e-3
 """The binding keeps Python's lock while it waits for a state. So the others may run until so long before the next."""
-
-LOST_IN_A_ROW = 20
-"""After so many cycles without a command the robot stops."""
 
 _RAMP_TICKS = 200
 _MASS_SHARE = 0.5

@@ -19,6 +19,7 @@ force. Where the tool moves too little to say which force did a work, the rest i
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,9 @@ JOINTS = 7
 PERIOD_S = 1e-3
 TORQUE_LIMIT: Array = np.array([87.0] * 4 + [12.0] * 3)
 """Of each joint [Nm]."""
+
+LOST_IN_A_ROW = 20
+"""After so many cycles without a command the robot stops."""
 
 RATE = 990.0
 """Its torques change by at most 1000 Nm/s; states are floats of 32 bits, so a hundredth less."""
@@ -68,6 +72,14 @@ class Arm(NamedTuple):
         return cls(q, dq, torque, pose[:3, 3], pose[:3, :3], both[:3], both[3:])
 
 
+class _Command(NamedTuple):
+    """torque [Nm] : that was sent, for a force [N] and with a holding torque [Nm]."""
+
+    torque: Array
+    force: Array
+    hold: Array
+
+
 class Account(NamedTuple):
     """held : what the holding torques have taken in less what they gave out [J]. owed : work of the torques that no
     force has been charged with yet [J]."""
@@ -88,10 +100,8 @@ class Torques:
         self._before = start
         self.force: Array = np.zeros(3)
         """The force that was sent last, after all limits [N]."""
-        self._hold: Array = np.zeros(JOINTS)
-        self._sent: Array = np.zeros(JOINTS)
-        self._confirmed = True
-        self._acting: tuple[Array, Array] = np.zeros(3), np.zeros(JOINTS)  # force and holding torque, as confirmed
+        nothing = _Command(np.zeros(JOINTS), np.zeros(3), np.zeros(JOINTS))
+        self._open = deque([nothing], LOST_IN_A_ROW)  # what the robot may have: the command that it reported, and later
         self._held_J = self._owed_J = 0.0
 
     @property
@@ -105,37 +115,36 @@ class Torques:
         room = np.where(push > 0.0, TORQUE_LIMIT - hold, TORQUE_LIMIT + hold)
         share = min(1.0, float(np.min(room / np.maximum(np.abs(push), 1e-12))))
         wanted = hold + share * push
-        before, part = self.force, self._step(wanted)
-        self.force = before + part * (share * force - before)
-        self._hold = self._sent - arm.linear.T @ self.force
-        return self._sent
+        torque, part = self._towards(wanted, arm.torque)
+        self.force = self.force + part * (share * force - self.force)
+        self._open.append(_Command(torque, self.force, torque - arm.linear.T @ self.force))
+        return torque
 
     def fading(self, arm: Arm) -> Array:
         """The torques to send at `arm` on the way to none."""
         self.acted(arm)
-        self._step(np.zeros(JOINTS))
-        return self._sent
+        torque, _ = self._towards(np.zeros(JOINTS), arm.torque)
+        self._open.append(_Command(torque, np.zeros(3), torque))
+        return torque
 
-    def _step(self, wanted: Array) -> float:
-        """Go from what was sent towards `wanted`; returns which part of the way.
-
-        A command that the robot has not confirmed is repeated: whichever it has then, no step is too large.
-        """
-        step = wanted - self._sent
-        part = min(1.0, RATE * PERIOD_S / max(float(np.max(np.abs(step))), 1e-12)) if self._confirmed else 0.0
-        self._sent = self._sent + part * step
-        return part
+    def _towards(self, wanted: Array, reported: Array) -> tuple[Array, float]:
+        """The torque on the way to `wanted`, and which part of it: no step is too large, whichever the robot has."""
+        sent, may = self._open[-1].torque, np.array([reported, *(one.torque for one in self._open)])
+        step, most = wanted - sent, RATE * PERIOD_S
+        room = np.where(step > 0.0, may.min(axis=0) + most - sent, sent - may.max(axis=0) + most)
+        part = float(np.clip(np.min(room / np.maximum(np.abs(step), 1e-12)), 0.0, 1.0))
+        return sent + part * step, part
 
     def acted(self, arm: Arm) -> Array:
         """The force (3,) [N] that acted since the last state."""
         before, self._before = self._before, arm
         joints, moved = arm.q - before.q, arm.position - before.position
-        (force, hold), torque = self._acting, before.torque
-        self._confirmed = bool(np.max(np.abs(arm.torque - self._sent)) < _SAME_NM)
-        if self._confirmed:
-            self._acting = self.force, self._hold
+        torque, (_, force, hold) = before.torque, self._open[0]
+        same = [bool(np.max(np.abs(arm.torque - one.torque)) < _SAME_NM) for one in self._open]
+        for _ in range(len(same) - 1 - same[::-1].index(True) if any(same) else 0):
+            self._open.popleft()
         if arm.torque @ joints > torque @ joints:
-            (force, hold), torque = self._acting, arm.torque
+            torque, (_, force, hold) = arm.torque, self._open[0]
         self._held_J -= float(hold @ joints)
         self._owed_J += float(torque @ joints - hold @ joints - force @ moved)
         if self._held_J < -LENT_J:

@@ -68,7 +68,11 @@ def test_a_torque_beyond_its_limits_is_that_of_a_smaller_force() -> None:
     assert np.max(np.abs(torque) / TORQUE_LIMIT) == pytest.approx(1.0)
     unconfirmed = here._replace(torque=torque + 0.5)
     made.acted(unconfirmed)
-    assert made.of(unconfirmed, -force, np.zeros(7), mass) == pytest.approx(torque)  # what it has is not known
+    may = [unconfirmed.torque, torque]  # whichever of these it has
+    for _ in range(5):
+        after = made.of(unconfirmed, -force, np.zeros(7), mass)
+        assert np.max(np.abs(after - np.array(may))) <= 1.0
+        may.append(after)
 
 
 def test_the_elbow_is_damped_and_the_tool_is_not_accelerated_by_that() -> None:
