@@ -29,6 +29,9 @@ SWEEPS = 32
 SETTLED_N = 1e-4
 """A sweep that changes no force by more than this [N] is the last."""
 
+PARALLEL = 1.0 - 1e-9
+"""Planes are springs side by side where the cosine between them is larger."""
+
 YIELDING_S = 0.3
 """Time constant with which the lead follows the level of the world's reservoir [s]: the hand must not notice."""
 
@@ -280,6 +283,8 @@ def compare_with(
     known = False
     for k in range(first, first + count):
         one = model.answer.planes[k]
+        if parallel(model.answer.planes, first, k, n, one) >= 0:
+            continue
         moving = abs(dot(n, one.normal, model.leading)) > SETTLED_MPS
         if moving or not among(one, earlier, model.count, n, position):
             copy(n, model.shifted, model.goal)
@@ -288,7 +293,13 @@ def compare_with(
         deep = depth(one, n, position)
         push = -dot(n, one.normal, force)
         if push > 0.0:
-            error = deep - push / one.stiffness  # the plane is really so much deeper
+            stiffness = one.stiffness
+            for j in range(model.answer.count):
+                other = model.answer.planes[j]
+                if j != k and depth(other, n, position) > 0.0 and dot(n, other.normal, one.normal) > PARALLEL:
+                    stiffness += other.stiffness
+                    push -= other.stiffness * (depth(other, n, position) - deep)
+            error = deep - push / stiffness  # the planes are really so much deeper
         elif deep > 0.0 and length(n, force) == 0.0:
             error = deep
         else:
@@ -298,6 +309,15 @@ def compare_with(
             model.before[axis] += one.normal[axis] * error
     model.has_goal = 1 if known else 0
     copy(n, model.before, model.goal)
+
+
+@equation
+def parallel(planes: Sequence[ContactPlane], first: int, stop: int, n: int, one: ContactPlane) -> int:
+    """The first of these planes that has the normal of this one; -1: there is none."""
+    for j in range(first, stop):
+        if dot(n, planes[j].normal, one.normal) > PARALLEL:
+            return j
+    return -1
 
 
 @equation

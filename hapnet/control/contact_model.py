@@ -125,7 +125,7 @@ class ContactModel(ContactState):
         if reports:
             self._know(planes)
             self.kept, self.kept_goal = kept
-            report(self.rubbing, self.planes, self.count, len(position), False, position)
+            report(self.rubbing, self.planes, self.count, len(position), False, position, 0.0)
 
     def _know(self, planes: Sequence[ContactPlane] | None) -> None:
         """These are the planes from now on; None: the world cannot send any."""

@@ -16,6 +16,7 @@ from hapnet.control.contact_equations import (
     forget_forces,
     keep,
     look,
+    parallel,
     respond,
     rest,
 )
@@ -38,7 +39,8 @@ def compare_surfaces(model: ContactState, n: int) -> None:
     if (model.rubbing.rubs or n > AXES) and count > 1:
         touched = 0
         for k in range(answer.count):
-            if depth(answer.planes[k], n, answer.position) > 0.0:
+            one = answer.planes[k]
+            if depth(one, n, answer.position) > 0.0 and (n > AXES or parallel(answer.planes, first, k, n, one) < 0):
                 first, touched = k, touched + 1
         if touched > 1:
             model.has_goal = 1
@@ -109,12 +111,15 @@ def adopt_surfaces(model: ContactState, n: int, count: int) -> None:
 
 @equation
 def meet_planes(model: ContactState, n: int) -> None:
-    """The proxy that rubs learns which planes are known now, and where the world's own touched them."""
-    answer = model.answer
+    """The proxy that rubs learns which planes are known now, and where the world's own touched them.
+
+    The velocity of that one is in `model.leading`.
+    """
+    answer, vague = model.answer, length(n, model.leading) * model.age
     touched = False
     for i in range(n):
         touched = touched or answer.force[i] != 0.0
-    friction_cone.report(model.rubbing, model.planes, model.count, n, touched, answer.position)
+    friction_cone.report(model.rubbing, model.planes, model.count, n, touched, answer.position, vague)
 
 
 IN_PLACE_OF_FLAT_ONES: dict[Callable[..., Any], Callable[..., Any]] = {

@@ -11,7 +11,7 @@ In free motion it is the device's own, so contact begins without strain, and a p
 
 The world's proxy sticks and slides by the same law, but later, and where the hand was predicted to be. So the two may
 stick at places that are a little apart. If they are far apart, as on an object that moves along its surface, the place
-here follows the world's.
+here follows the world's. A proxy that moves is where it was predicted: its place is as vague as its way since.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class RubbingProxy(Record):
 
     give : at least the largest eigenvalue of the compliance [m/N]; is_isotropic : are all the same?
     place : where it rested before: s of the last tick [m]. rubs : does any of the planes rub?
-    worlds : where the world's proxy rested, if it touched something (`has_worlds`) [m].
+    worlds : where the world's proxy rested, if it touched something (`has_worlds`) [m]; vague : its way since [m].
     count, normals, forces, tractions : of the planes, from the last tick. before, and those after it: room.
     seen : the planes as tangent planes.
     """
@@ -67,6 +67,7 @@ class RubbingProxy(Record):
     rubs: int
     has_worlds: int
     worlds: OfAxes
+    vague: float
     count: int
     normals: VectorsOfPlanes
     forces: OfPlanes
@@ -98,14 +99,16 @@ class RubbingProxy(Record):
         """It touches nothing, at `position` [m]."""
         self.place = list(position)
         self.rubs = self.has_worlds = self.count = 0
+        self.vague = 0.0
 
 
 @equation
 def report(
-    proxy: RubbingProxy, planes: Sequence[ContactPlane], count: int, n: int, touched: bool, place: Reals
+    proxy: RubbingProxy, planes: Sequence[ContactPlane], count: int, n: int, touched: bool, place: Reals, vague: float
 ) -> None:
-    """The world's planes are these now, and its own proxy rested at `place` [m], if it touched anything."""
-    proxy.rubs, proxy.has_worlds = 0, int(touched)
+    """The world's planes are these now. Its own proxy rested at `place` [m], if it touched anything, or goes on by
+    `vague` [m] until now."""
+    proxy.rubs, proxy.has_worlds, proxy.vague = 0, int(touched), vague
     copy(n, place, proxy.worlds)
     copy(proxy.count, proxy.forces, proxy.before)
     for k in range(proxy.count):
@@ -131,7 +134,7 @@ def agree(proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, dt: float
     """If the world's proxy was far away along the surfaces, come nearer to it for `dt` seconds."""
     if not (proxy.has_worlds and proxy.rubs):
         return
-    away, apart = proxy.away, AGREE_M
+    away, apart = proxy.away, AGREE_M + proxy.vague
     for i in range(n):
         away[i] = proxy.worlds[i] - proxy.place[i]
     for k in range(proxy.count):

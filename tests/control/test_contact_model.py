@@ -178,6 +178,19 @@ def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:
     assert y[0] == pytest.approx(0.01, abs=1e-5)
 
 
+@pytest.mark.parametrize("depth", [0.004, 0.012])
+@pytest.mark.parametrize("wrong", [0.0, 0.002])
+def test_planes_side_by_side_share_the_proxys_force(depth: float, wrong: float) -> None:
+    """As of a soft body: 200 N/m, and 300 more from 6 mm on, which the proxy touches or not; told too deep, or not."""
+    m, device = model((0.01,)), depth + (200.0 * depth + 300.0 * max(0.0, depth - 0.006)) / K_WORLD
+    force = -K_WORLD * (device - depth)
+    for k in range(30):
+        m.receive(reported((wall(wrong, 200.0), wall(wrong + 0.006, 300.0)), (depth,), (force,)), 0.02 * k, 0.0)
+        y = after(m, (device,), 0.02)
+    assert m.shift[0] == pytest.approx(-wrong, abs=2e-5)
+    assert y[0] == pytest.approx(depth, abs=2e-5)
+
+
 def test_a_shift_is_forgotten_out_of_contact() -> None:
     m = model((0.01,))
     for _ in range(2):  # what a plane says in its first message proves nothing

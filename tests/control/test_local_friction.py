@@ -173,6 +173,15 @@ def test_it_follows_the_worlds_proxy_if_that_is_carried_away() -> None:
     assert 0.0018 <= y[1] <= 0.002
 
 
+def test_it_does_not_follow_a_proxy_that_shot_beyond_the_hand() -> None:
+    """The hand came fast and stopped: the world's proxy goes on by 6 mm and comes back, and is 60 ms old."""
+    m, x = touching(0.5), (DEEP, 0.0, 0.0)
+    for k, proxy in enumerate((0.001, 0.003, 0.005, 0.006, 0.005, 0.003, 0.0015)):
+        m.receive(reported((face(0.5),), (DEEP * (1.0 - SOFT), proxy, 0.0), (-PUSH_N, 0.0, 0.0)), 0.02 * k, 0.06)
+        y = after(m, x, 0.02)
+    assert abs(y[1]) < 1e-4
+
+
 def test_friction_of_one_plane_is_no_push_of_another() -> None:
     """A wall 15 mm before a proxy that slides towards it: what holds that back says nothing of the wall."""
     wall = Plane((0.0, 1.0, 0.0), 0.015, K_WALL, 10.0, friction=0.5)

@@ -37,14 +37,15 @@ _SOLVES = 3
 _FAR_M = 1e-3
 """If a node goes by so much farther than expected, the body's turns are computed again."""
 
-_NEAR_M, _MOST, _MOST_LYING = 3e-3, 40, 300
+_NEAR_M, _MOST, _MOST_LYING = 3e-3, 150, 300
 """A point may touch if it is nearer to the ball's way than this, and than what it goes itself; the most that touch the
 ball, and the most that touch solids."""
 
 _FREE = 1e3
 """So compliant is what nothing holds [m/N]."""
 
-_SETTLING_S, _SETTLES, _SETTLED_MPS = 0.1, 20, 1e-4
+_SETTLING_S, _SETTLES, _SETTLED_MPS = (0.01, 0.1), 20, 1e-4
+"""The first steps are short: in a long one a body would tilt over an edge before that pushes back."""
 
 _SUNK = 0.5
 """A point may be so far behind the ball's centre, as a cosine: a ball that has sunk in by more than its radius touches
@@ -134,8 +135,8 @@ class SoftContacts(Surroundings):
         """
         resting = np.flatnonzero((self.q > 0.0) & (self.by_ball == 0.0))
         to_points, held = self.from_nodes(np.concatenate([points, resting]))
-        rows, cut = (3 * held[:, None] + np.arange(3)).ravel(), 3 * len(points)
-        of_nodes = self.body.factor.static * self.body.factor.columns(held)[rows]
+        cut = 3 * len(points)
+        of_nodes = self.body.factor.static * self.body.factor.columns(held, held)
         whole = to_points @ (to_points @ of_nodes.T).T
         springs = block_diagonal(self._held_by(resting))
         found: Array = whole[:cut, :cut] - whole[:cut, cut:] @ np.linalg.solve(
@@ -161,12 +162,10 @@ class SoftContacts(Surroundings):
         held = held[held < body.free]
         row, of = np.nonzero((weights > 0.0) & (nodes < body.free))
         node = nodes[row, of]
-        blocks, where = weights[row, of][:, None, None] * body.nodal[node], np.arange(3)
-        rows, columns = np.broadcast_arrays(
-            3 * row[:, None, None] + where[:, None], 3 * np.searchsorted(held, node)[:, None, None] + where
-        )
+        blocks = weights[row, of][:, None, None] * body.nodal[node]
+        until = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(points)))])
         shape = (3 * len(points), 3 * len(held))
-        return sparse.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape), held
+        return sparse.bsr_array((blocks, np.searchsorted(held, node), until), shape, blocksize=(3, 3)), held
 
     def gaps(self, points: Array, centre: Array, which: Any = slice(None)) -> tuple[Array, Array]:
         """Depth (k,) [m] of points (k, 3) in the ball, and the unit normals (k, 3) from the ball into the body.
@@ -247,15 +246,17 @@ class SoftContacts(Surroundings):
     def settle(self) -> float:
         """Let the body come to rest under gravity and on the solids, without the ball. Returns the last speed [m/s]."""
         body, speed, none = self.body, 0.0, np.zeros(3)
-        for _ in range(_SETTLES):
-            points, way = self.places(body.x), self._way(_SETTLING_S, none)
+        first, longest = _SETTLING_S
+        for turn in range(_SETTLES):
+            dt = min(first * 2.0**turn, longest)
+            points, way = self.places(body.x), self._way(dt, none)
             depths = np.full(len(points), -np.inf)
             nodes = points[: self.solids.count]
             depths[self.points : self.points + self.solids.balls] = self.solids.depths(
                 nodes, way[self.points : self.points + self.solids.balls]
             )
             self.reservoir_J = inf
-            self._advance(_SETTLING_S, points, depths, way, none, none, np.zeros((3, 3)))
+            self._advance(dt, points, depths, way, none, none, np.zeros((3, 3)))
             body.v[:] = 0.0
             speed = float(np.abs(body.mean).max())
             if speed < _SETTLED_MPS:

@@ -21,7 +21,7 @@ FACTORED_S = 0.2
 """The step for which S is factored [s]: good for 10 to 100 ms, and nearly static: then S is the stiffness."""
 
 MOST_ROUNDS = 60
-MOST_COLUMNS = 400
+MOST_COLUMNS = 500
 """Nodes of which columns are kept: those that were touched last."""
 
 
@@ -89,30 +89,38 @@ class Factor:
         """What the inverse of a rigid motion differs by [s], over the mass."""
         return 0.5 * (dt - self.softness(dt) * FACTORED_S)
 
-    def responses(self, dt: float, nodes: Indices) -> Array:
-        """The columns of ``S^-1`` for a step of `dt` [s], about, which belong to free nodes (m,), (3 free, 3 m)."""
-        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
-        found: Array = self.softness(dt) * self.columns(nodes)
+    def responses(self, dt: float, nodes: Indices, at: Indices | None = None) -> Array:
+        """The columns of ``S^-1`` for a step of `dt` [s], about, which belong to free nodes (m,): (3 free, 3 m).
+
+        at : only the rows of these free nodes (l,), in order: (3 l, 3 m).
+        """
+        found: Array = self.softness(dt) * self.columns(nodes, at)
         if self._rigid.size:
-            found += self._stiffer(dt) * (self._rigid @ self._rigid[rows].T)
+            rows = self._rigid if at is None else self._rigid[axes_of(at)]
+            found += self._stiffer(dt) * (rows @ self._rigid[axes_of(nodes)].T)
         return found
 
-    def columns(self, nodes: Indices) -> Array:
-        """Those of ``S0^-1`` that belong to free nodes (m,), (3 free, 3 m): how the body gives way to forces there."""
+    def columns(self, nodes: Indices, at: Indices | None = None) -> Array:
+        """Those of ``S0^-1``, as in `responses`: how the body gives way to forces on these nodes."""
         missing = [a for a in nodes.tolist() if a not in self._slots]
         if len(self._slots) + len(missing) > MOST_COLUMNS:
             self._slots.clear()
             missing = nodes.tolist()
         if missing:
             unit = np.zeros((3 * self._free, 3 * len(missing)))
-            rows = (3 * np.array(missing)[:, None] + np.arange(3)).ravel()
-            unit[rows, np.arange(len(rows))] = 1.0
+            unit[axes_of(np.array(missing)), np.arange(3 * len(missing))] = 1.0
             first = len(self._slots)
             self._kept[3 * first : 3 * (first + len(missing))] = self._factor.solve(unit).T
             self._slots.update({a: first + i for i, a in enumerate(missing)})
-        slots = np.array([self._slots[a] for a in nodes.tolist()], dtype=np.int64)
-        found: Array = self._kept[(3 * slots[:, None] + np.arange(3)).ravel()].T
+        slots = axes_of(np.array([self._slots[a] for a in nodes.tolist()], dtype=np.int64))
+        found: Array = self._kept[slots if at is None else np.ix_(slots, axes_of(at))].T
         return found
+
+
+def axes_of(nodes: Indices) -> Indices:
+    """The numbers of the axes of nodes (m,), in order (3m,)."""
+    found: Indices = (3 * nodes[:, None] + np.arange(3)).ravel()
+    return found
 
 
 def rigid_modes(mass: Array, places: Array) -> Array:

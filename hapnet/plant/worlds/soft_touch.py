@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.plant.worlds.soft_linear import Indices
+from hapnet.plant.worlds.soft_body import Marks
+from hapnet.plant.worlds.soft_linear import Indices, axes_of
 
 if TYPE_CHECKING:
     from hapnet.plant.worlds.soft_contacts import SoftContacts
@@ -50,7 +51,6 @@ class Touch:
     """
 
     def __init__(self, contacts: SoftContacts, dt: float, points: Indices, free: Array, compliance: Array) -> None:
-        body = contacts.body
         self._contacts, self._dt, self.points = contacts, dt, points
         self._free, self._compliance = free, compliance
         self._nodes, self._weights = contacts.nodes[points], contacts.weights[points]
@@ -58,15 +58,11 @@ class Touch:
         self._in_body = self._weights.any(axis=1, keepdims=True)
         self._stiffness, self._damping = contacts.stiffness[points], contacts.damping[points]
         self._first = int(np.searchsorted(points, contacts.points))  # of the solids
-        self._to_points, held = contacts.from_nodes(points)
-        self._from_points = self._to_points.T
-        self._columns = body.factor.responses(dt, held)  # L
+        self._to_points, self._held_nodes = contacts.from_nodes(points)
         count = len(points)
-        rows = (3 * held[:, None] + np.arange(3)).ravel()
-        self._yield = self._columns[rows]  # of these nodes to one another
-        self._given = self._to_points @ (self._to_points @ self._yield.T).T  # G + C
-        self._given += np.kron(np.outer(self._by_ball, self._by_ball), compliance)
-        self._is_solved = False
+        self._given = np.zeros((3 * count, 3 * count))  # G + C, the columns of those that are `_known`
+        self._known = np.zeros(count, dtype=bool)
+        self._is_solved, self._eliminated = False, -1
         self._put(np.zeros(count), np.zeros((count, 3)), np.zeros(count))
         self.drag = contacts.drag[points]
 
@@ -77,6 +73,18 @@ class Touch:
         firm = 0.5 * self._stiffness * self._dt * theta * theta + self._damping * theta
         along = normals[:, :, None] * normals[:, None, :]
         self._H = firm[:, None, None] * along + self.drag[:, None, None] * (np.eye(3) - along)
+
+    def _know(self, which: Marks) -> None:
+        """Forces on these points (k,) are coming: how all points give way to them."""
+        new = np.flatnonzero(which & ~self._known)
+        if not len(new):
+            return
+        self._known[new] = True
+        to_points, held = self._contacts.from_nodes(self.points[new])
+        of_nodes = self._contacts.body.factor.responses(self._dt, held, self._held_nodes)
+        given = (to_points @ (self._to_points @ of_nodes).T).T
+        given += np.kron(np.outer(self._by_ball, self._by_ball[new]), self._compliance)
+        self._given[:, axes_of(new)] = given
 
     # -- the passes ---------------------------------------------------------------------------------------------------
 
@@ -116,6 +124,7 @@ class Touch:
         None: they are those that it was solved with.
         """
         given = self._given
+        self._know(np.asarray(forces.any(axis=1)))
         ball = self._free - self._compliance @ self.on_ball(forces)
         rho = self.rho(ball, v)
         free = rho.ravel() + given @ forces.ravel()
@@ -133,8 +142,14 @@ class Touch:
             self._put(
                 np.where(theta > _SLIGHT, theta, 0.0), normals, self.next_drag(rho, forces) if turn else self.drag
             )
-            beside = np.eye(len(given)) + times_blocks(given, self._H)
-            rho = np.linalg.solve(beside, free - given @ self._push.ravel()).reshape(-1, 3)
+            touching: Marks = np.asarray(self.theta > 0.0)
+            self._know(touching)
+            rows = axes_of(np.flatnonzero(touching))
+            inner = given[np.ix_(rows, rows)]
+            beside = np.eye(len(rows)) + times_blocks(inner, self._H[touching])
+            among = np.linalg.solve(beside, free[rows] - inner @ self._push[touching].ravel()).reshape(-1, 3)
+            pushes = self._push[touching] + (self._H[touching] @ among[:, :, None])[:, :, 0]
+            rho = (free - given[:, rows] @ pushes.ravel()).reshape(-1, 3)
             forces = self.forces(rho)
             ball = self._free - self._compliance @ self.on_ball(forces)
         self._is_solved = True
@@ -185,9 +200,15 @@ class Touch:
         self._schur = np.linalg.solve(np.eye(3) + self._compliance @ whole, self._compliance)
         self._held = self._free - self._schur @ (whole @ self._free + self.on_ball(self._push))
         self.load = self.to_nodes(self._push + by_ball @ self._held)
-        beside = by_ball.reshape(-1, 3)
-        M = self._from_points @ (self._from_points @ (block_diagonal(self._H) - beside @ self._schur @ beside.T)).T
-        self._inner = np.linalg.solve(np.eye(len(M)) + M @ self._yield, M)
+        touching = np.flatnonzero(self._known)
+        if len(touching) != self._eliminated:
+            to_points, self._pushed = self._contacts.from_nodes(self.points[touching])
+            self._from_points, self._eliminated = to_points.T, len(touching)
+            self._columns = self._contacts.body.factor.responses(self._dt, self._pushed)  # L
+        beside = by_ball[touching].reshape(-1, 3)
+        held_by = block_diagonal(self._H[touching]) - beside @ self._schur @ beside.T
+        M = self._from_points @ (self._from_points @ held_by).T
+        self._inner = np.linalg.solve(np.eye(len(M)) + M @ self._columns[axes_of(self._pushed)], M)
 
     def at_points(self, v: Array) -> Array:
         """A field of the nodes (N, 3) at the points (k, 3)."""
@@ -203,7 +224,7 @@ class Touch:
 
     def spread(self, forces: Array) -> Array:
         """What forces on the points (k, 3) add to the nodes' velocities (N, 3), about."""
-        local = self._from_points @ forces.ravel()
+        local = self._from_points @ forces[self._known].ravel()
         return self._contacts.body.to_world(self._columns @ local)
 
     def given_way(self, forces: Array) -> Array:

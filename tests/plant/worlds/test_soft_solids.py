@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -9,15 +11,18 @@ from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import soft_mesh
+from hapnet.plant.worlds.field import DistanceFunction
+from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.picture import RESTS
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.plant.worlds.rigid_contacts import Solid
-from hapnet.plant.worlds.shapes import HalfSpace, Shape, Sphere
+from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 from hapnet.plant.worlds.soft import SoftWorld
 from hapnet.plant.worlds.soft_body import Body, Material
 from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
 from hapnet.plant.worlds.soft_picture import strains_shown
 from tests.plant.worlds.test_soft import FRONT_M, TENTH, VARIABLE, moved, shaken
+from tests.support.mesh_runs import boxes
 
 BELOW = HalfSpace((0.0, 0.0, -1.0), 0.03)
 G = 9.81
@@ -87,6 +92,51 @@ def test_every_step_closes_among_solids(shapes: tuple[Shape, ...], draw: object)
     run = moved(lying(*shapes), draw, shaken, 1.0)  # type: ignore[arg-type]
     assert run.closure_J <= 1e-12
     assert run.slack_J >= -1e-12
+
+
+def table(kind: str) -> Shape:
+    """What a block of 60 mm lies on, its top at -30 mm."""
+    middle = (0.06, 0.0, -0.05)
+    if kind == "cuboid":
+        return Cuboid(middle, (0.12, 0.12, 0.04))
+    if kind == "cylinder":
+        return Cylinder(middle, 0.06, 0.04)
+    if kind == "mesh":
+        return Mesh(*boxes((middle, (0.12, 0.12, 0.04))))
+    return DistanceFunction(partial(_in_slab, middle), "slab")
+
+
+def _in_slab(middle: tuple[float, ...], place: tuple[float, ...]) -> float:
+    """Of a slab with round edges."""
+    away = [abs(a - b) - half for a, b, half in zip(place, middle, (0.05, 0.05, 0.01), strict=True)]
+    return float(np.hypot.reduce([max(0.0, part) for part in away]) + min(0.0, max(away)) - 0.01)
+
+
+@pytest.mark.parametrize("kind", ["cuboid", "cylinder", "mesh", "function"])
+def test_solids_of_all_kinds_carry_a_block_that_is_shaken(kind: str) -> None:
+    """Its weight and sag are those on a plane, and every step closes while the ball presses it and slides along it."""
+    contacts, on_plane = lying(table(kind), nodes=64), lying()
+    assert contacts.body.x == pytest.approx(on_plane.body.x, abs=2e-5)
+    assert on_solids(contacts)[2] == pytest.approx(WEIGHT_N, rel=0.01)
+    run = moved(contacts, VARIABLE, shaken, 1.0)
+    assert contacts.body.x[:, 0].min() > 0.035  # it was pushed along
+    assert run.closure_J <= 1e-12
+    assert run.slack_J >= -1e-12
+
+
+@pytest.mark.parametrize("kind", ["cuboid", "mesh"])
+def test_a_block_hangs_over_an_edge(kind: str) -> None:
+    """A third of it is beyond the edge, and sags there, but the edge is not in it."""
+    middle, size = (0.03, 0.0, -0.05), (0.08, 0.12, 0.04)
+    shape = Cuboid(middle, size) if kind == "cuboid" else Mesh(*boxes((middle, size)))
+    contacts = lying(shape, nodes=216)
+    run = moved(contacts, VARIABLE, STILL, 1.0)
+    assert run.closure_J <= 1e-12
+    assert run.slack_J >= -1e-12
+    assert on_solids(contacts)[2] == pytest.approx(WEIGHT_N, rel=0.01)
+    x, _, z = contacts.body.x.T
+    assert z[x > 0.085].min() < z[x < 0.06].min() - 1e-3
+    assert max(-shape.near(tuple(place)).distance_m for place in contacts.body.x.tolist()) < 2e-3
 
 
 def sliding(slope: float, seconds: float) -> float:
