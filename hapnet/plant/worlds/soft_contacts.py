@@ -33,7 +33,7 @@ RESERVOIR_J = 0.01
 TOLERANCE = 0.01
 """Of the linear solve."""
 
-_SOLVES = 3
+_SOLVES = 5
 _FAR_M = 1e-3
 """If a node goes by so much farther than expected, the body's turns are computed again."""
 

@@ -169,6 +169,15 @@ def test_violent_motion_keeps_its_strains(name: str, draw: Draw) -> None:
     assert run.slack_J >= -1e-12
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["to and fro", "round", "askew"])
+def test_a_fine_body_keeps_its_strains_too(name: str) -> None:
+    """Of a thousand nodes a hundred points may come to touch within 50 ms."""
+    run = moved(block(1000), lambda rng: 0.05, VIOLENT[name], 2.0)
+    assert run.scale >= 0.99
+    assert run.closure_J <= 1e-12
+
+
 def test_indentation_agrees_with_an_independent_solver() -> None:
     """The same mesh, pins and forces in scikit-fem, at small strains."""
     skfem = pytest.importorskip("skfem")
