@@ -38,6 +38,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.pose_frame import PoseFrame
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
@@ -294,7 +295,7 @@ def _clutch(setup: Setup, device: Device) -> Clutch | None:
     text = setup.params.device.clutch
     if not text:
         return None
-    frame = Frame(1.0, 1.0, (0.0,) * setup.dof)
+    frame = PoseFrame(1.0) if setup.units == POSE else Frame(1.0, 1.0, (0.0,) * setup.dof)
     if (number := button(text)) is None:
         open_at = spans(text)
         return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))

@@ -15,9 +15,11 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.pose_frame import PoseFrame
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.engine_world import EngineMass
 from hapnet.plant.worlds.protocol import World
 from hapnet.units import POSE
 
@@ -51,9 +53,12 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
     held = is_held(params, spec)
     if scene.moves_proxy and not held:
         raise InvalidParameter("follower.servo", robot.servo, f"sampled in the scene {params.scene}, with pspm or zoh")
-    if scene.units == POSE:
-        allowed = f"none in the scene {params.scene}: a tool that turns cannot follow"
-        raise InvalidParameter("follower.robot", robot.robot, allowed)
+    if scene.units == POSE and not held:
+        allowed = f"sampled in the scene {params.scene}, with pspm or zoh: a tool is moved by a held force"
+        raise InvalidParameter("follower.servo", robot.servo, allowed)
+    if scene.units == POSE and robot.motion_scale != 1.0:
+        allowed = f"1 in the scene {params.scene}: angles are not scaled"
+        raise InvalidParameter("follower.motion_scale", robot.motion_scale, allowed)
     if robot.resolution_m and not held:
         raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")
     if robot.feedback == "force" and not held:
@@ -80,21 +85,29 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
         body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
         if body is None:
             body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
-        frame = Frame(robot.motion_scale, robot.force_scale, (0.0,) * scene.dof)
+        engine = isinstance(body, EngineMass)  # it knows its own damping
         return Robot(
             body,
             scene.contacts,
-            frame,
-            robot.own_damping if held and not scene.moves_proxy else 0.0,
+            frame_of(params, scene.units, scene.dof),
+            robot.own_damping if held and not engine else 0.0,
             robot.resolution_m,
             held=held,
-            engine=scene.moves_proxy,
+            engine=engine,
             here=robot.start == "here",
         )
 
     return params, RobotScene(
         scene, made, period_s, sees=robot.feedback == "planes", stiff=robot.motion_scale * robot.force_scale
     )
+
+
+def frame_of(params: Params, units: str, dof: int) -> Frame:
+    """The frame of a robot of these parameters, before it meets its leader."""
+    robot = params.follower
+    if units == POSE:
+        return PoseFrame(robot.force_scale)
+    return Frame(robot.motion_scale, robot.force_scale, (0.0,) * dof)
 
 
 def warnings(params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:

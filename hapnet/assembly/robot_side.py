@@ -6,14 +6,13 @@ import dataclasses
 
 from hapnet.assembly.build import Setup, drive, follower_servo
 from hapnet.assembly.fixture import Fixture
-from hapnet.assembly.follower import held_warnings, seen
+from hapnet.assembly.follower import frame_of, held_warnings, seen
 from hapnet.assembly.own_parts import named_section
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.frame import Frame
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.side.clutch import Clutch
 from hapnet.side.device import Clock, Write
@@ -66,8 +65,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         endpoint, device, hold, drive(at_robot, clock, lambda sample: write(_as_world(sample, period_s))),
         device.declared, device.limiter(servo),
     )  # fmt: skip
-    frame = Frame(robot.motion_scale, robot.force_scale, (0.0,) * setup.dof)
-    side.clutch = Clutch(frame, meets=robot.start == "here")
+    side.clutch = Clutch(frame_of(params, setup.units, setup.dof), meets=robot.start == "here")
     return side
 
 

@@ -120,7 +120,8 @@ def test_a_robots_contacts_are_drawn_from_where_it_truly_is() -> None:
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
-        ({"scene": "tool:box + plane"}, "follower.robot"),
+        ({"scene": "tool:box + plane", "follower.servo": "continuous"}, "follower.servo"),
+        ({"scene": "tool:box + plane", "follower.motion_scale": 2.0}, "follower.motion_scale"),
         ({"coupling": "wave", "follower.servo": "sampled"}, "follower.servo"),
         ({"follower.servo": "continuous", "follower.resolution_m": 1e-5}, "follower.resolution_m"),
         ({"follower.servo": "continuous", "follower.feedback": "force"}, "follower.feedback"),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from hapnet import simulate
 
+TOOLS = ("tool:box", "tool:box + plane", "tool:peg + hole?at=0,0,-20mm", "tool:stick + sphere?at=0,0,-60mm&radius=15mm")
 SCENES = ("free", "wall", "box", "sphere?at=0,0,-30mm&radius=15mm")
 OPERATORS = ("hand-21", "hand-22", "press", "sine")
 
@@ -44,8 +46,15 @@ def drawn(case: int) -> dict[str, object]:
     }
 
 
-def check(case: int) -> None:
-    params = drawn(case)
+def drawn_tool(case: int) -> dict[str, object]:
+    """As `drawn`, of a tool: it is moved by a held force, and angles are not scaled."""
+    params, rng = drawn(case), np.random.default_rng([34, case])
+    fits = {"scene": TOOLS[case % len(TOOLS)], "follower.servo": "sampled", "follower.motion_scale": 1.0}
+    return {**params, **fits, "duration_s": 2.0, "operator": ("hand-21", "hand-22", "press")[rng.integers(3)]}
+
+
+def check(case: int, make: Callable[[int], dict[str, object]] = drawn) -> None:
+    params = make(case)
     result = simulate(params, seed=case)
     summary, mass = result.summary, result.world.mass
     device, world = summary["device"], summary["world"]
@@ -69,6 +78,17 @@ def check(case: int) -> None:
 @pytest.mark.parametrize("case", range(10))
 def test_the_theorem_holds_with_a_robot_as_the_world(case: int) -> None:
     check(case)
+
+
+@pytest.mark.parametrize("case", [0, 1])
+def test_the_theorem_holds_with_a_tool_that_turns(case: int) -> None:
+    check(case, drawn_tool)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(2, 12))
+def test_the_theorem_holds_with_a_tool_over_a_dozen_links(case: int) -> None:
+    check(case, drawn_tool)
 
 
 @pytest.mark.slow

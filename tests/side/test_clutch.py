@@ -8,6 +8,7 @@ import pytest
 from hapnet import simulate
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.pose import rotation_vectors
 from hapnet.side.clutch import Clutch, button, spans
 
 
@@ -48,6 +49,26 @@ def test_the_follower_rests_and_nothing_jumps(rendering: str) -> None:
     assert np.ptp(world["position_m"][rests]) < 1e-3
     hand = device["operator_target_m"][since > 2.3]
     assert np.abs(hand - device["position_m"][since > 2.3]).max() < 0.06  # in the coupling's frame too
+    assert result.summary["verdict"]["passive"]
+
+
+def test_a_tool_rests_while_the_hand_turns_without_it() -> None:
+    params = {
+        "follower.robot": "simulated", "scene": "tool:box", "operator": "hand-23", "device.clutch": "0.6-1.2",
+        "duration_s": 2.0, "link.up": "delay 20ms", "link.down": "delay 20ms", "record_hz": 1000.0,
+    }  # fmt: skip
+    result = simulate(params, 1)
+    device, world = result.recording.device, result.recording.world
+    since = device["time_s"]  # from its own start, a little before the run's
+    alone = (since > 0.6) & (since < 1.17)
+    assert np.ptp(device["position_m"][alone], axis=0).max() < 1e-15
+    assert np.abs(device["force_N"][alone]).max() == 0.0
+    assert np.linalg.norm(np.diff(device["force_N"], axis=0), axis=1)[since[1:] > 0.5].max() <= 0.5 + 1e-9
+    rests = (world["time_s"] > 0.9) & (world["time_s"] < 1.15)
+    assert np.ptp(world["position_m"][rests], axis=0).max() < 1e-3
+    hand, handle = rotation_vectors(device["operator_target_m"]), rotation_vectors(device["position_m"])
+    apart = np.linalg.norm(hand - handle, axis=-1)
+    assert apart[since > 1.3].max() > 2.0 * apart[since < 0.55].max()  # what it turned alone is left
     assert result.summary["verdict"]["passive"]
 
 

@@ -128,8 +128,8 @@ class ToolContacts(Surroundings):
 
     # -- a step -------------------------------------------------------------------------------------------------------
 
-    def move(self, body: RigidBody, dt: float, ybar: Vector) -> tuple[Vector, float] | None:
-        """Move the body by a step of `dt` [s] on its coupling, among the solids.
+    def move(self, body: RigidBody, dt: float, ybar: Vector, push: Vector) -> tuple[Vector, float] | None:
+        """Move the body by a step of `dt` [s] on the spring that holds it to `ybar`, under `push`, among the solids.
 
         Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: the step was not found, and
         nothing has changed.
@@ -137,7 +137,7 @@ class ToolContacts(Surroundings):
         state, planes = State(body), self._planes
         start = self._pairs(body.x)
         planes.count = 0
-        if not step(body, dt, _STILL, ybar, planes):
+        if not step(body, dt, push, ybar, planes):
             return None
         met: list[Met] = []
         if not self._meet(body, start, met):
@@ -145,7 +145,7 @@ class ToolContacts(Surroundings):
             return _STILL, 0.0
         self._anchor(met)
         for left in range(CORRECTIONS, -1, -1):  # a step is the last that is done, with the planes that count
-            if not self._step(body, state, dt, ybar, met):
+            if not self._step(body, state, dt, ybar, push, met):
                 state.restore(body)
                 return None
             if not left:
@@ -190,7 +190,7 @@ class ToolContacts(Surroundings):
                 if secant.depth > 0.0:
                     secant.depth *= self.scale
 
-    def _step(self, body: RigidBody, state: State, dt: float, ybar: Vector, met: list[Met]) -> bool:
+    def _step(self, body: RigidBody, state: State, dt: float, ybar: Vector, push: Vector, met: list[Met]) -> bool:
         """The step against these planes, first without friction, then with it."""
         planes = self._planes
         planes.count = len(met)
@@ -199,7 +199,7 @@ class ToolContacts(Surroundings):
             planes.depths[k], planes.stiffnesses[k] = secant.depth, secant.stiffness
             planes.dampings[k], planes.drags[k] = secant.damping, 0.0
         state.restore(body)
-        if not step(body, dt, _STILL, ybar, planes):
+        if not step(body, dt, push, ybar, planes):
             return False
         if not self._rubs:
             return True
@@ -220,7 +220,7 @@ class ToolContacts(Surroundings):
         if not rubs:
             return True
         state.restore(body)
-        return step(body, dt, _STILL, ybar, planes)
+        return step(body, dt, push, ybar, planes)
 
     def _force(self, k: int, delta: Vector, dt: float) -> Vector:
         """What a plane did to its point in the step: push along the normal, and drag across [N]."""

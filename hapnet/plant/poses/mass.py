@@ -31,14 +31,19 @@ class ToolMass(Mass):
     ) -> None:
         self.contacts = contacts
         (K, K_arms), (B, B_arms) = _pair("stiffness", stiffness), _pair("damping", damping)
-        self._K, self._B = (K,) * 3 + (K_arms,) * 9, (B,) * 3 + (B_arms,) * 9
+        self._own = K, B, K_arms, B_arms
         m, tool, arm_m = _number("mass", mass), contacts.tool, contacts.arm_m
         a, b, c = (length * length for length in tool.size)
         least = 2.0 * m * arm_m * arm_m
         inertia = tool.inertia or tuple([max(least, m / 12.0 * moment) for moment in (b + c, a + c, a + b)])
         self.body = RigidBody(m, inertia, position, arm_m)
-        self.body.hold(K, B, K_arms, B_arms)
         settle(self.body)
+        self._hold(*self._own)
+
+    def _hold(self, K: float, B: float, K_arms: float, B_arms: float) -> None:
+        """A spring and a damper for the steps from now on."""
+        self._K, self._B = (K,) * 3 + (K_arms,) * 9, (B,) * 3 + (B_arms,) * 9
+        self.body.hold(K, B, K_arms, B_arms)
 
     @property
     def position(self) -> Vector:
@@ -65,12 +70,22 @@ class ToolMass(Mass):
         settle(body)
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
-        begun, before = self.position, self._potential(set_position)
-        force, work, lost, pull = self._advance(dt, set_position, HALVINGS)
+        self._hold(*self._own)
+        return self._made(dt, set_position, (0.0,) * AXES)
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
+        """The push is held along the coordinates: its torque turns with the tool."""
+        self._hold(0.0, drag, 0.0, drag)
+        return self._made(dt, self.position, push)
+
+    def _made(self, dt: float, ybar: Vector, push: Vector) -> Step:
+        """A step on the spring and damper that hold it, to `ybar`, and under `push`."""
+        begun, before = self.position, self._potential(ybar)
+        force, work, lost, pull = self._advance(dt, ybar, push, HALVINGS)
         moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
         velocity = tuple([part / dt for part in moved])
         force = doing(work, force, moved)  # of a step that was cut: the mean force that does the same work
-        pull = doing(before - self._potential(set_position) - lost, pull, moved)
+        pull = doing(inner(push, moved) + before - self._potential(ybar) - lost, pull, moved)
         self.contacts.at = end = self.position
         return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
 
@@ -78,19 +93,15 @@ class ToolMass(Mass):
         """phi [J]."""
         return 0.5 * added([k * (x - y) * (x - y) for k, x, y in zip(self._K, self.body.x, ybar, strict=True)])
 
-    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
-        """Refused where the coupling is chosen: such a law has no spring here."""
-        raise NotImplementedError("a tool moves on a spring of its own")
-
-    def _advance(self, dt: float, ybar: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
+    def _advance(self, dt: float, ybar: Vector, push: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
         """Force of the solids (12,) [N] and its work [J], what the damper dissipated [J], and the coupling's force."""
         body = self.body
-        found = self.contacts.move(body, dt, ybar)
+        found = self.contacts.move(body, dt, ybar, push)
         if found is None:
             if not halvings:
                 raise HapnetError(f"a step of {dt:g} s of the tool was not found")
-            first = self._advance(0.5 * dt, ybar, halvings - 1)
-            second = self._advance(0.5 * dt, ybar, halvings - 1)
+            first = self._advance(0.5 * dt, ybar, push, halvings - 1)
+            second = self._advance(0.5 * dt, ybar, push, halvings - 1)
             f, pull = (
                 tuple([0.5 * (a + b) for a, b in zip(first[k], second[k], strict=True)])  # type: ignore[arg-type]
                 for k in (0, 3)
@@ -99,7 +110,7 @@ class ToolMass(Mass):
         mean, middle = body.mean, body.middle
         damper = [b * v for b, v in zip(self._B, mean, strict=True)]
         spring = [k * (x - y) for k, x, y in zip(self._K, middle, ybar, strict=True)]
-        pull = tuple([-a - b for a, b in zip(damper, spring, strict=True)])
+        pull = tuple([given - a - b for given, a, b in zip(push, damper, spring, strict=True)])
         return found[0], found[1], dt * inner(damper, mean), pull
 
 
