@@ -73,10 +73,14 @@ def make_emulator(device: str, params: Params) -> Emulator:
     Raises InvalidParameter: the device has no emulator, or not these options.
     """
     from hapnet.assembly.operators import operator
+    from hapnet.assembly.units import with_units
     from hapnet.devices import registry
-    from hapnet.devices.emulator import Handle
+    from hapnet.devices.emulator import ArmHandle, Handle
+    from hapnet.kernel.real_time import CompiledDevices
+    from hapnet.plant.arms.device import SimulatedArm
     from hapnet.plant.device import SimulatedDevice
     from hapnet.plant.worlds.registry import make_scene
+    from hapnet.records.machine_code import no_compiler
 
     name, _, behind = device.partition(":")
     known = registry.known()
@@ -88,6 +92,14 @@ def make_emulator(device: str, params: Params) -> Emulator:
         raise InvalidParameter("device", name, allowed, () if name in known else having)
     kind = load("emulator", target, "a class that can be imported")
     given = registry.options(device, kind, behind)
+    if (table := kind.arm(given)) is not None:
+        scene = make_scene("joints", dof=len(table.joints))
+        hand = operator(with_units(params, scene), scene)
+        arm = SimulatedArm(table, hand, substeps=1, compensated=False, by_joints=True)
+        if no_compiler() is None:
+            arm = CompiledDevices().simulated(arm)
+        hanging: Emulator = kind(ArmHandle(arm), time.monotonic_ns, **given)
+        return hanging
     scene = make_scene("free", dof=kind.dof)
     simulated = SimulatedDevice(
         operator(params, scene),

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from hapnet.checks import Vector
+from hapnet.plant.arms.device import SimulatedArm
+from hapnet.plant.arms.table import ArmTable
 from hapnet.plant.device import SimulatedDevice
 
 NANO = 1e-9
@@ -69,6 +71,10 @@ class Handle:
         self._commanded_ns = now_ns
         return self.device.apply(force)
 
+    def stored_J(self) -> float:
+        """What the device itself holds of what its actuators gave to it [J]."""
+        return 0.0
+
     def _advance(self, now_ns: int) -> None:
         """Catch up with the clock, in steps; after a pause of more than a second the hand has stood still meanwhile."""
         if self._start_ns is None:
@@ -83,12 +89,27 @@ class Handle:
             if late and any(self.force):
                 device.apply((0.0,) * device.dof)
                 self.released += 1
-            before = device.position
+            before, stored_J = device.position, self.stored_J()
             device.advance()
             self.work_J += sum(f * (b - a) for f, a, b in zip(self.force, before, device.position, strict=True))
+            self.work_J += stored_J - self.stored_J()
             period_s = self._period_ns * NANO
             self.impulse_Ns = tuple([j + f * period_s for j, f in zip(self.impulse_Ns, self.force, strict=True)])
             self.most_given_J = max(self.most_given_J, self.work_J)
+
+
+class ArmHandle(Handle):
+    """An arm that hangs in the hand, its axes the joints: its motors may carry its weight, which they do not give away.
+
+    arm : its motors' torques are what `hold` sets [Nm].
+    """
+
+    def __init__(self, arm: SimulatedArm) -> None:
+        super().__init__(arm)
+        self._arm = arm
+
+    def stored_J(self) -> float:
+        return self._arm.potential
 
 
 class Emulator(ABC):
@@ -106,6 +127,11 @@ class Emulator(ABC):
         self._clock = clock
         self.address = ""
         """Where it can be reached, as a text that can follow ``NAME:``."""
+
+    @classmethod
+    def arm(cls, options: Mapping[str, Any]) -> ArmTable | None:
+        """The arm whose joints its handle is, an `ArmHandle`; None: a handle with `dof` axes."""
+        return None
 
     @abstractmethod
     def run(self, stop: threading.Event) -> None:

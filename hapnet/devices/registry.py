@@ -22,6 +22,8 @@ BUILT_IN: Mapping[str, str] = {
     "dhd": "hapnet.devices.force_dimension:ForceDimension",
     "touch": "hapnet.devices.touch:Touch",
     "franka": "hapnet.devices.franka:Franka",
+    "dynamixel": "hapnet.devices.dynamixel:Dynamixel",
+    "feetech": "hapnet.devices.feetech:Feetech",
     "gamepad": "hapnet.devices.gamepad:Gamepad",
     "3dmouse": "hapnet.devices.space_mouse:SpaceMouse",
     "ros2": "hapnet.devices.ros2:Ros2",

@@ -5,16 +5,14 @@ from __future__ import annotations
 import os
 import random
 import select
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import ClassVar
 
 from hapnet.devices import serial_frames as wire
 from hapnet.devices.emulator import NANO, Emulator, Handle
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.devices.pseudo_terminal import PseudoTerminal
 
 _PERIOD_NS = 1_000_000
 _STALLED_NS = 500_000_000
@@ -51,16 +49,9 @@ class SerialEmulator(Emulator):
         super().__init__(handle, clock)
         self._noise, self._stall_s, self._rubbish, self._units, self._button = noise, stall, rubbish, units, button
         self._random = random.Random(seed)
-        self._device, self._driver, name = _terminals()
-        self.address: str = link or name
-        self._link = Path(link) if link else None
-        if self._link is not None:
-            try:
-                if self._link.is_symlink():
-                    self._link.unlink()
-                self._link.symlink_to(name)
-            except OSError as error:
-                raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
+        self._terminal = PseudoTerminal(link)
+        self._device = self._terminal.device
+        self.address: str = self._terminal.address
         self._unread = b""
         self._first_ns: int | None = None  # when the first command came
         self._number = 0
@@ -81,11 +72,7 @@ class SerialEmulator(Emulator):
             self._send_state(start_ns)
             now_ns = self._clock()
             due_ns = (now_ns if now_ns - due_ns > _PERIOD_NS // 2 else due_ns) + _PERIOD_NS  # it does not hurry
-        with suppress(OSError):
-            if self._link is not None:
-                self._link.unlink()
-        os.close(self._device)
-        os.close(self._driver)
+        self._terminal.close()
 
     def _send_state(self, start_ns: int) -> None:
         now_ns = self._clock()
@@ -130,17 +117,3 @@ class SerialEmulator(Emulator):
         if not self._noise:
             return data
         return bytes(byte for byte in data if self._random.random() >= self._noise)
-
-
-def _terminals() -> tuple[int, int, str]:
-    """Both ends of a pseudo-terminal, the device's first, and the name of the driver's."""
-    if sys.platform != "win32":
-        import tty
-
-        device, driver = os.openpty()
-        for end in (device, driver):
-            tty.setraw(end)
-        os.set_blocking(device, False)
-        return device, driver, os.ttyname(driver)
-    else:  # noqa: RET505  # for mypy this is not unreachable
-        raise HapnetError("Windows has no pseudo-terminals: emulate the serial axis on Linux or macOS")

@@ -1,0 +1,55 @@
+"""A pseudo-terminal for an emulator: what it writes comes out of a port that a driver can open."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from hapnet.errors import HapnetError, InvalidParameter
+
+
+class PseudoTerminal:
+    """Both ends, and a name for the driver's. link : a path that points to it, as its own name changes.
+
+    Attributes
+    ----------
+    device : the emulator's end, which does not block. address : the path to open.
+
+    Raises InvalidParameter: the path cannot be made. HapnetError: Windows has none.
+    """
+
+    def __init__(self, link: str = "") -> None:
+        self.device, self._driver, name = _terminals()
+        self.address: str = link or name
+        self._link = Path(link) if link else None
+        if self._link is not None:
+            try:
+                if self._link.is_symlink():
+                    self._link.unlink()
+                self._link.symlink_to(name)
+            except OSError as error:
+                raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
+
+    def close(self) -> None:
+        """Take both ends and the link away."""
+        with suppress(OSError):
+            if self._link is not None:
+                self._link.unlink()
+        os.close(self.device)
+        os.close(self._driver)
+
+
+def _terminals() -> tuple[int, int, str]:
+    """Both ends of a pseudo-terminal, the device's first, and the name of the driver's."""
+    if sys.platform != "win32":
+        import tty
+
+        device, driver = os.openpty()
+        for end in (device, driver):
+            tty.setraw(end)
+        os.set_blocking(device, False)
+        return device, driver, os.ttyname(driver)
+    else:  # noqa: RET505  # for mypy this is not unreachable
+        raise HapnetError("Windows has no pseudo-terminals: emulate a port on Linux or macOS")
