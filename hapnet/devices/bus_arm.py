@@ -35,7 +35,7 @@ from hapnet.units import METRES, RADIANS
 NO_FORCE = 1e-6
 """The limit of an arm without force [N]: so the coupling keeps no energy for one."""
 
-_LATENCY_S, _MARGIN, _SHARE = 1e-3, 1.1, 0.75
+_LATENCY_S, _MARGIN, _SHARE = 1e-3, 1.1, 0.85
 """A tick costs its bytes' time, a tenth more and this; a reading may take this share of a period."""
 
 _SILENT_S = 0.02
@@ -217,7 +217,7 @@ class BusArm(Driver):
             self.switch(self._ids, on=True)
 
     def read(self) -> tuple[Vector, Vector]:
-        """Ask all servos where they are; those that do not answer once more, within three quarters of a period.
+        """Ask all servos where they are; those that do not answer once more, within most of a period.
 
         Raises DeviceSilent: one of them did not answer, or the port has gone.
         """

@@ -62,8 +62,8 @@ class BusEmulator(Emulator):
     link : a path that points to the pseudo-terminal, whose own name changes. arm, tip, calibration : as `BusArm`.
     model : of the servos; empty: the first. baud : bits a second. delay : the servos' return delay at first, in 2 us.
     noise : share of the bytes that get lost in each direction. corrupt : share of the statuses with a changed byte.
-    silent, overload : after so many seconds the servo with the number `servo` answers no more, or is overloaded; 0:
-    never. seed : of what is random.
+    silent, overload : after so many seconds the servo with the number `servo` (0: the first) answers no more, or is
+    overloaded; 0: never. seed : of what is random.
     """
 
     packets: ClassVar[type[wire.Packets]]
@@ -85,12 +85,12 @@ class BusEmulator(Emulator):
         corrupt: float = 0.0,
         silent: float = 0.0,
         overload: float = 0.0,
-        servo: int = 1,
+        servo: int = 0,
         seed: int = 0,
     ) -> None:
         super().__init__(handle, clock)
         self._baud, self._noise, self._corrupt = baud, noise, corrupt
-        self._silent_s, self._overload_s, self._failing = silent, overload, servo
+        self._silent_s, self._overload_s = silent, overload
         self._random = random.Random(seed)
         self._frames = self.packets()
         self.number, self.torque = self.models[one_of("model", model or next(iter(self.models)), tuple(self.models))]
@@ -98,7 +98,8 @@ class BusEmulator(Emulator):
         joints = joints_of(table, calibration, in_servo=self.packets is wire.Dynamixel2)
         self._home = table.home
         self.servos = {joint.servo: Servo(joint) for joint in joints}
-        if servo not in self.servos:
+        self._failing = servo or joints[0].servo
+        if self._failing not in self.servos:
             raise InvalidParameter("servo", servo, f"one of {', '.join(map(str, self.servos))}")
         for each in self.servos.values():
             self.make(each, delay)
@@ -107,8 +108,6 @@ class BusEmulator(Emulator):
         self._due: list[tuple[int, int, Callable[[int], None]]] = []
         self._count = self._free_ns = 0
         self._first_ns: int | None = None
-        self.bytes_carried: int = 0
-        """By the wire so far, in both directions."""
 
     @classmethod
     def arm(cls, options: Mapping[str, Any]) -> ArmTable:
@@ -191,7 +190,6 @@ class BusEmulator(Emulator):
         """When so many bytes begin and end to pass on the wire, which carries one packet after another."""
         begin = max(after_ns, self._free_ns)
         self._free_ns = begin + round(transfer_s(size, self._baud) / NANO)
-        self.bytes_carried += size
         return begin, self._free_ns
 
     def _hear(self, packet: wire.Packet) -> None:

@@ -47,7 +47,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "couplings": {"records", "mechanics", "control", "wire"},
     "kernel": BELOW_ASSEMBLY,  # it compiles some of their functions
     "processes": set(),
-    "devices": {"plant", "transport"},  # a robot of ROS is reached over Zenoh
+    "devices": {"records", "mechanics", "plant", "transport"},  # a robot of ROS is reached over Zenoh
     "assembly": BELOW_ASSEMBLY | {"devices"},
     "summary": BELOW_ASSEMBLY,
     "metrics": BELOW_ASSEMBLY | {"summary"},

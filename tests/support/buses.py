@@ -1,0 +1,101 @@
+"""Servo buses in a thread of the test, and how fast they are: `python -m tests.support.buses`."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hapnet.devices.bus_emulator import BusEmulator, DynamixelEmulator, FeetechEmulator
+from hapnet.devices.emulator import ArmHandle
+from hapnet.errors import DeviceSilent
+from hapnet.plant.arms.device import SimulatedArm
+from hapnet.plant.operator import Impedance, Operator, Rest
+
+HAND = Impedance(0.005, 0.05, 3.0)
+"""At each joint: kg m^2, Nms/rad, Nm/rad."""
+
+
+@contextmanager
+def bus(
+    kind: type[BusEmulator] = DynamixelEmulator, hand: Operator | None = None, period: float = 2e-3, **options: Any
+) -> Iterator[Any]:
+    """An emulated bus that serves until the block ends; its arm moves in steps of `period` [s]."""
+    table = kind.arm(options)
+    hand = hand or Rest(len(table.joints), HAND)
+    arm = SimulatedArm(table, hand, period=period, substeps=1, compensated=False, by_joints=True)
+    emulator = kind(ArmHandle(arm), time.monotonic_ns, **options)
+    stop = threading.Event()
+    thread = threading.Thread(target=emulator.run, args=(stop,))
+    thread.start()
+    try:
+        yield emulator
+    finally:
+        stop.set()
+        thread.join()
+
+
+def urdf(folder: Path, joints: int) -> Path:
+    """An arm of so many joints, in turn about z and y, each with a bar of 0.1 m and 50 g."""
+    links, hinges = ['<link name="l0"/>'], []
+    for k in range(1, joints + 1):
+        links.append(
+            f'<link name="l{k}"><inertial><origin xyz="0 0 0.05"/><mass value="0.05"/>'
+            '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+        axis = "0 0 1" if k % 2 else "0 1 0"
+        hinges.append(
+            f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="0 0 0.1"/><axis xyz="{axis}"/><limit lower="-1" upper="2" effort="0" velocity="0"/></joint>'
+        )
+    path = folder / f"arm{joints}.urdf"
+    path.write_text(f'<robot name="arm">{"".join(links + hinges)}</robot>', "utf-8")
+    return path
+
+
+def main() -> None:
+    """What a tick of the bus takes, from bytes and baud rate and as measured, with no other work between."""
+    import tempfile
+
+    from hapnet.devices.bus_arm import BusArm, tick_bytes
+    from hapnet.devices.dynamixel import Dynamixel
+    from hapnet.devices.feetech import Feetech
+    from hapnet.devices.servo_bus import transfer_s
+
+    pairs: tuple[tuple[type[BusArm], type[BusEmulator], tuple[int, ...]], ...] = (
+        (Dynamixel, DynamixelEmulator, (57_600, 1_000_000, 4_000_000)), (Feetech, FeetechEmulator, (1_000_000,)),
+    )  # fmt: skip
+    print("| bus | servos | bytes a tick | bit/s | theory [Hz] | measured [Hz] |")
+    with tempfile.TemporaryDirectory() as name:
+        for device, kind, bauds in pairs:
+            for joints in (3, 6, 7):
+                for baud in bauds:
+                    arm = str(urdf(Path(name), joints))
+                    more = {"torque_constant": 1.0} if device is Feetech else {}
+                    model = "HLS" if device is Feetech else ""
+                    with bus(kind, period=0.1, arm=arm, baud=baud, model=model, delay=0) as emulator:
+                        driver = device(3, emulator.address, arm=arm, baud=baud, **more)
+                        took, write_s = [], transfer_s(14 + 3 * joints, baud)
+                        for _ in range(100):
+                            begun = time.perf_counter()
+                            try:
+                                driver.read()
+                            except DeviceSilent:
+                                continue
+                            values = dict.fromkeys(emulator.servos, b"\0\0")
+                            driver.bus.sync_write(driver.goal, values)
+                            time.sleep(write_s)  # until it is through
+                            took.append(time.perf_counter() - begun)
+                        driver.close()
+                    count = tick_bytes(device.packets(), device.present[1], joints)
+                    theory, found = 1.0 / transfer_s(count, baud), 1.0 / float(np.median(took))
+                    print(f"| {device.__name__} | {joints} | {count} | {baud} | {theory:.0f} | {found:.0f} |")
+
+
+if __name__ == "__main__":
+    main()
