@@ -62,7 +62,7 @@ class BusEmulator(Emulator):
     link : a path that points to the pseudo-terminal, whose own name changes. arm, tip, calibration : as `BusArm`.
     model : of the servos; empty: the first. baud : bits a second. delay : the servos' return delay at first, in 2 us.
     noise : share of the bytes that get lost in each direction. corrupt : share of the statuses with a changed byte.
-    silent, overload : after so many seconds the servo with the number `servo` (0: the first) answers no more, or is
+    silent, overload : so many seconds after the first torque servo number `servo` (0: the first) answers no more, or is
     overloaded; 0: never. seed : of what is random.
     """
 
@@ -269,10 +269,11 @@ class BusEmulator(Emulator):
 
     def _hold(self, at_ns: int) -> None:
         """The motors' torques from now on."""
-        self._first_ns = self._first_ns or at_ns
-        self.handle.hold(at_ns, tuple([
-            servo.joint.sign * self.torque * self.drive(servo) for servo in self.servos.values()
-        ]))  # fmt: skip
+        servos = self.servos.values()
+        torques = tuple([servo.joint.sign * self.torque * self.drive(servo) for servo in servos])
+        self.handle.hold(at_ns, torques)
+        if self._first_ns is None and any(torques):
+            self._first_ns = at_ns
 
 
 class DynamixelEmulator(BusEmulator):

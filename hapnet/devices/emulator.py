@@ -99,17 +99,23 @@ class Handle:
 
 
 class ArmHandle(Handle):
-    """An arm that hangs in the hand, its axes the joints: its motors may carry its weight, which they do not give away.
+    """An arm that hangs in the hand, its axes the joints: what its motors give to its weight they do not give away.
 
-    arm : its motors' torques are what `hold` sets [Nm].
+    arm : its motors' torques are what `hold` sets [Nm]; from the first one on the work is counted.
     """
 
     def __init__(self, arm: SimulatedArm) -> None:
         super().__init__(arm)
         self._arm = arm
+        self._is_driven = False
 
     def stored_J(self) -> float:
-        return self._arm.potential
+        return self._arm.potential if self._is_driven else 0.0
+
+    def hold(self, now_ns: int, force: Vector) -> Vector:
+        held = super().hold(now_ns, force)
+        self._is_driven |= any(force)
+        return held
 
 
 class Emulator(ABC):
