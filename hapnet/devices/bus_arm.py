@@ -38,6 +38,9 @@ NO_FORCE = 1e-6
 _LATENCY_S, _MARGIN, _SHARE = 1e-3, 1.1, 0.85
 """A tick costs its bytes' time, a tenth more and this; a reading may take this share of a period."""
 
+UNKNOWN = "a fault"
+"""That of a servo which has not said more of it yet."""
+
 _SILENT_S = 0.02
 _GLANCE_TICKS = 8
 _HOT_K, _COOL_K = 5, 10
@@ -337,7 +340,7 @@ class BusArm(Driver):
     def _note(self, joint: JointServo, fault: str) -> None:
         if not fault:
             self._faults.pop(joint.servo, None)
-        elif joint.servo not in self._faults:
+        elif UNKNOWN in self._faults.get(joint.servo, UNKNOWN):
             self._faults[joint.servo] = f"servo {joint.servo} ({joint.name}) reports {self.why(joint.servo, fault)}"
 
     def _glance(self, left_s: float) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from struct import Struct
 from typing import NamedTuple
 
-from hapnet.devices.bus_arm import BusArm, Present
+from hapnet.devices.bus_arm import UNKNOWN, BusArm, Present
 from hapnet.devices.bus_joints import JointServo
 from hapnet.devices.bus_packets import Dynamixel2, Reply
 from hapnet.errors import HapnetError
@@ -121,7 +121,7 @@ class Dynamixel(BusArm):
 
     def decoded(self, reply: Reply) -> Present:
         current, rate, count = BLOCK.unpack(reply.data)
-        return Present(count, current, rate * RATE_RADPS, "a fault" if reply.error & 0x80 else "")
+        return Present(count, current, rate * RATE_RADPS, UNKNOWN if reply.error & 0x80 else "")
 
     def current(self, count: int) -> bytes:
         return count.to_bytes(2, "little", signed=True)
