@@ -1,0 +1,65 @@
+"""One side of a hapnet pair for a program without asyncio: it runs in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from typing import Any
+
+
+class Side:
+    """What `connect` gives, an asynchronous context manager such as `hapnet.connect_device`, from `open` to `close`."""
+
+    def __init__(self, connect: Callable[[], AbstractAsyncContextManager[Any]]) -> None:
+        self._connect = connect
+        self._changed = threading.Event()
+        self._failure: BaseException | None = None
+        self._side: Any = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._leave: asyncio.Event | None = None
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), name="hapnet", daemon=True)
+        self.summary: Any = None
+
+    def open(self) -> None:
+        """Returns when the other side can come. Raises what prevents it."""
+        self._thread.start()
+        self._changed.wait()
+        self.check()
+
+    def check(self) -> None:
+        """Raise what the side failed with."""
+        if self._failure is not None:
+            raise ConnectionError(f"hapnet: {self._failure}") from self._failure
+
+    @property
+    def sample(self) -> Any:
+        """The newest sample; None: there is no peer yet. Raises what the side failed with."""
+        self.check()
+        return self._side.sample
+
+    @property
+    def is_open(self) -> bool:
+        return self._side is not None and self._thread.is_alive()
+
+    def close(self) -> None:
+        """The force is zero first; then the other side is told. `summary` is then the run's."""
+        if self._loop is not None and self._leave is not None and self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._leave.set)
+            self._thread.join()
+
+    async def _main(self) -> None:
+        self._loop, self._leave = asyncio.get_running_loop(), asyncio.Event()
+        try:
+            async with self._connect() as self._side:
+                self._changed.set()
+                left, ended = (asyncio.ensure_future(one) for one in (self._leave.wait(), self._side.wait_ended()))
+                await asyncio.wait((left, ended), return_when=asyncio.FIRST_COMPLETED)
+                left.cancel()
+                ended.cancel()
+            self.summary = await self._side.wait_ended()
+        except Exception as error:
+            self._failure = error
+        finally:
+            self._changed.set()

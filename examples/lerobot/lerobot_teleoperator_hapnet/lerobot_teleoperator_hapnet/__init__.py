@@ -1,0 +1,149 @@
+"""A hand behind a bad network, for LeRobot: ``--teleop.type=hapnet`` beside any of LeRobot's robots.
+
+The other side, on the hand's host, is `hapnet device` with any haptic device, or LeRobot with ``--robot.type=hapnet``.
+Here a virtual mass follows the hand, passively over any link, and an action is where it is. What `send_feedback` says
+of the robot acts on the mass, and so on the hand.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
+from lerobot_robot_hapnet.side import Side
+
+from hapnet import connect_world
+
+STALE_S = 0.25
+"""Feedback that is older does not act."""
+
+
+@TeleoperatorConfig.register_subclass("hapnet")
+@dataclass(kw_only=True)
+class HapnetTeleoperatorConfig(TeleoperatorConfig):
+    """joints : the action's names, one for each axis. scale : metres (radians of joints) in a unit of an action.
+
+    connect, listen : endpoints, as `hapnet world` has them. params : hapnet's, such as {"link.down": "4g"}. stiffness,
+    damping : of the spring from the mass to where the robot is, where feedback has positions [N/m], [Ns/m].
+    """
+
+    joints: list[str] = field(default_factory=lambda: ["x"])
+    scale: float = 0.001
+    connect: str = ""
+    listen: str = ""
+    params: dict[str, Any] = field(default_factory=dict)
+    stiffness: float = 200.0
+    damping: float = 2.0
+
+
+class HapnetTeleoperator(Teleoperator):
+    """The far hand."""
+
+    config_class = HapnetTeleoperatorConfig
+    name = "hapnet"
+
+    def __init__(self, config: HapnetTeleoperatorConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self.robot = Measured(len(config.joints), config.stiffness, config.damping)
+        self.side: Side | None = None
+        self._first = dict.fromkeys(self.action_features, 0.0)
+        self._fed = False
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        return {f"{joint}.pos": float for joint in self.config.joints}
+
+    @cached_property
+    def feedback_features(self) -> dict[str, type]:
+        return self.action_features | {f"{joint}.force": float for joint in self.config.joints}
+
+    @property
+    def is_connected(self) -> bool:
+        return self.side is not None and self.side.is_open
+
+    is_calibrated = True
+
+    def calibrate(self) -> None: ...
+
+    def configure(self) -> None: ...
+
+    def connect(self, calibrate: bool = True) -> None:
+        given = self.config
+        params = {"dof": len(given.joints)} | given.params
+        ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
+        self.side = Side(lambda: connect_world(params, scene=lambda **_: self.robot, **ends))
+        self.side.open()
+
+    def get_action(self) -> dict[str, float]:
+        """Where the mass is. With feedback it begins where the robot is, without at 0."""
+        return {
+            name: first + x / self.config.scale
+            for (name, first), x in zip(self._first.items(), self._at(), strict=True)
+        }
+
+    def send_feedback(self, feedback: dict[str, Any]) -> None:
+        """Where the robot is (``x.pos``), or the force on it (``x.force``, in N), which counts more."""
+        forces = [feedback.get(f"{joint}.force") for joint in self.config.joints]
+        if None not in forces:
+            self.robot.tell(force=tuple(map(float, forces)))
+            return
+        now = {name: float(feedback[name]) for name in self.action_features}
+        if not self._fed:
+            at = zip(now.items(), self._at(), strict=True)
+            self._fed, self._first = True, {name: place - x / self.config.scale for (name, place), x in at}
+        self.robot.tell(at=tuple((now[name] - first) * self.config.scale for name, first in self._first.items()))
+
+    def _at(self) -> tuple[float, ...]:
+        assert self.side is not None, "connect comes first"
+        sample = self.side.sample
+        return (0.0,) * self.robot.dof if sample is None else tuple(sample.position_m)
+
+    def disconnect(self) -> None:
+        if self.side is not None:
+            self.side.close()
+
+
+class Measured:
+    """The robot as a world: what it does to the mass, as of the last feedback. hapnet keeps its account."""
+
+    name = "lerobot"
+
+    def __init__(self, dof: int, stiffness: float, damping: float) -> None:
+        self.dof = dof
+        self._stiffness, self._damping = stiffness, damping
+        self._told: tuple[float, tuple[float, ...] | None, tuple[float, ...] | None] = (-1.0, None, None)
+
+    def tell(self, at: tuple[float, ...] | None = None, force: tuple[float, ...] | None = None) -> None:
+        self._told = time.monotonic(), at, force
+
+    def step(self, dt: float, position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
+        """The force on the mass [N]."""
+        told_s, at, force = self._told
+        if time.monotonic() - told_s > STALE_S:
+            return (0.0,) * self.dof
+        if force is not None:
+            return force
+        assert at is not None
+        return tuple(
+            self._stiffness * (there - x) - self._damping * v
+            for there, x, v in zip(at, position, velocity, strict=True)
+        )
+
+
+def with_feedback(teleop: Teleoperator) -> Callable[[tuple[dict[str, Any], dict[str, Any]]], dict[str, Any]]:
+    """A `teleop_action_processor` for LeRobot's own loop, which hands observations to nobody else (but for one robot).
+
+    It feeds the observation back first, so that the first action is where the robot is.
+    """
+
+    def process(action_and_observation: tuple[dict[str, Any], dict[str, Any]]) -> dict[str, Any]:
+        teleop.send_feedback(action_and_observation[1])
+        action: dict[str, Any] = teleop.get_action()
+        return action
+
+    return process
