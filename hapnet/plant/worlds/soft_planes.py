@@ -125,8 +125,9 @@ class Course:
             n /= np.maximum(np.linalg.norm(n, axis=1), 1e-9)[:, None]
             wanted = self._radius - ((self._still - c) * n).sum(axis=1)
             k = len(n)
-            across_points = np.einsum("ia,iajb,jb->ij", n, self._G.reshape(k, 3, k, 3), n, optimize=True)
-            pushes = one_sided(across_points + np.eye(k) / self._k, wanted)
+            moves = (self._G.reshape(3 * k, k, 3) * n).sum(axis=2).reshape(k, 3, k)
+            along = (n[:, :, None] * moves).sum(axis=1)
+            pushes = one_sided(along + np.eye(k) / self._k, wanted)
             self._apart = self._still + (self._G @ (pushes[:, None] * n).ravel()).reshape(-1, 3)
         return float(pushes @ (n @ self._n))
 
