@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import struct
 import time
 from collections.abc import Iterator
 
@@ -16,7 +18,7 @@ from hapnet.devices.ros2 import Ros2
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.transport.config import free_address
 from tests.support.processes import until
-from tests.support.ros_node import POSE, WRENCH, BareNode, router
+from tests.support.ros_node import JOINTS, POSE, WRENCH, BareNode, router
 
 STATE, COMMAND = "/arm/current_pose", "/arm/target_wrench"
 
@@ -76,6 +78,36 @@ def test_a_robot_is_read_commanded_and_seen_by_ros(node: BareNode, address: str)
     finally:
         robot.close()
     until(lambda: not node.tokens)
+
+
+def joint_state(positions: tuple[float, float], efforts: tuple[float, ...]) -> bytes:
+    """Of the joints a and b, by the rules of CDR; velocities there are none."""
+    data = struct.pack("<4sIIIx3x", b"\0\1\0\0", 0, 0, 1) + struct.pack("<II2s2xI2s2x", 2, 2, b"a", 2, b"b")
+    data += struct.pack("<I2dI", 2, *positions, 0)
+    return data + struct.pack(f"<I{len(efforts)}d", len(efforts), *efforts)
+
+
+def test_joints_are_read_by_name_with_their_measured_efforts(node: BareNode, address: str) -> None:
+    node.listen(f"0/commands/{JOINTS}")
+    data = joint_state((0.25, -0.5), (1.5, -2.0))
+    node.stream(f"joint_states/{JOINTS}", 100.0, lambda: data)
+    robot = Ros2(2, "/joint_states", "/commands", "/joint_states", joints="b+a", router=address)
+    try:
+        assert robot.units == "rad"
+        assert robot.knows_force
+        assert moving(robot)[0] == -0.5
+        until(lambda: (robot.acted() or moving(robot)) == (-2.0, 1.5))
+        robot.apply((0.75, 0.5))
+        until(lambda: len(node.messages) == 1)
+        assert node.messages[0][1].endswith(struct.pack("<I2d", 2, 0.75, 0.5))
+        data = joint_state((math.nan, -0.5), ())
+        for _ in range(3):  # what came before that
+            with contextlib.suppress(DeviceSilent):
+                robot.read()
+        with pytest.raises(DeviceSilent, match="bad"):
+            robot.read()
+    finally:
+        robot.close()
 
 
 def test_a_target_moves_a_device_without_force_until_it_is_silent(node: BareNode, address: str) -> None:

@@ -10,7 +10,7 @@ import json
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import zenoh
@@ -19,6 +19,7 @@ POSE = "geometry_msgs::msg::dds_::PoseStamped_/RIHS01_10f3786d7d40fd2b5436783561
 WRENCH = (
     "geometry_msgs::msg::dds_::WrenchStamped_/RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77"
 )
+JOINTS = "sensor_msgs::msg::dds_::JointState_/RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
 
 
 def opened(**config: Any) -> zenoh.Session:
@@ -58,18 +59,23 @@ class BareNode:
         self._kept.append(self.session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False)))
 
     def publish_pose(self, topic: str, x: float, y: float, z: float) -> None:
-        self._count += 1
         header = struct.pack("<4sIIIx3x", b"\0\1\0\0", 0, 0, 1)  # an empty frame; numbers begin at multiples of 8
-        data = header + struct.pack("<7d", x, y, z, 0, 0, 0, 1)
-        attachment = struct.pack("<qqB16s", self._count, time.time_ns(), 16, b"the test's poses")
-        self.session.put(f"0/{topic}/{POSE}", data, attachment=attachment)
+        self.publish(f"{topic}/{POSE}", header + struct.pack("<7d", x, y, z, 0, 0, 0, 1))
 
-    def stream(self, topic: str, hz: float) -> None:
-        """Publish poses that move along x, until `close`."""
+    def publish(self, key: str, data: bytes) -> None:
+        self._count += 1
+        attachment = struct.pack("<qqB16s", self._count, time.time_ns(), 16, b"the test's poses")
+        self.session.put(f"0/{key}", data, attachment=attachment)
+
+    def stream(self, topic: str, hz: float, make: Callable[[], bytes] | None = None) -> None:
+        """Publish poses that move along x, or what `make` gives on the key `topic`, until `close`."""
 
         def run() -> None:
             while not self._stop.wait(1.0 / hz):
-                self.publish_pose(topic, 1e-4 * self._count, 0.0, 0.0)
+                if make is None:
+                    self.publish_pose(topic, 1e-4 * self._count, 0.0, 0.0)
+                else:
+                    self.publish(topic, make())
 
         thread = threading.Thread(target=run, daemon=True)
         thread.start()
