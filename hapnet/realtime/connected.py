@@ -89,7 +89,7 @@ class ConnectedSide(Generic[SampleType]):
 
     def summary(self) -> Summary:
         """The summary so far, or of the whole run; the other side's part is what it reported, or None."""
-        return self._task.side.summary()
+        return self._task.summary()
 
     # -- what can be changed -------------------------------------------------------------------------------------------
 

@@ -88,6 +88,11 @@ class SideTask:
         if not self._was_paired:
             self.require_running()
 
+    def summary(self) -> Summary:
+        """The summary so far, or of the whole run; a scene that was given as an object has no name after that."""
+        ended = self._task.done() and self.failure is None
+        return self._task.result() if ended else self.side.summary()
+
     async def result(self) -> Summary:
         """The side's summary, once it has ended. Raises what it failed with."""
         await asyncio.wait((self._task,))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -78,11 +79,26 @@ def corridor(*, dof: int = 1) -> Scene:
     return Scene("corridor", dof, [Wall([1.0] + [0.0] * (dof - 1), 0.01, 3000.0, 10.0)])
 
 
+class Empty:
+    """A world of one's own that steps: of its summary more is asked than of others."""
+
+    name = "corridor"
+    dof = 1
+
+    def step(self, dt: float, position: Sequence[float], velocity: Sequence[float]) -> float:
+        return 0.0
+
+
 @pytest.mark.slow
 async def test_devices_and_scenes_may_be_objects_classes_or_functions(tmp_path: Path) -> None:
     names, address = [], local_address(str(tmp_path))
     Handle.made.clear()
-    for scene, device in ((corridor, Handle), (corridor(), Handle()), (lambda: corridor(), lambda dof: Handle())):
+    for scene, device in (
+        (corridor, Handle),
+        (corridor(), Handle()),
+        (lambda: corridor(), lambda dof: Handle()),
+        (lambda: Empty(), Handle()),
+    ):
         async with (
             asyncio.timeout(WAIT_S),
             connect_world(SETTINGS, scene=scene, listen=address) as world,
@@ -93,8 +109,9 @@ async def test_devices_and_scenes_may_be_objects_classes_or_functions(tmp_path: 
             params = connected._task.side.setup.params
             names.append((params.scene, params.hardware))
             assert connected._task.side.setup.scene.name == "corridor"
+        assert {world.summary()["coupling"], connected.summary()["coupling"]} == {"pspm"}
     assert names[0] == (f"{__name__}:corridor", "tests.support.cancelling:Handle")
-    assert [handle.closed for handle in Handle.made] == [True, True, True]
+    assert [handle.closed for handle in Handle.made] == [True] * 4
     for pair in names[1:]:
         for name in pair:
             assert name.startswith("object:")
