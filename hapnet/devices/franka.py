@@ -54,7 +54,7 @@ class Franka(Driver):
     [N]. reach : how far the tool may go from where it began, along each axis [m], and speed : how fast [m/s]; beyond
     them there is no force any more. wrist : stiffness of the spring that holds how the tool is turned [Nm/rad].
     elbow : damping of the elbow's motion [Nms/rad]. realtime : refuse a kernel without PREEMPT_RT, as the maker does.
-    recover : clear the errors of the last motion first.
+    recover : clear the errors of the last motion first. clock : monotonic [s].
 
     Raises InvalidParameter: a value is not allowed. HapnetError: no library, no robot, or one that is not ready.
     """
@@ -79,7 +79,6 @@ class Franka(Driver):
         realtime: bool = True,
         recover: bool = False,
         clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.dof = dof
         self._axes = Axes(axes, dof)
@@ -95,12 +94,11 @@ class Franka(Driver):
         self.greatest_speed: float | None = speed
         self.missed: int = 0
         """States of the robot that nobody took, as this program was late."""
-        self._clock, self._sleep = clock, sleep
+        self._clock = clock
         self._contact, self._recover = contact, recover
         self._control: Any = None
         self._failed, self._stopped = "", False
         self._due_s = 0.0
-        self._x: Vector = ()
         self._acted: Vector | None = None
         if why := self.missing():
             raise HapnetError(f"the robot needs {why}")
@@ -129,7 +127,7 @@ class Franka(Driver):
     def missing(cls) -> str:
         if find_spec("pylibfranka") is not None:
             return ""
-        return "pylibfranka (Linux, Python 3.9 to 3.12): pip install 'hapnet-haptics[franka]'"
+        return "pylibfranka (Linux, Python 3.11 or 3.12): pip install 'hapnet-haptics[franka]'"
 
     def home(self) -> None:
         """Set the thresholds of its reflexes. Nothing moves.
@@ -167,7 +165,7 @@ class Franka(Driver):
         if self._failed:
             raise HapnetError(self._failed)
         if (wait_s := self._due_s - self._clock()) > 0.0:
-            self._sleep(wait_s)
+            time.sleep(wait_s)
         try:
             if self._control is None:
                 self._state = self._robot.read_once()

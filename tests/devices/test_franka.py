@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def begun(dof: int = 3, **options: Any) -> tuple[Franka, stand_in.Robot]:
-    device = Franka(dof, "robot", sleep=lambda seconds: None, clock=lambda: 0.0, **options)
+    device = Franka(dof, "robot", clock=count().__next__, **options)
     device.home()
     device.begin()
     return device, stand_in.Robot.made
