@@ -1,20 +1,21 @@
 """The joint torques of an FR3 for a force at its tool, and the work that they do. No I/O, no clock.
 
     tau   = J' F + tau_h                       J : of the tool's position, 3 x 7
-    tau_h = J' (k (x0 - x) - b v)_held + W' (K_w e - B_w w) - d a^2-damper + c
+    tau_h = J' (k (x0 - x) - b v)_held + W' (K_w e - B_w w) + (k_e n' (q0 - q) - d a) M n / (n' M n) + c
 
 * along axes that the scene does not have, the tool is held where it began (_held);
 * the wrist's spring has the potential K_w (1 - cos angle), with e = 1/2 sum of r_i x r_i0 over the columns r_i of the
   tool's rotation; w = W dq;
-* the elbow is damped: n spans the null space of J and W, a = n' M dq / n' M n is the speed along it, and the torque
-  -d a M n / (n' M n) does not accelerate the tool and has the power -d a^2 / (n' M n) <= 0 (n of length 1);
+* the elbow is damped, and goes back to where it began: n, of length 1, spans the null space of J and W, and
+  a = n' M dq / n' M n is the speed along it. Torques along M n do not accelerate the tool; the damper puts in -d a^2;
 * c compensates Coriolis' and centrifugal torques.
 
 The account. Between two readings the joints move by dq, the tool by dx, and a torque acts that the robot reports as
 tau_J_d: of the one reported before and the one reported after, the one that put out more. Its work is that of the force
-that `acted` returns plus that of tau_h. Springs and dampers give out no more than they took; c may. So tau_h has an
-account of its own: where it would be below -`LENT_J`, springs and c are left out, and what it lacks is charged to the
-force. Where the tool moves too little to say which force did a work, the rest is owed and counted in the next readings.
+that `acted` returns plus that of tau_h. Dampers and springs with a potential give out no more than they took; c and the
+elbow's spring may. So tau_h has an account of its own: where it comes near -`LENT_J`, springs and c are left out, and
+what it lacks is charged to the force. Where the tool moves too little to say which force did a work, the rest is owed
+and counted in the next readings.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ LENT_J = 0.01
 HELD_STIFFNESS, HELD_DAMPING = 600.0, 60.0
 MOST_OWED_N = 2.0
 """What is owed changes the force by at most so much."""
+
+ELBOW_PER_S = 5.0
+"""The elbow's spring k_e [Nm/rad] is so many times its damper [Nms/rad]."""
 
 _WRIST_DAMPING_S = 0.08
 _SAME_NM = 1e-3
@@ -162,6 +166,7 @@ class Torques:
         along = mass @ null
         inertia = float(null @ along)
         torque: Array = -self._elbow * float(along @ arm.dq) / inertia**2 * along
+        back = ELBOW_PER_S * self._elbow * float(null @ (self._start.q - arm.q)) / inertia
         torque = torque - arm.linear.T @ (HELD_DAMPING * self._held @ velocity)
         torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * self._wrist * turning)
         if self._held_J <= -0.5 * LENT_J:
@@ -169,7 +174,7 @@ class Torques:
         away = self._held @ (self._start.position - arm.position)
         turned = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
         pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (self._wrist * turned)
-        return torque + pull + coriolis
+        return torque + pull + back * along + coriolis
 
 
 def _limited(torque: Array) -> Array:
