@@ -173,8 +173,8 @@ class Torques:
             return torque
         away = self._held @ (self._start.position - arm.position)
         turned = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
-        pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (self._wrist * turned)
-        return torque + pull + back * along + coriolis
+        pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (self._wrist * turned) + back * along
+        return torque + pull + coriolis
 
 
 def _limited(torque: Array) -> Array:
