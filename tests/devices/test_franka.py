@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Iterator
 from itertools import count
@@ -22,7 +21,6 @@ NOTHING = np.zeros((3, 3))
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setitem(sys.modules, "pylibfranka", stand_in)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: True)
     monkeypatch.setattr("hapnet.devices.franka.find_spec", lambda name: True)
     return
 
