@@ -40,10 +40,6 @@ class ServoBus:
         self.baud, self.packets = baud, packets
         self.asked = self.answered = 0
 
-    def send(self, packet: bytes) -> None:
-        """Send a packet that nobody answers. Raises DeviceSilent: the port has gone."""
-        self.port.write(packet)
-
     def sync_read(self, address: int, size: int, servos: Sequence[int], budget_s: float) -> dict[int, Reply]:
         """The servos' answers; those that are missing are asked again, as long as the budget [s] allows.
 
@@ -71,7 +67,7 @@ class ServoBus:
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write to several servos, which do not answer. Raises DeviceSilent."""
-        self.send(self.packets.sync_write(address, values))
+        self.port.write(self.packets.sync_write(address, values))
 
     def glance(self, servo: int, address: int, size: int, budget_s: float) -> Reply | None:
         """A few bytes of one servo's table, asked once; None: it did not answer in time. Raises DeviceSilent."""
@@ -109,11 +105,3 @@ class ServoBus:
                 if reply is not None and packet.servo in servos and len(reply.data) == size:
                     found[packet.servo] = reply
         return found
-
-    def reopen(self, patience_s: float) -> bool:
-        """As `SerialPort.reopen`."""
-        return self.port.reopen(patience_s)
-
-    def close(self) -> None:
-        """Close the port."""
-        self.port.close()

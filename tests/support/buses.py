@@ -23,7 +23,7 @@ HAND = Impedance(0.005, 0.05, 3.0)
 
 @contextmanager
 def bus(
-    kind: type[BusEmulator] = DynamixelEmulator, hand: Operator | None = None, period: float = 2e-3, **options: Any
+    kind: type[BusEmulator] = DynamixelEmulator, hand: Operator | None = None, period: float = 0.01, **options: Any
 ) -> Iterator[Any]:
     """An emulated bus that serves until the block ends; its arm moves in steps of `period` [s]."""
     table = kind.arm(options)
