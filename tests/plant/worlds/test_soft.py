@@ -19,7 +19,7 @@ from hapnet.plant.worlds.picture import SOFT
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.plant.worlds.soft import SoftWorld
 from hapnet.plant.worlds.soft_body import Body, Material
-from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
+from hapnet.plant.worlds.soft_contacts import RESERVOIR_J, Skin, SoftContacts
 from hapnet.plant.worlds.soft_linear import conjugate_gradients
 from hapnet.plant.worlds.soft_touch import Touch
 
@@ -43,13 +43,14 @@ def block(nodes: int = 216, tolerance: float = 0.01, dof: int = 3, **given: floa
 
 class Run(NamedTuple):
     """What a motion did: the last force [N], the worst error of one step's account [J], the least env_slack [J], the
-    least s, the contacts at the end."""
+    least s, the contacts at the end, and the rounds of conjugate gradients a step."""
 
     force: Array
     closure_J: float
     slack_J: float
     scale: float
     touching: int
+    rounds: float
 
 
 def moved(contacts: SoftContacts, draw: Draw, path: Callable[[float], tuple[float, ...]], seconds: float) -> Run:
@@ -57,7 +58,8 @@ def moved(contacts: SoftContacts, draw: Draw, path: Callable[[float], tuple[floa
     mass = PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0,) * contacts.dof)
     account = EnvironmentAccount(contacts, mass.position)
     rng = np.random.default_rng(1)
-    time = work = worst = 0.0
+    time = work = worst = rounds = 0.0
+    steps = 0
     least, stored, discarded = 1.0, contacts.stored_J(()), 0.0
     force = np.zeros(contacts.dof)
     while time < seconds:
@@ -70,7 +72,9 @@ def moved(contacts: SoftContacts, draw: Draw, path: Callable[[float], tuple[floa
         worst = max(worst, abs(-step.work_J - (contacts.stored_J(()) - stored) - lost))
         stored, discarded = contacts.stored_J(()), contacts.discarded_J
         least, force = min(least, contacts.scale), np.array(step.force)
-    return Run(force, worst, account.slack_min, least, int(contacts.forces.any(axis=1).sum()))
+        steps, rounds = steps + 1, rounds + contacts.rounds
+        assert 0.0 <= contacts.reservoir_J <= RESERVOIR_J
+    return Run(force, worst, account.slack_min, least, int(contacts.forces.any(axis=1).sum()), rounds / steps)
 
 
 def press(depth: float, speed: float = 0.05, aside: float = 0.0) -> Callable[[float], tuple[float, ...]]:
@@ -165,6 +169,7 @@ def test_violent_motion_keeps_its_strains(name: str, draw: Draw) -> None:
     """Up to 50 ms, with a damping of 10 ms: what the linear step misses is small, and no point is forgotten."""
     run = moved(block(343), draw, VIOLENT[name], 2.0)
     assert run.scale >= 0.99
+    assert run.rounds <= 9.0
     assert run.closure_J <= 1e-12
     assert run.slack_J >= -1e-12
 
