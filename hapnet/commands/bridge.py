@@ -51,7 +51,7 @@ def bridge(
     checks.non_negative("--duration", duration)
     words = output.console(json_to)
     node = RosNode("hapnet_bridge", namespace=namespace, domain=_domain(domain), router=router)
-    bridged = RosBridge(node.types.classes, node.publish, namespace)
+    bridged = RosBridge(node.types.classes, node.publish, namespace, node.wall_ns)
     watcher = Watcher(zenoh_settings(zenoh), bridged.take, session=session, name=name)
     end_s = time.monotonic() + (duration or float("inf"))
     reported = ""

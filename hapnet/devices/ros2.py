@@ -114,7 +114,7 @@ class Ros2(Driver):
         if not self._command:
             return (0.0,) * self.dof
         make = self._node.types.classes
-        seconds, rest = divmod(time.time_ns(), 1_000_000_000)
+        seconds, rest = divmod(self._node.wall_ns(), 1_000_000_000)
         header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), self._frame)
         if self._axes is None:
             import numpy as np

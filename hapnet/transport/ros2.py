@@ -142,7 +142,7 @@ class RosNode:
     """A node that publishes and subscribes. It joins as a client of a router, which forwards to the nodes.
 
     name, namespace : of the node. domain : ROS_DOMAIN_ID. router : an endpoint of Zenoh. wall_ns : UTC [ns], for
-    attachments only.
+    stamps only.
 
     Raises InvalidParameter, MissingLibrary.
     """
@@ -164,7 +164,7 @@ class RosNode:
         self.router, self.domain = router, domain
         self._config = zenoh_config(ZenohSettings(mode="client", connect=(router,)))
         self._names = namespace, name
-        self._wall_ns = wall_ns
+        self.wall_ns = wall_ns
         self._session: zenoh.Session | None = None
         self._token = ""
         self._count = 0
@@ -192,7 +192,7 @@ class RosNode:
             self._publishers[topic] = made, self.types.publisher(token), 0
         publisher, gid, number = self._publishers[topic]
         self._publishers[topic] = publisher, gid, number + 1
-        attached = Attachment(number + 1, self._wall_ns(), gid).encode()
+        attached = Attachment(number + 1, self.wall_ns(), gid).encode()
         with suppress(zenoh.ZError):  # the link is down, and comes back by itself
             publisher.put(self.types.encode(kind, message), attachment=attached)
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import queue
-import time
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
@@ -36,8 +35,8 @@ class RosBridge:
         self,
         types: Any,
         publish: Callable[[str, str, Any], object],
-        namespace: str = "/",
-        wall_ns: Callable[[], int] = time.time_ns,
+        namespace: str,
+        wall_ns: Callable[[], int],
     ) -> None:
         self.published: dict[str, int] = defaultdict(int)
         self.dropped: int = 0

@@ -86,6 +86,7 @@ MAY_READ_IT = {
     "hapnet/commands/pair.py",  # likewise, for a process that cannot say so itself
     "hapnet/commands/output.py",  # names a directory
     "hapnet/realtime/runner.py",  # once, so that a recording has UTC
+    "hapnet/transport/ros2.py",  # stamps of messages to ROS, which are UTC
 }
 
 
