@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +21,6 @@ from hapnet.errors import DeviceSilent
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from tests.support.commands import Capture
-from tests.support.processes import Program
 
 NOBODY = Impedance(0.0, 0.0, 0.0)
 SUBSTEPS = 4
@@ -297,15 +294,3 @@ def test_force_is_checked_by_the_command(capsys: Capture) -> None:
     ):
         assert cli.main(["doctor", *words]) == 2
         assert says in capsys.readouterr().err
-
-
-@SLOW
-def test_an_emulated_axis_in_real_time(tmp_path: Path) -> None:
-    """Over the serial protocol: 40 s. What its handle has is not sent over the wire."""
-    link, reported = tmp_path / "axis", tmp_path / "doctor.json"
-    free = [word for part in ("mass", "damping", "stiffness") for word in ("--set", f"operator_hand.{part}=0")]
-    with Program("emulate", f"serial:link={link}", *free, "--set", "device.own_damping=0.4") as emulator:
-        emulator.until_line("emulates serial")
-        assert cli.main(["doctor", "--device", f"serial:{link}", "--damping", "0.3", "--json", str(reported)]) == 0
-        (row,) = [row for row in json.loads(reported.read_text("utf-8")) if row["name"] == "own damping"]
-        assert 0.2 <= bound(Check(**row)) <= 0.4

@@ -158,9 +158,8 @@ def test_the_hosts_have_nothing_in_common_but_the_cable(tmp_path: Path) -> None:
             world.ip(f"route get {device.address}")
 
 
-def _cable(protocol: str, where: Role, on_silence: str, *down_s: float) -> Any:
+def _cable(protocol: str, where: Role, on_silence: str, *down_s: float, mark: Any = pytest.mark.slow) -> Any:
     times = "-".join(f"{each:g}s" for each in down_s)
-    mark = pytest.mark.soak if max(down_s) > 10.0 else pytest.mark.slow
     return pytest.param(protocol, down_s, where, on_silence, marks=mark, id=f"{protocol}-{where}-{times}")
 
 
@@ -169,8 +168,8 @@ def _cable(protocol: str, where: Role, on_silence: str, *down_s: float) -> Any:
     [
         _cable("tcp", "device", "hold", 3.0),
         _cable("tcp", "world", "release", 10.0, 1.0),
-        _cable("tcp", "device", "release", 30.0),
-        _cable("udp", "world", "release", 3.0, 5.0, 1.5),
+        _cable("tcp", "device", "release", 30.0, mark=pytest.mark.soak),
+        _cable("udp", "world", "release", 3.0, 5.0, 1.5, mark=pytest.mark.soak),
         _cable("udp", "device", "hold", 10.0, 3.0, 1.5),
     ],
 )

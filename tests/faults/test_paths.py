@@ -59,7 +59,7 @@ def test_a_clean_path_has_irtts_round_trip_over_every_transport() -> None:
 def test_path_says_what_irtt_says(transport: str) -> None:
     if shutil.which("irtt") is None:
         pytest.skip("no such tool: irtt")
-    profile, seconds = "delay 40ms 10ms loss 5%", 30.0
+    profile, seconds = "delay 40ms 10ms loss 5%", 20.0
     try:
         cells = row(one(transport, profile, seconds, 1, []))
     except Unavailable as reason:
