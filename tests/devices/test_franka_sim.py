@@ -20,7 +20,7 @@ from tests.conftest import ROOT
 from tests.support.processes import assert_passive, started
 
 PYTHON = Path(os.environ.get("HAPNET_FRANKA_SIM", ROOT / ".franka-sim" / "bin" / "python"))
-pylibfranka = pytest.importorskip("pylibfranka", reason="no wheel of pylibfranka for this Python")
+pylibfranka = pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: extra franka")
 mujoco = pytest.importorskip("mujoco")
 pytestmark = [
     pytest.mark.slow,
