@@ -21,7 +21,7 @@ AGAIN_S = 1.0
 def bridge(
     to: Annotated[
         str,
-        typer.Argument(metavar="ros2", help="Whom to tell: ros2.", autocompletion=complete.words("ros2")),
+        typer.Argument(metavar="ros2", help="Where to publish: ros2.", autocompletion=complete.words("ros2")),
     ],
     *,
     session: Annotated[str | None, typer.Option(help="Name of the session.", show_default="the first heard")] = None,

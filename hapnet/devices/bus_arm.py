@@ -15,11 +15,11 @@ import math
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
-from importlib.util import find_spec
 from typing import ClassVar, NamedTuple
 
 from hapnet import checks
 from hapnet.checks import Vector
+from hapnet.devices import serial_port
 from hapnet.devices.axes import Axes
 from hapnet.devices.bus_joints import COUNT_RAD, JointServo, Posture, arm_table, joints_of
 from hapnet.devices.bus_packets import Packets, Reply
@@ -135,7 +135,7 @@ class BusArm(Driver):
         self._hot = self._on = self._off = False
         self._now: _Reading | None = None
         self._acted: Vector | None = None
-        self._told = ((0.0,) * dof, (0.0,) * dof)  # the command before, and the newest
+        self._commands = ((0.0,) * dof, (0.0,) * dof)  # the command before, and the newest
         self._sent_s = self._owed_J = 0.0
         self._ticks = 0
         bytes_a_tick = tick_bytes(self.packets(), self.present[1], len(self._ids))
@@ -171,15 +171,11 @@ class BusArm(Driver):
 
     @classmethod
     def missing(cls) -> str:
-        return "pyserial, of the extra `serial`" if find_spec("serial") is None else ""
+        return serial_port.missing()
 
     @classmethod
     def found(cls) -> Sequence[str]:
-        if cls.missing():
-            return ()
-        from serial.tools.list_ports import comports
-
-        return tuple(sorted(port.device for port in comports() if (port.vid, port.pid) in cls.usb))
+        return serial_port.ports(lambda port: (port.vid, port.pid) in cls.usb)
 
     @classmethod
     def turns_in_servo(cls) -> bool:
@@ -258,7 +254,7 @@ class BusArm(Driver):
             return none
         now_s = time.monotonic()
         if self._now is None or self._faults or now_s - self._now.at_s > max(_SILENT_S, 2.0 / self.rate_hz):
-            self._off, self._told = True, (self._told[1], none)
+            self._off, self._commands = True, (self._commands[1], none)
             self.switch(self._ids, on=False)
             return none
         if self._off:
@@ -278,9 +274,9 @@ class BusArm(Driver):
             counts[joint.servo] = self.current(max(-most, min(most, count)))
         self.bus.sync_write(self.goal, counts)
         self._sent_s = now_s + transfer_s(14 + 3 * len(counts), self.bus.baud)
-        told = force if share == 1.0 else tuple([share * part for part in force])
-        self._told = (self._told[1], told)
-        return told
+        command = force if share == 1.0 else tuple([share * part for part in force])
+        self._commands = (self._commands[1], command)
+        return command
 
     def acted(self) -> Vector | None:
         return self._acted
@@ -337,11 +333,11 @@ class BusArm(Driver):
         for old, new, begin, end in zip(before.torques, now.torques, before.q, now.q, strict=True):
             work += (early * old + (1.0 - early) * new) * (end - begin)
         moved = [end - begin for begin, end in zip(before.x, now.x, strict=True)]
-        told = tuple([early * one + (1.0 - early) * two for one, two in zip(*self._told, strict=True)])
-        more = [one - two for one, two in zip(doing(work, told, moved), told, strict=True)]
+        held = tuple([early * one + (1.0 - early) * two for one, two in zip(*self._commands, strict=True)])
+        more = [one - two for one, two in zip(doing(work, held, moved), held, strict=True)]
         size, most = math.hypot(*more), _CORRECTION * self.force_limit
         share = min(1.0, most / size) if size else 1.0
-        force = tuple([one + share * part for one, part in zip(told, more, strict=True)])
+        force = tuple([one + share * part for one, part in zip(held, more, strict=True)])
         self._owed_J = work - inner(force, moved)
         return force
 

@@ -10,6 +10,8 @@ import math
 import time
 from typing import Any
 
+import numpy as np
+
 from hapnet.checks import Vector
 from hapnet.devices.axes import Axes
 from hapnet.devices.driver import Driver
@@ -117,8 +119,6 @@ class Ros2(Driver):
         seconds, rest = divmod(self._node.wall_ns(), 1_000_000_000)
         header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), self._frame)
         if self._axes is None:
-            import numpy as np
-
             none = np.zeros(0)
             message = make[JOINTS](header, self._names, none, none, np.array(force))
             self._node.publish(self._command, JOINTS, message)

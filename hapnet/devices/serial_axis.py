@@ -11,10 +11,10 @@ import math
 import re
 import time
 from collections.abc import Sequence
-from importlib.util import find_spec
 
 from hapnet.checks import Vector
 from hapnet.devices import serial_frames as wire
+from hapnet.devices import serial_port
 from hapnet.devices.driver import Driver
 from hapnet.devices.serial_port import SerialPort
 from hapnet.devices.serial_timing import MICRO, Untimely, period_us
@@ -95,15 +95,11 @@ class SerialAxis(Driver):
 
     @classmethod
     def missing(cls) -> str:
-        return "pyserial, of the extra `serial`" if find_spec("serial") is None else ""
+        return serial_port.missing()
 
     @classmethod
     def found(cls) -> Sequence[str]:
-        if cls.missing():
-            return ()
-        from serial.tools.list_ports import comports
-
-        return tuple(sorted(port.device for port in comports() if port.vid is not None))
+        return serial_port.ports(lambda port: port.vid is not None)
 
     def home(self) -> None:
         until, is_homed = time.monotonic() + _ANSWER_S, False

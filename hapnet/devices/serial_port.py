@@ -6,9 +6,11 @@ import errno
 import os
 import select
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 
@@ -19,6 +21,20 @@ _AGAIN_S = 0.1
 _MOST_UNREAD = 4096
 _ADAPTERS = Path("/sys/bus/usb-serial/devices")
 _LONGEST_HELD_MS = 2
+
+
+def missing() -> str:
+    """What a serial port needs and is not installed; empty: nothing."""
+    return "pyserial, of the extra `serial`" if find_spec("serial") is None else ""
+
+
+def ports(is_one: Callable[[Any], bool]) -> tuple[str, ...]:
+    """This machine's ports of which `is_one` holds, of what pyserial says of each."""
+    if missing():
+        return ()
+    from serial.tools.list_ports import comports
+
+    return tuple(sorted(port.device for port in comports() if is_one(port)))
 
 
 class SerialPort:
