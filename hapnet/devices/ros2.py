@@ -18,7 +18,7 @@ from hapnet.devices.driver import Driver
 from hapnet.devices.timed_velocity import TimedVelocity
 from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
 from hapnet.transport.ros2 import ROUTER, RosNode, check_topic, missing
-from hapnet.transport.ros2_inbox import PERIODS, Inbox
+from hapnet.transport.ros2_inbox import Inbox
 
 T = TypeVar("T")
 
@@ -37,6 +37,8 @@ _NS = 1e-9
 
 class Ros2(Driver):
     """Positions come from one topic, forces go to another: ``ros2:/arm/current_pose,command=/arm/target_wrench``.
+
+    More than twenty attributes: what a driver declares, and of each topic what came last.
 
     state : topic of the positions, PoseStamped; with `joints`, JointState. command : topic on which the forces go out,
     WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic that says which
@@ -84,7 +86,7 @@ class Ros2(Driver):
         self._names, self._axes = names, None if names else Axes(axes, dof)
         self._turns = axes in ("", "xyz")
         self._state, self._command, self._frame = state, command, frame
-        self._wait_s, self._fresh_ns = 2.0 / rate, round(PERIODS / rate / _NS)
+        self._wait_s = 2.0 / rate
         self._velocity = [TimedVelocity(math.inf, NOISE) for _ in range(dof)]
         self._quaternion: Vector | None = None
         self._acted: Vector | None = None
@@ -140,7 +142,7 @@ class Ros2(Driver):
         return self._acted
 
     def contact_force(self) -> Vector | None:
-        if self._touched is None or time.monotonic_ns() - self._touched[1] > self._fresh_ns:
+        if self._touched is None or (time.monotonic_ns() - self._touched[1]) * _NS > self._wait_s:
             return None
         return self._touched[0]
 
