@@ -218,3 +218,13 @@ def test_touches_are_shown_on_the_surface_with_normals_out_of_the_solid() -> Non
     assert np.array(sorted(touch.point for touch in touches)) == pytest.approx(np.array(corners), abs=1e-15)
     assert {touch.normal for touch in touches} == {(0.0, 0.0, 1.0)}
     assert np.sum([touch.force_N for touch in touches], axis=0) == pytest.approx([0.0, 0.0, 2.0])
+
+
+def test_a_peg_touches_with_three_rings_of_eight_points_and_the_middle_of_its_end() -> None:
+    middle, *rings = np.array(peg(0.005, 0.03).points)
+    assert middle.tolist() == [0.0, 0.0, -0.015]
+    for ring, z in zip(np.reshape(rings, (3, 8, 3)), (-0.015, 0.0, 0.015), strict=True):
+        assert ring[:, 2].tolist() == [z] * 8
+        assert np.hypot(ring[:, 0], ring[:, 1]) == pytest.approx(np.full(8, 0.005))
+        sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
+        assert sides == pytest.approx(np.full(8, 0.01 * np.sin(np.pi / 8)))
