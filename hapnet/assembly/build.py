@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from hapnet.assembly.arms import description, simulated_device, with_arm
-from hapnet.assembly.follower import is_held, seen, with_follower
+from hapnet.assembly.follower import arms_of, is_held, leaders_stiffness, on_link, seen, with_follower, writes_on_link
 from hapnet.assembly.follower import warnings as follower_warnings
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
@@ -31,7 +31,6 @@ from hapnet.couplings.deadband import deadband
 from hapnet.couplings.felt import Felt, felt, of_springs
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling
-from hapnet.couplings.rendering import largest, untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
@@ -295,7 +294,7 @@ def _clutch(setup: Setup, device: Device) -> Clutch | None:
     text = setup.params.device.clutch
     if not text:
         return None
-    frame = PoseFrame(1.0) if setup.units == POSE else Frame(1.0, 1.0, (0.0,) * setup.dof)
+    frame = PoseFrame(1.0, 1.0) if setup.units == POSE else Frame(1.0, 1.0, (0.0,) * setup.dof)
     if (number := button(text)) is None:
         open_at = spans(text)
         return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
@@ -317,7 +316,7 @@ def virtual_mass(setup: Setup) -> Mass:
 
 def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
     """The virtual mass in its scene, for an endpoint or its control half."""
-    endpoint.deadband = deadband(setup.params, "world")
+    endpoint.deadband, endpoint.arms = deadband(setup.params, "world"), arms_of(setup.params)
     world = setup.params.world
     mass = virtual_mass(setup)
 
@@ -330,6 +329,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
         return setup.ends.steps(end, mass, setup.scene.contacts)
 
     make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
+    write = writes_on_link(setup.params, write)
     return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
 
 
@@ -341,8 +341,7 @@ def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo
     at_robot = dataclasses.replace(params, device=servo_of(params))
     servo = _end(setup, make, DeviceCoupling, CouplingStart(at_robot, setup.tuning, position, energy, 0.0, "measured"))
     if params.follower.feedback == "force":
-        share = 1.0 if servo.reporter is None else untold_share(params)
-        servo.said = reflected(share * largest(params.device.stiffness))
+        servo.said = reflected(leaders_stiffness(params, setup.dof))
     return servo
 
 
@@ -351,7 +350,7 @@ def _start(
 ) -> CouplingStart[Any]:
     """What an end of the coupling is made from; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
-    return CouplingStart(seen(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
+    return CouplingStart(on_link(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
 
 
 def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:

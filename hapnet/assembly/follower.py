@@ -8,21 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapnet.assembly.contact_force import require_contact_force
+from hapnet import checks
 from hapnet.assembly.user_device import servo_rate
+from hapnet.checks import Vector
 from hapnet.couplings import held_torque
+from hapnet.couplings.rendering import largest
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
-from hapnet.mechanics.pose_frame import PoseFrame
+from hapnet.mechanics.pose_frame import Arms, PoseFrame
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.engine_world import EngineMass
 from hapnet.plant.worlds.protocol import World
-from hapnet.units import POSE
+from hapnet.recording.samples import WorldSample
+from hapnet.side.device import Write
+from hapnet.units import POSE, POSE_AXES
 
 
 def follows(params: Params) -> bool:
@@ -57,9 +61,6 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
     if scene.units == POSE and not held:
         allowed = f"sampled in the scene {params.scene}, with pspm or zoh: a tool is moved by a held force"
         raise InvalidParameter("follower.servo", robot.servo, allowed)
-    if scene.units == POSE and robot.motion_scale != 1.0:
-        allowed = f"1 in the scene {params.scene}: angles are not scaled"
-        raise InvalidParameter("follower.motion_scale", robot.motion_scale, allowed)
     if robot.resolution_m and not held:
         raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")
     if robot.feedback == "force" and not held:
@@ -73,14 +74,9 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
         if not held:
             allowed = f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"
             raise InvalidParameter("follower.robot", robot.robot, allowed)
-        if robot.feedback == "planes":
-            allowed = "position or force with a robot whose surroundings nobody knows"
+        if robot.feedback != "position":
+            allowed = "position with a robot whose surroundings and contact force nobody knows"
             raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-        if robot.feedback == "force":
-            if scene.units == POSE:
-                allowed = f"position in the scene {params.scene}: no driver says which torque its tool meets"
-                raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-            require_contact_force(robot.robot)
         with suppress(InvalidParameter):  # the driver may be on the other host only
             at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
             params = params.set({"follower.servo_hz": min(robot.servo_hz, at_most)})
@@ -103,16 +99,15 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
             here=robot.start == "here",
         )
 
-    return params, RobotScene(
-        scene, made, period_s, sees=robot.feedback == "planes", stiff=robot.motion_scale * robot.force_scale
-    )
+    frame = frame_of(params, scene.units, scene.dof)
+    return params, RobotScene(scene, made, period_s, frame, sees=robot.feedback == "planes")
 
 
 def frame_of(params: Params, units: str, dof: int) -> Frame:
     """The frame of a robot of these parameters, before it meets its leader."""
     robot = params.follower
     if units == POSE:
-        return PoseFrame(robot.force_scale)
+        return PoseFrame(robot.motion_scale, robot.force_scale)
     return Frame(robot.motion_scale, robot.force_scale, (0.0,) * dof)
 
 
@@ -151,6 +146,50 @@ def seen(params: Params) -> Params:
         "follower.step_limit_N": b * robot.step_limit_N,
         "follower.greatest_speed": robot.greatest_speed / a,
     })  # fmt: skip
+
+
+def arms_of(params: Params) -> Arms | None:
+    """From a tool's pose as its servo has it to that on the link (`hapnet.mechanics.pose_frame`); None: the same."""
+    a = params.follower.motion_scale
+    return Arms(a) if follows(params) and params.units == POSE and a != 1.0 else None
+
+
+def on_link(params: Params) -> Params:
+    """As `seen`, with the spring of a tool along the coordinates of the link."""
+    found, arms = seen(params), arms_of(params)
+    if arms is None:
+        return found
+    K = checks.spd("world.stiffness", found.world.stiffness, POSE_AXES)
+    for _ in range(2):  # rows, then columns
+        K = np.array([arms.force(tuple(row)) for row in K.T.tolist()])
+    return found.set({"world.stiffness": K.tolist()})
+
+
+def leaders_stiffness(params: Params, dof: int) -> Vector:
+    """The largest of `device.stiffness` along each of the servo's coordinates [N/m]."""
+    K, arms = (largest(params.device.stiffness),) * dof, arms_of(params)
+    return K if arms is None else arms.back.force(arms.back.force(K))
+
+
+def writes_on_link(params: Params, write: Write) -> Write:
+    """Writes a robot's samples along the coordinates of the link."""
+    arms = arms_of(params)
+    if arms is None:
+        return write
+
+    def changed(sample: Any) -> None:
+        if isinstance(sample, WorldSample):
+            sample = sample._replace(
+                position_m=arms.place(sample.position_m),
+                velocity_mps=arms.place(sample.velocity_mps),
+                set_position_m=arms.place(sample.set_position_m),
+                target_m=arms.place(sample.target_m),
+                coupling_force_N=arms.force(sample.coupling_force_N),
+                contact_force_N=arms.force(sample.contact_force_N),
+            )
+        write(sample)
+
+    return changed
 
 
 def _times(factor: float, value: ArrayLike) -> Any:

@@ -30,15 +30,15 @@ def position(x: Vector, target: Vector, force: Vector) -> Vector:
     return x
 
 
-def reflected(stiffness: float) -> Said:
-    """Position-force: the leader's spring K, `stiffness` [N/m], renders the force on the follower.
+def reflected(stiffness: Vector) -> Said:
+    """Position-force: the leader's spring renders the force on the follower. stiffness : its K along each axis [N/m].
 
     With y = x_d + f/K, and x_d the leader's position that the follower follows, the spring's force is f where the
     leader stands still. PSPM pays for y as for any other: the measured force need not be true.
     """
 
     def say(x: Vector, target: Vector, force: Vector) -> Vector:
-        return tuple([y + f / stiffness for y, f in zip(target, force, strict=True)])
+        return tuple([y + f / k for y, f, k in zip(target, force, stiffness, strict=True)])
 
     return say
 
@@ -51,7 +51,6 @@ class FollowerServo(SampledServo):
     Attributes
     ----------
     said : see `Said`. sensed : the force of its surroundings on it, as it is known [N].
-    sense : measures that in each tick; None: whoever moves the robot says it.
     """
 
     def __init__(self, reporter: Teller | None, **servo: Any) -> None:
@@ -59,13 +58,10 @@ class FollowerServo(SampledServo):
         self.reporter = reporter
         self.said: Said = position
         self.sensed: Vector = (0.0,) * self.n
-        self.sense: Callable[[], Vector] | None = None
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         if self.reporter is not None:
             self.reporter.look(dt, x)
-        if self.sense is not None:
-            self.sensed = self.sense()
         done = super().tick(dt, x, v, release=release)
         if done is None or done.sample is None:
             return done

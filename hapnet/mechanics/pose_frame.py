@@ -1,14 +1,24 @@
-"""The frame of a device that turns: moved and turned, and scaled in force.
+"""The frame of a device that turns: moved and turned, scaled in motion and in force; no angle is scaled.
 
-With the pose's arms P_j (`hapnet.mechanics.pose`) and a rotation Q, the device's arms are
-``P_d,j = sum_i Q_ij P_i``: its orientation is R_d = R Q. So a turn about an axis of the world is a turn about the same
-axis of the device, however differently both were held when they met. The map of the coordinates is linear and
-orthogonal, so it leaves work as it is. Angles are not scaled.
+A rotation Q mixes the pose's arms P_j (`hapnet.mechanics.pose`): the device's are ``P_d,j = a sum_i Q_ij P_i``, so its
+orientation is R_d = R Q. A turn about an axis of the world is the same turn about the same axis of the device, however
+differently both were held when they met. The map of the coordinates is linear, and orthogonal but for the factor a.
+
+Its motion is scaled by a, and no angle is, so of two devices with arms of the same length l the arms are not scaled:
+
+    x_d = S Q x + o,   F = (b/a) Q' S F_d,   S = diag(a, a, a, 1, ... 1)
+
+Work has the factor b/a along all coordinates, so the point's force has the factor b, and torque b/a; a stiffness K_d
+of the device is ``a b K_d`` at the point and ``b/a K_d`` in turning. That is the frame of one factor a, if the coupling
+has arms of the length l/a: then all that a servo limits by a length (force, step, speed, reserve) keeps its meaning. So
+that is how the coupling has it at the device, and `Arms` stands between these coordinates and those of the link.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +28,47 @@ from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES, rotation
 
 
-class PoseFrame(Frame):
-    """As `Frame` in the twelve coordinates of a pose, with the rotation Q; its motion is 1.
+class Arms(NamedTuple):
+    """A pose with arms `times` as long. So are the coordinates of their ends, and forces there so many times smaller:
+    work, torque, and all angles are the same."""
 
-    force : b. arm_m : the length of the pose's arms [m].
+    times: float
+
+    @property
+    def back(self) -> Arms:
+        """The inverse."""
+        return Arms(1.0 / self.times)
+
+    def place(self, x: Vector) -> Vector:
+        """A pose's coordinates (12,) [m], or their rates."""
+        return (*x[:3], *[self.times * one for one in x[3:]])
+
+    def force(self, f: Vector) -> Vector:
+        """A force (12,) [N] along the coordinates."""
+        return (*f[:3], *[one / self.times for one in f[3:]])
+
+    def plane(self, plane: Plane) -> Plane:
+        """A flat plane; its normal is of unit length in these coordinates too, so its numbers are others."""
+        normal = self.force(plane.normal)
+        size = math.hypot(*normal)
+        return Plane(
+            tuple([one / size for one in normal]),
+            plane.offset_m / size,
+            plane.stiffness * size * size,
+            plane.damping * size * size,
+            plane.velocity_mps / size,
+            friction=plane.friction,
+        )
+
+
+class PoseFrame(Frame):
+    """As `Frame` in the twelve coordinates of a pose, with the rotation Q.
+
+    motion, force : a, b. arm_m : the length of the device's arms; the coupling's are l/a [m].
     """
 
-    def __init__(self, force: float, arm_m: float = ARM_M) -> None:
-        super().__init__(1.0, force, (0.0,) * AXES)
+    def __init__(self, motion: float, force: float, arm_m: float = ARM_M) -> None:
+        super().__init__(motion, force, (0.0,) * AXES)
         self._arm_m = arm_m
         self._turn: Array | None = None  # Q; None: the identity, in which numbers keep their bits
 
@@ -41,11 +84,11 @@ class PoseFrame(Frame):
 
     def meet(self, own: Sequence[float], x: Sequence[float]) -> None:
         """Choose o and Q so that `own` is x [m], as far as x is a pose."""
-        Q = rotation(x, self._arm_m).T @ rotation(own, self._arm_m)
+        super().meet(own, x)
+        Q = rotation(x, self._arm_m / self.motion).T @ rotation(own, self._arm_m)
         self._turn = None if np.abs(Q - np.eye(3)).max() < 1e-12 else Q
-        point = [one - two for one, two in zip(own[:3], x[:3], strict=True)]
         arms = np.zeros((3, 3)) if self._turn is None else self._arm_m * (Q.T - np.eye(3))
-        self.offset = (*point, *arms.ravel().tolist())
+        self.offset = (*self.offset[:3], *arms.ravel().tolist())
 
     def velocity(self, own: Sequence[float]) -> Vector:
         return self._turned(super().velocity(own), back=True)

@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapnet.checks import Signal, Vector
+from hapnet.checks import Array, Signal, Vector
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings, doing
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.picture import Picture
+from hapnet.plant.worlds.picture import Part, Picture, Touch
 from hapnet.plant.worlds.protocol import Surface, World, WorldDefaults
 from hapnet.plant.worlds.walls import Wall
 from hapnet.records.vectors import inner
@@ -189,18 +189,64 @@ class RobotContacts(Surroundings):
         return self._contacts.penetration(frame.own(position)) / frame.motion
 
 
+class LeadersPicture:
+    """A picture of the robot's surroundings, as large as in the leader's units, and where the leader has it."""
+
+    def __init__(self, picture: Picture, frame: Frame) -> None:
+        self._picture, self._frame = picture, frame
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        a = np.float32(self._frame.motion)
+        return tuple([
+            one._replace(vertices=self._placed(one.vertices).astype(np.float32) if one.body < 0 else one.vertices / a)
+            for one in self._picture.parts
+        ])  # fmt: skip
+
+    def poses(self) -> Array:
+        own = self._picture.poses()
+        return np.concatenate([self._placed(own[:, :3]), own[:, 3:]], axis=1)
+
+    def soft(self) -> Array:
+        return self._placed(self._picture.soft())
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        frame = self._frame
+        return [
+            one._replace(
+                point=tuple(self._placed(one.point).tolist()), force_N=tuple([frame.force * f for f in one.force_N])
+            )
+            for one in self._picture.touches(frame.own(position), frame.own_force(force))
+        ]
+
+    def _placed(self, own: ArrayLike) -> Array:
+        """Where the leader has points (..., 3) [m]."""
+        o = np.zeros(3)
+        known = self._frame.offset[:3]
+        o[: len(known)] = known
+        placed: Array = (np.asarray(own, dtype=float) - o) / self._frame.motion
+        return placed
+
+
 class RobotScene(WorldDefaults):
     """A scene in which a robot stands in the virtual mass's place. A step is a tick of its servo.
 
     scene : what is around it. made : makes the robot, with B' [Ns/m] and K' [N/m]. period_s : of its servo.
-    sees : as in `RobotContacts`. stiff : what 1 N/m of the scene is in the leader's units. What is drawn of the scene
-    is in the robot's units, so it is left out where these are not the leader's.
+    frame : of the robot until there is one. sees : as in `RobotContacts`. What is drawn is as large as in the leader's
+    units, and where the leader has it.
     """
 
     def __init__(
-        self, scene: World, made: Callable[[ArrayLike, ArrayLike], Robot], period_s: float, *, sees: bool, stiff: float
+        self,
+        scene: World,
+        made: Callable[[ArrayLike, ArrayLike], Robot],
+        period_s: float,
+        frame: Frame,
+        *,
+        sees: bool,
     ) -> None:
-        self._scene, self._made, self._period_s, self._sees, self._stiff = scene, made, period_s, sees, stiff
+        self._scene, self._made, self._period_s, self._sees = scene, made, period_s, sees
+        self._frame = frame
         self._robot: Robot | None = None
         self.contacts: Surroundings = scene.contacts
 
@@ -223,26 +269,33 @@ class RobotScene(WorldDefaults):
     @property
     def stiffnesses(self) -> tuple[float, ...] | None:
         own = self._scene.stiffnesses
-        return None if own is None else tuple([self._stiff * one for one in own])
+        stiff = self._frame.motion * self._frame.force
+        return None if own is None else tuple([stiff * one for one in own])
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        return self._scene.walls if self._same else ()
+        own, frame = self._scene.walls, self._now
+        planes = [frame.plane(Plane(one.normal, one.offset, one.stiffness, one.damping)) for one in own]
+        return own if frame.is_one else tuple([Wall(*plane[:4]) for plane in planes])
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        return self._scene.surfaces if self._same else ()
+        frame, own = self._now, self._scene.surfaces
+        return tuple([
+            one._replace(position_m=(one.position_m - frame.offset[one.axis]) / frame.motion) for one in own
+        ])  # fmt: skip
 
     @property
     def warnings(self) -> tuple[str, ...]:
         return self._scene.warnings
 
     def picture(self) -> Picture | None:
-        return self._scene.picture() if self._same else None
+        picture = self._scene.picture()
+        return picture if picture is None or self._now.is_one else LeadersPicture(picture, self._now)
 
     @property
-    def _same(self) -> bool:
-        return self._robot is None or self._robot.frame.is_one
+    def _now(self) -> Frame:
+        return self._frame if self._robot is None else self._robot.frame
 
     def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> Mass:
         self._robot = robot = self._made(damping, stiffness)

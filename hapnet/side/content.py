@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from hapnet.control.coupling import CouplingSample, Motion, Port, Proxy, Wave
+from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
 from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.pose_frame import Arms
 from hapnet.records.equation import equation
 from hapnet.wire import messages
 from hapnet.wire.fields import CURVATURES, EFFECTS, FRICTION, INTEGRAL, LEVEL, REACH
@@ -46,3 +47,17 @@ def sample_of(message: messages.Motion | messages.Port | messages.Wave | message
             planes = Plane.all_of(message.planes, more.get(CURVATURES), more.get(FRICTION), more.get(EFFECTS))
             aimed_s, reach_m, level = message.aimed_ns * NANO, more.get(REACH), more.get(LEVEL)
             return Proxy(message.position, aimed_s, message.force, planes, reach_m, level)
+
+
+def with_arms(arms: Arms, sample: CouplingSample) -> CouplingSample:
+    """A pose that is sent or was received, with arms of another length."""
+    match sample:
+        case Proxy(position, _, force, planes, _, _):
+            turned = None if planes is None else tuple([arms.plane(one) for one in planes])
+            return sample._replace(position=arms.place(position), force=arms.force(force), planes=turned)
+        case Position(position, level):
+            return Position(arms.place(position), level)
+        case Motion() | Port() | Wave():
+            raise TypeError("of these no law holds a force on a robot")
+        case _:
+            return arms.place(sample)

@@ -30,8 +30,9 @@ from hapnet.control.coupling import (
 from hapnet.control.deadband import Deadband
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.pose_frame import Arms
 from hapnet.side.content import NANO as NANO
-from hapnet.side.content import energy_nJ, moment_ns, sample_of, span_ns
+from hapnet.side.content import energy_nJ, moment_ns, sample_of, span_ns, with_arms
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
@@ -99,6 +100,8 @@ class ControlHalf:
         reservoir: each start with a full one would create energy, and a crash loop would pump it."""
         self.deadband: Deadband | None = None
         """Decides which samples are worth sending; None: all are."""
+        self.arms: Arms | None = None
+        """Of the link's poses, seen from control's; None: they are the same."""
         self._positions = positions
         self._pairs = 0
         self._pair = 1  # the one that control knows; another peer has another clock and another position
@@ -136,6 +139,8 @@ class ControlHalf:
         self._echo = sent_ns, came_ns
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
+        if self.arms is not None:
+            sample = with_arms(self.arms.back, sample)
         self.waiting.append((sample, sent_ns, came_ns, took_ns, self._pairs))
 
     def credit(self, credited_nJ: int) -> None:
@@ -220,6 +225,8 @@ class ControlHalf:
             sample = self.deadband.offer(now_ns * NANO, sample, self.coupling.set_position)
             if sample is None:
                 return None
+        if self.arms is not None:
+            sample = with_arms(self.arms, sample)
         positions = self._positions
         positions.echo(*self._echo)
         match sample:

@@ -1,14 +1,16 @@
-"""The frame of a device that turns: the same turn about the same axis, the same work, the same plane."""
+"""The frame of a device that turns: the same turn about the same axis, one factor of work, the same plane."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from hapnet.checks import Array
-from hapnet.mechanics.pose import AXES, coordinates, pose, rotation
-from hapnet.mechanics.pose_frame import PoseFrame
+from hapnet.checks import Array, Vector
+from hapnet.mechanics.pose import ARM_M, AXES, coordinates, pose, rotation, torques
+from hapnet.mechanics.pose_frame import Arms, PoseFrame
 from hapnet.plant.poses.contacts import rigid_plane
+
+SCALES = [(1.0, 2.5), (0.1, 1.0), (0.3, 4.0), (5.0, 0.5)]
 
 
 def axis_angle(axis: tuple[float, float, float], angle: float) -> Array:
@@ -19,60 +21,107 @@ def axis_angle(axis: tuple[float, float, float], angle: float) -> Array:
     return turn
 
 
-def at(rng: np.random.Generator) -> tuple[float, ...]:
+def at(rng: np.random.Generator) -> Vector:
     return coordinates(rng.normal(0.0, 0.05, 3).tolist(), rng.normal(size=4).tolist())
 
 
-def met(seed: int, force: float = 2.5) -> tuple[PoseFrame, tuple[float, ...], tuple[float, ...]]:
-    """A frame in which the device is at the one pose where the coupling has it at the other."""
-    rng = np.random.default_rng(seed)
-    frame, own, x = PoseFrame(force), at(rng), at(rng)
-    frame.meet(own, x)
-    return frame, own, x
+class Robot:
+    """A robot that stands at `own` where the link has it at x, both with arms of 40 mm; in all that the link sees."""
+
+    def __init__(self, a: float, b: float, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.frame, self.arms = PoseFrame(a, b), Arms(a)
+        self.met, self.x = at(rng), at(rng)
+        self.frame.meet(self.met, self.arms.back.place(self.x))
+
+    def own(self, x: Vector) -> Vector:
+        return self.frame.own(self.arms.back.place(x))
+
+    def on_link(self, own: Vector) -> Vector:
+        return self.arms.place(self.frame.coupled(own))
+
+    def own_force(self, force: Vector) -> Vector:
+        return self.frame.own_force(self.arms.back.force(force))
+
+    def force_on_link(self, own: Vector) -> Vector:
+        return self.arms.force(self.frame.coupled_force(own))
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_where_they_met_is_the_same_place(seed: int) -> None:
-    frame, own, x = met(seed)
-    np.testing.assert_allclose(frame.coupled(own), x, atol=1e-16)
-    np.testing.assert_allclose(frame.own(x), own, atol=1e-16)
-    assert not frame.is_one
+@pytest.mark.parametrize("scales", SCALES)
+@pytest.mark.parametrize("seed", range(2))
+def test_where_they_met_is_the_same_place(scales: tuple[float, float], seed: int) -> None:
+    robot = Robot(*scales, seed)
+    np.testing.assert_allclose(robot.on_link(robot.met), robot.x, atol=1e-15)
+    np.testing.assert_allclose(robot.own(robot.x), robot.met, atol=1e-15)
+    assert not robot.frame.is_one
 
 
+@pytest.mark.parametrize("scales", SCALES)
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, -2.0, 0.5)])
-def test_a_turn_about_an_axis_of_the_world_is_the_same_turn_of_the_device(axis: tuple[float, float, float]) -> None:
-    frame, own, x = met(5)
-    turn = axis_angle(axis, 0.7)
-    R = turn @ rotation(x)
-    arms = (0.04 * (R - np.eye(3))).T.ravel()
-    turned = frame.own((*x[:3], *arms))
-    np.testing.assert_allclose(rotation(turned) @ rotation(own).T, turn, atol=1e-14)
-    assert pose(turned).position == pytest.approx(own[:3])
+def test_a_motion_is_scaled_and_a_turn_about_an_axis_of_the_world_is_not(
+    scales: tuple[float, float], axis: tuple[float, float, float]
+) -> None:
+    robot = Robot(*scales, 5)
+    turn, step = axis_angle(axis, 0.7), np.array([0.01, -0.03, 0.02])
+    R = turn @ rotation(robot.x)
+    own = robot.own((*(np.add(robot.x[:3], step)).tolist(), *(ARM_M * (R - np.eye(3))).T.ravel().tolist()))
+    np.testing.assert_allclose(rotation(own) @ rotation(robot.met).T, turn, atol=1e-14)
+    assert pose(own).position == pytest.approx(np.add(robot.met[:3], scales[0] * step))
+    arms = np.reshape(own[3:], (3, 3)).T / ARM_M + np.eye(3)  # it is a pose, so its arms are a rotation
+    np.testing.assert_allclose(arms.T @ arms, np.eye(3), atol=1e-13)
 
 
-def test_work_is_scaled_as_the_force_alone() -> None:
-    frame, own, _ = met(7)
-    rng = np.random.default_rng(8)
-    force, step = tuple(rng.normal(size=AXES)), rng.normal(size=AXES) * 1e-3
-    moved = np.subtract(frame.coupled(np.add(own, step).tolist()), frame.coupled(own))
-    np.testing.assert_allclose(frame.velocity(step.tolist()), moved, atol=1e-15)
-    assert np.dot(frame.coupled_force(force), moved) == pytest.approx(2.5 * np.dot(force, step), rel=1e-10)
-    np.testing.assert_allclose(frame.own_force(frame.coupled_force(force)), force, atol=1e-15)
+@pytest.mark.parametrize(("a", "b"), SCALES)
+def test_the_leaders_energy_is_b_over_a_times_the_robots(a: float, b: float) -> None:
+    robot, rng = Robot(a, b, 7), np.random.default_rng(8)
+    for _ in range(20):
+        force, step = rng.normal(size=AXES), rng.normal(size=AXES) * 1e-3
+        on_link = robot.force_on_link(tuple(force))
+        moved = np.subtract(robot.on_link(tuple(np.add(robot.met, step))), robot.on_link(robot.met))
+        assert np.dot(on_link, moved) == pytest.approx(b / a * np.dot(force, step), abs=1e-12 * b / a)
+        along = robot.arms.place(robot.frame.velocity(step.tolist()))
+        assert np.dot(on_link, along) == pytest.approx(b / a * np.dot(force, step), abs=1e-14 * b / a)
+        np.testing.assert_allclose(robot.own_force(on_link), force, atol=1e-14)
+        assert on_link[:3] == pytest.approx(b * force[:3])
+        torque = b / a * torques(robot.met, force)
+        assert torques(robot.x, on_link) == pytest.approx(torque, rel=1e-12, abs=1e-12 * b / a)
 
 
-def test_a_plane_is_as_deep_and_holds_as_much_as_the_devices_own() -> None:
-    frame, own, _ = met(9)
-    plane = rigid_plane(own, 0.04, (0.01, 0.0, -0.02), (0.0, 0.6, -0.8), -2e-3, 3000.0, 5.0)
-    seen = frame.plane(plane)
-    step = np.random.default_rng(3).normal(size=AXES) * 1e-3
-    there = np.add(own, step).tolist()
-    assert seen.depth(frame.coupled(there)) == pytest.approx(plane.depth(there), abs=1e-15)
+@pytest.mark.parametrize(("a", "b"), SCALES)
+def test_a_plane_is_as_deep_and_holds_as_much_as_the_devices_own(a: float, b: float) -> None:
+    """Where it is met, and its force, are those of the robot's plane: f = -K p n, mapped as any force."""
+    robot, rng = Robot(a, b, 9), np.random.default_rng(3)
+    own = rigid_plane(robot.met, ARM_M, (0.01, 0.0, -0.02), (0.0, 0.6, -0.8), -2e-3, 3000.0, 5.0, speed=0.3)
+    seen = robot.arms.plane(robot.frame.plane(own))
     assert np.linalg.norm(seen.normal) == pytest.approx(1.0)
-    assert seen.stiffness == pytest.approx(2.5 * plane.stiffness)
+    for _ in range(5):
+        step = rng.normal(size=AXES) * 1e-3
+        there = tuple(np.add(robot.met, step).tolist())
+        x = robot.on_link(there)
+        force = -own.stiffness * own.depth(there) * np.array(own.normal)
+        np.testing.assert_allclose(
+            -seen.stiffness * seen.depth(x) * np.array(seen.normal), robot.force_on_link(tuple(force)), rtol=1e-10
+        )
+        drag = -own.damping * (np.dot(own.normal, step) - own.velocity_mps) * np.array(own.normal)
+        rate = np.dot(seen.normal, robot.arms.place(robot.frame.velocity(step.tolist()))) - seen.velocity_mps
+        np.testing.assert_allclose(
+            -seen.damping * rate * np.array(seen.normal), robot.force_on_link(tuple(drag)), rtol=1e-10
+        )
+
+
+@pytest.mark.parametrize(("a", "b"), SCALES)
+def test_a_spring_is_ab_times_as_stiff_at_the_point_and_b_over_a_in_turning(a: float, b: float) -> None:
+    """Without a turn between them: K_r = 1 N/m along all of the robot's coordinates, as the link has it."""
+    frame, arms = PoseFrame(a, b), Arms(a)
+    for i in range(AXES):
+        e = tuple(np.eye(AXES)[i].tolist())
+        moved = np.subtract(frame.own(arms.back.place(e)), frame.own((0.0,) * AXES))
+        force = arms.force(frame.coupled_force(tuple((-1.0 * moved).tolist())))
+        assert force[i] == pytest.approx(-a * b if i < 3 else -b / a)
 
 
 def test_two_that_are_turned_alike_keep_their_bits() -> None:
-    frame, x = PoseFrame(1.0), at(np.random.default_rng(1))
+    frame, x = PoseFrame(1.0, 1.0), at(np.random.default_rng(1))
     assert frame.is_one
     assert frame.own(x) == x == frame.coupled(x)
     frame.meet(x, x)

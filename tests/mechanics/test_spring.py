@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.spring import Spring, shared_spring
+from hapnet.mechanics.spring import Spring
 from tests.conftest import random_spd
 
 
@@ -68,6 +68,5 @@ def test_potential_by_hand() -> None:
     ],
 )
 def test_refuses_what_is_no_stiffness(K: object, words: str) -> None:
-    for make in (Spring, shared_spring):
-        with pytest.raises(InvalidParameter, match=words):
-            make(K, 2)  # type: ignore[arg-type]
+    with pytest.raises(InvalidParameter, match=words):
+        Spring(K, 2)  # type: ignore[arg-type]

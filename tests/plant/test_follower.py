@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hapnet import simulate
+from hapnet.assembly.build import prepare
+from hapnet.assembly.follower import on_link
+from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.follower import Robot, RobotContacts
+from hapnet.mechanics.pose import ARM_M, AXES, angle_between, rotation, torques
+from hapnet.params import as_params
+from hapnet.plant.follower import LeadersPicture, Robot, RobotContacts
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.picture import Touch
 from hapnet.plant.worlds.walls import Contacts, Wall
 from hapnet.simulation.result import Result
 
@@ -117,11 +124,119 @@ def test_a_robots_contacts_are_drawn_from_where_it_truly_is() -> None:
     assert around.stored_J((0.0,)) == pytest.approx(6.0 * own, rel=1e-12)
 
 
+TIP = (0.0, 0.0, -0.04)
+"""Of a stick of 80 mm [m]."""
+
+LEANS = (0.3, 0.0, -math.sqrt(1.0 - 0.3**2))
+"""The normal into a floor that leans, so that it turns a stick."""
+
+
+@pytest.mark.parametrize(("feedback", "a", "b"), [("planes", 0.5, 1.0), ("planes", 3.0, 2.0), ("force", 0.5, 1.0)])
+def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_over_a(
+    feedback: str, a: float, b: float
+) -> None:
+    """A press that is held: the robot's force and torque by geometry, from how deep its tip is in 3000 N/m.
+
+    With planes the device renders what the robot's spring holds if that is K/ab in N/m, and (a/b) 2 K l^2 in Nm/rad.
+    """
+    K = 100.0
+    spring = (K / (a * b), 2.0 * ARM_M**2 * K * a / b) if feedback == "planes" else 500.0
+    result = run({
+        "scene": f"tool:stick + plane?normal={LEANS[0]},0,{LEANS[2]}&at=0,0,{-40.0 - 10.0 * a}mm", "duration_s": 3.0,
+        "follower.servo_hz": 500.0,
+        "follower.motion_scale": a, "follower.force_scale": b, "follower.feedback": feedback, "device.stiffness": K,
+        "operator": "press", "operator_hand.goal_m": 0.02, "operator_hand.turn_rad": 0.0, "operator_hand.hold_s": 5.0,
+        "world.stiffness": spring, "link.up": "delay 5ms", "link.down": "delay 5ms",
+    })  # fmt: skip
+    own = result.world.mass.body.position
+    lever = rotation(own) @ TIP
+    depth = np.dot(LEANS, np.array(own[:3]) + lever - (0.0, 0.0, -0.04 - 0.01 * a))
+    force = -3000.0 * depth * np.array(LEANS)
+    assert np.linalg.norm(force) > 0.1
+    x, felt = result.recording.device["position_m"][-1], result.recording.device["force_N"][-1]
+    np.testing.assert_allclose(felt[:3], b * force, rtol=2e-3, atol=1e-3)
+    np.testing.assert_allclose(torques(x, felt), b / a * np.cross(lever, force), rtol=0.02, atol=1e-4)
+    world = result.recording.world
+    x, of_wall, of_motor = (world[name][-1] for name in ("position_m", "contact_force_N", "coupling_force_N"))
+    np.testing.assert_allclose(torques(x, of_wall), b / a * np.cross(lever, force), rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(torques(x, of_motor), -torques(x, of_wall), rtol=0.01, atol=1e-5)
+
+
+@pytest.mark.parametrize("a", [0.1, 0.5, 5.0])
+def test_a_tool_goes_a_times_as_far_as_its_leader_and_turns_as_it_does(a: float) -> None:
+    changes = {"scene": "tool:box", "operator": "press", "operator_hand.hold_s": 5.0, "duration_s": 2.5}
+    result = run({**changes, "follower.motion_scale": a, "follower.start": "origin"})
+    device, world = result.recording.device["position_m"], result.recording.world["position_m"]
+    own = result.world.mass.body.position
+    assert own[:3] == pytest.approx(a * device[-1, :3], abs=a * 1e-4)
+    assert angle_between(own, np.zeros(AXES)) > math.radians(1.0)
+    assert angle_between(own, device[-1]) < math.radians(0.1)
+    np.testing.assert_allclose(world[-1], [*(np.array(own[:3]) / a), *own[3:]], atol=1e-9)
+    for name in ("set_position_m", "target_m"):
+        assert angle_between(result.recording.world[name][-1], device[-1]) < math.radians(1.5)  # it leads
+    half = len(world) // 2  # while it turns
+    rate = np.gradient(world[:, 3:], result.recording.world["time_s"], axis=0)[half]
+    np.testing.assert_allclose(result.recording.world["velocity_mps"][half, 3:], rate, atol=0.05 * np.abs(rate).max())
+
+
+def test_the_scene_of_a_scaled_robot_is_drawn_as_its_leader_has_it() -> None:
+    """Half as large, where b is 3: a box of 20 mm is one of 40 mm, and a wall at 20 mm stands at 40 mm."""
+    changes = {"follower.motion_scale": 0.5, "follower.force_scale": 3.0}
+    walled = prepare(as_params({**FOLLOWS, **changes, "scene": "wall"})).scene
+    assert [one.position_m for one in walled.surfaces] == pytest.approx([0.04])
+    assert [(one.offset, one.stiffness, one.damping) for one in walled.walls] == [pytest.approx((0.04, 4500.0, 15.0))]
+    scene = prepare(as_params({**FOLLOWS, **changes, "scene": "tool:box + sphere?at=0,0,-60mm&radius=15mm"})).scene
+    mass = scene.proxy(0.045, 1.0, 100.0)
+    mass.place((0.01, 0.0, 0.0, *(0.0,) * 9))
+    picture = scene.picture()
+    assert picture is not None
+    tool, ball = picture.parts
+    assert np.ptp(tool.vertices[:, 0]) == pytest.approx(0.08)
+    assert ball.vertices.mean(axis=0) == pytest.approx((0.01, 0.0, -0.12), abs=2e-3)
+    assert np.linalg.norm(ball.vertices - (0.01, 0.0, -0.12), axis=1) == pytest.approx(0.03)
+    assert picture.poses()[0] == pytest.approx((0.01, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+
+
+class Soft:
+    """A picture of one soft vertex, which its proxy touches."""
+
+    parts = ()
+
+    def poses(self) -> Array:
+        return np.zeros((0, 7))
+
+    def soft(self) -> Array:
+        return np.array([[0.02, 0.0, 0.01]])
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        return [Touch((position[0], 0.0, 0.01), (0.0, 0.0, 1.0), 0.5, (force[0], 0.0, 0.0))]
+
+
+def test_what_a_scaled_robot_touches_is_drawn_in_its_leaders_units() -> None:
+    picture = LeadersPicture(Soft(), Frame(0.5, 3.0, (0.01, 0.0)))
+    np.testing.assert_allclose(picture.soft(), [[0.02, 0.0, 0.02]])
+    (touch,) = picture.touches((0.03, 0.0), (6.0, 0.0))
+    assert touch.point == pytest.approx((0.03, 0.0, 0.02))
+    assert touch.force_N == pytest.approx((6.0, 0.0, 0.0))
+    assert picture.poses().shape == (0, 7)
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.5, 1.0), (3.0, 2.0)])
+def test_the_leader_knows_a_scaled_tools_spring(a: float, b: float) -> None:
+    """a b K' along the point's coordinates, b/a K' along those of the arms: where K' is 400 N/m, and 600 there."""
+    turning = 2.0 * ARM_M**2 * 600.0
+    scales = {"follower.motion_scale": a, "follower.force_scale": b, "world.stiffness": (400.0, turning)}
+    params = prepare(as_params({**FOLLOWS, **scales, "scene": "tool:box"})).params
+    along = [400.0 * a * b] * 3 + [600.0 * b / a] * 9
+    np.testing.assert_allclose(on_link(params).world.stiffness, np.diag(along))
+    plain = params.set({"follower.motion_scale": 1.0, "follower.force_scale": 1.0})
+    assert on_link(plain).world.stiffness == plain.world.stiffness
+
+
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
         ({"scene": "tool:box + plane", "follower.servo": "continuous"}, "follower.servo"),
-        ({"scene": "tool:box + plane", "follower.motion_scale": 2.0}, "follower.motion_scale"),
         ({"coupling": "wave", "follower.servo": "sampled"}, "follower.servo"),
         ({"follower.servo": "continuous", "follower.resolution_m": 1e-5}, "follower.resolution_m"),
         ({"follower.servo": "continuous", "follower.feedback": "force"}, "follower.feedback"),

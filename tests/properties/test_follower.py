@@ -47,10 +47,13 @@ def drawn(case: int) -> dict[str, object]:
 
 
 def drawn_tool(case: int) -> dict[str, object]:
-    """As `drawn`, of a tool: it is moved by a held force, and angles are not scaled."""
+    """As `drawn`, of a tool: it is moved by a held force."""
     params, rng = drawn(case), np.random.default_rng([34, case])
-    fits = {"scene": TOOLS[case % len(TOOLS)], "follower.servo": "sampled", "follower.motion_scale": 1.0}
-    return {**params, **fits, "duration_s": 2.0, "operator": ("hand-21", "hand-22", "press")[rng.integers(3)]}
+    fits = {"scene": TOOLS[case % len(TOOLS)], "follower.servo": "sampled", "duration_s": 2.0}
+    hand = ("hand-21", "hand-22", "press")[rng.integers(3)]
+    motion, force = np.exp(rng.uniform(math.log(0.1), math.log(5.0), 2)) if case % 5 else (1.0, 1.0)
+    scales = {"follower.motion_scale": float(motion), "follower.force_scale": float(force)}
+    return {**params, **fits, **scales, "operator": hand}
 
 
 def check(case: int, make: Callable[[int], dict[str, object]] = drawn) -> None:
@@ -80,14 +83,14 @@ def test_the_theorem_holds_with_a_robot_as_the_world(case: int) -> None:
     check(case)
 
 
-@pytest.mark.parametrize("case", [0, 1])
+@pytest.mark.parametrize("case", [1, 2, 4])
 def test_the_theorem_holds_with_a_tool_that_turns(case: int) -> None:
     check(case, drawn_tool)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", range(2, 12))
-def test_the_theorem_holds_with_a_tool_over_a_dozen_links(case: int) -> None:
+@pytest.mark.parametrize("case", [0, 3, *range(5, 20)])
+def test_the_theorem_holds_with_a_tool_over_twenty_links(case: int) -> None:
     check(case, drawn_tool)
 
 
