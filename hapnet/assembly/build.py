@@ -31,6 +31,7 @@ from hapnet.couplings.deadband import deadband
 from hapnet.couplings.felt import Felt, felt, of_springs
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import coupling
+from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
@@ -341,7 +342,8 @@ def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo
     at_robot = dataclasses.replace(params, device=servo_of(params))
     servo = _end(setup, make, DeviceCoupling, CouplingStart(at_robot, setup.tuning, position, energy, 0.0, "measured"))
     if params.follower.feedback == "force":
-        servo.said = reflected(leaders_stiffness(params, setup.dof))
+        share = 1.0 if servo.reporter is None else untold_share(params)
+        servo.said = reflected(tuple([share * one for one in leaders_stiffness(params, setup.dof)]))
     return servo
 
 

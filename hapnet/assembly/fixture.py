@@ -57,6 +57,12 @@ class Fixture:
         """Of the force that acted between the last two readings, the part that is not the fixture's."""
         return _without(self._device.acted(), self._acted)
 
+    def contact_force(self) -> Vector | None:
+        """The force of what surrounds the robot, which the planes belong to; None: nobody measures the rest."""
+        measured = getattr(self._device, "contact_force", None)
+        force = None if measured is None else measured()
+        return None if force is None else tuple(map(add, force, self._acted))
+
     def _push(self) -> Vector:
         push = (0.0,) * len(self._x)
         for plane in self._surroundings.planes(self._x, 0.0) or ():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.contact_force import require_contact_force
 from hapnet.assembly.user_device import servo_rate
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
@@ -74,9 +75,14 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
         if not held:
             allowed = f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"
             raise InvalidParameter("follower.robot", robot.robot, allowed)
-        if robot.feedback != "position":
-            allowed = "position with a robot whose surroundings and contact force nobody knows"
+        if robot.feedback == "planes":
+            allowed = "position or force with a robot whose surroundings nobody knows"
             raise InvalidParameter("follower.feedback", robot.feedback, allowed)
+        if robot.feedback == "force":
+            if scene.units == POSE:
+                allowed = f"position in the scene {params.scene}: no driver says which torque its tool meets"
+                raise InvalidParameter("follower.feedback", robot.feedback, allowed)
+            require_contact_force(robot.robot)
         with suppress(InvalidParameter):  # the driver may be on the other host only
             at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
             params = params.set({"follower.servo_hz": min(robot.servo_hz, at_most)})

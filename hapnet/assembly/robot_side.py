@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from hapnet.assembly.build import Setup, drive, follower_servo
+from hapnet.assembly.contact_force import require_contact_force
 from hapnet.assembly.fixture import Fixture
 from hapnet.assembly.follower import arms_of, frame_of, held_warnings, seen, writes_on_link
 from hapnet.assembly.own_parts import named_section
@@ -15,6 +16,7 @@ from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.side.clutch import Clutch
+from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Clock, Write
 from hapnet.side.endpoint import DeviceControl
 from hapnet.side.real_device import RealDeviceSide
@@ -40,6 +42,11 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         if setup.scene.contacts.planes(setup.scene.start, 0.0) is None:
             raise InvalidParameter("follower.fixtures", robot.fixtures, f"no: the scene {params.scene} has no planes")
         device.device = Fixture(device.device, setup.scene.contacts)
+    frame = frame_of(params, setup.units, setup.dof)
+    sensor: ContactForce | None = None
+    if robot.feedback == "force":
+        require_contact_force(robot.robot, measured=device.has_contact_force)
+        sensor = ContactForce(device.contact_force, setup.dof, robot.robot, clock, write)
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.world.damping)
     own = dataclasses.replace(device.declares(robot), own_damping=0.0)
@@ -56,28 +63,35 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         servo = follower_servo(leads, position, empty)
         if servo.reporter is not None:
             servo.reporter.know_nothing()
+        if sensor is not None:
+            servo.sense = lambda: frame.coupled_force(sensor.sense())
         return servo
 
     with named_section("follower"):
         hold((0.0,) * setup.dof, False)
     period_s = 1.0 / robot.servo_hz
-    endpoint.arms, record = arms_of(params), writes_on_link(params, write)
+    nothing = (0.0,) * setup.dof
+    endpoint.arms, on_link = arms_of(params), writes_on_link(params, write)
+
+    def record(sample: Sample) -> None:
+        felt = nothing if sensor is None else frame.coupled_force(sensor.force)
+        on_link(_as_world(sample, period_s, felt))
+
     side = RealDeviceSide(
-        endpoint, device, hold, drive(at_robot, clock, lambda sample: record(_as_world(sample, period_s))),
-        device.declared, device.limiter(servo),
+        endpoint, device, hold, drive(at_robot, clock, record), device.declared, device.limiter(servo), contact=sensor
     )  # fmt: skip
-    side.clutch = Clutch(frame_of(params, setup.units, setup.dof), meets=robot.start == "here")
+    side.clutch = Clutch(frame, meets=robot.start == "here")
     return side
 
 
-def _as_world(sample: Sample, step_s: float) -> Sample:
-    """A sample of the robot as one of a world; what is around it is not known."""
+def _as_world(sample: Sample, step_s: float, felt: Vector) -> Sample:
+    """A sample of the robot as one of a world. felt : its measured contact force [N], 0 where nobody measures it."""
     if not isinstance(sample, DeviceSample):
         return sample
     nothing = (0.0,) * len(sample.position_m)
     return WorldSample(
         sample.time_ns, step_s, sample.position_m, sample.velocity_mps or nothing, sample.set_position_m,
-        sample.target_m, sample.force_N, nothing, 0.0, sample.reservoir_J, sample.potential_J, sample.sent_J,
+        sample.target_m, sample.force_N, felt, 0.0, sample.reservoir_J, sample.potential_J, sample.sent_J,
         sample.credited_J, sample.margin_J, sample.slack_J, sample.age_s, sample.transit_s, sample.bound_J,
         sample.work_J, sample.stored_J, sample.account_J,
     )  # fmt: skip

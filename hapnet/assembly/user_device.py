@@ -118,6 +118,8 @@ THERMAL_S = 10.0
 class UserDevice:
     """The device `name`, made with ``dof`` and read once. `params` stand in for what it does not declare.
 
+    More than twenty attributes: what it declares, and which optional parts it has.
+
     units : of the scene's axes; empty: whatever the device has.
 
     Its driver may fail at any time, and a NaN would become a force. So whatever it raises, and any reading that is not
@@ -139,7 +141,7 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
         self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
-        self._reports_interval = self._can("interval")
+        self._reports_interval, self.has_contact_force = self._can("interval"), self._can("contact_force")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
         try:
             self._examine(params or DeviceParams(), params is not None, units)
@@ -183,6 +185,7 @@ class UserDevice:
             self._make_ready()
         try:
             position, _ = self._first_reading()
+            self.has_contact_force = self.contact_force() is not None
         except HapnetError as error:
             raise InvalidParameter("hardware", name, f"a device that can be read ({error})") from error
         if (where := self.declared.outside(position)) is not None:
@@ -225,6 +228,20 @@ class UserDevice:
     def acted(self) -> Vector | None:
         """The force that acted between the last two readings, if the device reports it; HapnetError if it fails."""
         return self._force("acted", self._call("acted"), "the force that acted") if self._reports_acted else None
+
+    def contact_force(self) -> Vector | None:
+        """The measured force of its surroundings, perhaps no number; None: there is none. HapnetError if it fails."""
+        if not self.has_contact_force:
+            return None
+        try:
+            reported = self._call("contact_force")
+        except DeviceSilent:
+            return None
+        wanted = f"the force of its surroundings, {self.dof} numbers, or None"
+        force = None if reported is None else self._numbers("contact_force", reported, wanted)
+        if force is not None and len(force) != self.dof:
+            raise self._wrong("contact_force", force, wanted)
+        return force
 
     def interval(self) -> float | None:
         """The time between the last two readings by the device's clock [s], if it reports that, or HapnetError."""

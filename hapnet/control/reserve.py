@@ -285,9 +285,9 @@ class Holding(NamedTuple):
     """Energy that the account must hold for it [J]; infinite if no account is enough."""
     reserve: float
     """Energy that the account keeps for it [J]: what is needed, unless the ceiling is too low for that."""
-    far: float = 0.0
+    far: float
     """v h + r: how far the device moves while a torque is held for h [m]."""
-    drag: float = 0.0
+    drag: float
     """B v, the most of the damper [N]."""
 
     def far_in(self, time: float) -> float:

@@ -71,14 +71,8 @@ class FilteredVelocity(Record):
         """Start again at rest, wherever the next position is."""
         self.known = 0
 
-    def reset_at(self, x: Vector) -> None:
-        """Start again at rest at x [m]."""
-        self.known, self.filtered, self.velocity = 1, list(x), [0.0] * len(x)
-
     def step(self, dt: float, x: Vector) -> Vector:
         """The velocity [m/s] at x [m], `dt` seconds after the last step."""
-        if not self.known:
-            self.reset_at(x)
         filter_velocity(self, len(x), dt, x)
         return tuple(self.velocity)
 

@@ -69,7 +69,8 @@ class WaveDevice(_Port, DeviceEnd):
     Attributes
     ----------
     rendered, rendered_s : integral of the wave that the force held now was made with, over this time. unsent : integral
-    of u that was not sent. energies : that came in on each axis and was not sent [J]. span : since the last sample [s].
+    of u that was not sent. energies : that came in on each axis and was not sent [J]; they cover what the hold leaks.
+    span : since the last sample [s].
     """
 
     rendered: OfAxes
@@ -86,11 +87,6 @@ class WaveDevice(_Port, DeviceEnd):
         cast(Line, self.line).clear()
         self.rendered, self.unsent, self.energies = ([0.0] * self.n for _ in range(3))
         self.rendered_s, self.span = 1.0, 0.0
-
-    @property
-    def energy(self) -> float:
-        """Energy that came in and was not sent, on the axis with the smallest [J]: it covers what the hold leaks."""
-        return min(self.energies)
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:

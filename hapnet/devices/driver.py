@@ -109,6 +109,13 @@ class Driver(ABC):
         """
         return None
 
+    def contact_force(self) -> Vector | None:
+        """The measured force of its surroundings on a robot that follows, as of the last reading [N]; None: not known.
+
+        The motors' force is no part of it. Positive along an axis: the surroundings push the robot that way.
+        """
+        return None
+
     def interval(self) -> float | None:
         """The time between the last two readings by the device's own clock [s]; None: by when `read` returned.
 

@@ -207,6 +207,13 @@ class Franka(Driver):
         """The force with the work of the torques that the robot reports."""
         return self._acted
 
+    def contact_force(self) -> Vector:
+        """The robot's own estimate of the external force, filtered; zeros near a singularity, as its maker says.
+
+        `O_F_ext_hat_K` is positive where the robot pushes its surroundings (`robot_state.h`); here they push the robot.
+        """
+        return self._taken(-np.array(self._state.O_F_ext_hat_K[:3]))
+
     def close(self) -> None:
         """Take the torques to zero at the rate that the robot allows, and finish the motion; it then holds still."""
         control, self._control = self._control, None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from hapnet.devices.timed_velocity import TimedVelocity
 from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
 from hapnet.transport.ros2 import ROUTER, RosNode, check_topic, missing
 from hapnet.transport.ros2_inbox import Inbox
+
+T = TypeVar("T")
 
 POSE, WRENCH, JOINTS = (
     "geometry_msgs/msg/PoseStamped",
@@ -36,11 +38,14 @@ _NS = 1e-9
 class Ros2(Driver):
     """Positions come from one topic, forces go to another: ``ros2:/arm/current_pose,command=/arm/target_wrench``.
 
+    More than twenty attributes: what a driver declares, and of each topic what came last.
+
     state : topic of the positions, PoseStamped; with `joints`, JointState. command : topic on which the forces go out,
     WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic that says which
-    force the actuators made, of the command's type; empty: nobody knows. joints : names with + between them, the
-    scene's axes; empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz]. router : of ROS 2.
-    domain : ROS_DOMAIN_ID. frame : the command's frame_id.
+    force the actuators made, of the command's type; empty: nobody knows. contact : topic that says with which force its
+    surroundings push the robot, likewise, as often as its state; a wrench in the pose's frame. joints : names with +
+    between them, the scene's axes; empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz].
+    router : of ROS 2. domain : ROS_DOMAIN_ID. frame : the command's frame_id.
 
     Raises InvalidParameter: an option is not allowed. MissingLibrary: the extra `ros2` is not installed. HapnetError:
     there is no router, or nothing comes on the state's topic.
@@ -56,6 +61,7 @@ class Ros2(Driver):
         state: str = "/target_pose",
         command: str = "",
         measured: str = "",
+        contact: str = "",
         joints: str = "",
         axes: str = "",
         rate: float = 100.0,
@@ -63,7 +69,7 @@ class Ros2(Driver):
         domain: int = 0,
         frame: str = "base_link",
     ) -> None:
-        for name, topic in (("state", state), ("command", command), ("measured", measured)):
+        for name, topic in (("state", state), ("command", command), ("measured", measured), ("contact", contact)):
             if topic or name == "state":
                 check_topic(name, topic)
         if not 10.0 <= rate <= 1000.0:
@@ -84,17 +90,20 @@ class Ros2(Driver):
         self._velocity = [TimedVelocity(math.inf, NOISE) for _ in range(dof)]
         self._quaternion: Vector | None = None
         self._acted: Vector | None = None
+        self._touched: tuple[Vector, int] | None = None
+        self._state_frame = ""
         self._node = RosNode("hapnet", domain=domain, router=router)
         self._states = Inbox(self._position, 1.0 / rate, time.monotonic_ns)
         self._measured = Inbox(self._force, 1.0 / rate, time.monotonic_ns)
+        self._contacts = Inbox(self._contact, 1.0 / rate, time.monotonic_ns)
         self._node.open()
         self._node.subscribe(state, JOINTS if names else POSE, self._states.take)
-        if measured:
-            self._node.subscribe(measured, JOINTS if names else WRENCH, self._measured.take)
-        if self._states.next(_START_S) is None:
-            self.close()
-            unused = self._states.unused
-            raise HapnetError(f"nothing on {state} within {_START_S:g} s" + (f" but {unused}" if unused else ""))
+        self._first(self._states, state)
+        for topic, inbox in ((measured, self._measured), (contact, self._contacts)):
+            if topic:
+                self._node.subscribe(topic, JOINTS if names else WRENCH, inbox.take)
+        if contact:
+            self._touched = self._first(self._contacts, contact)
 
     @classmethod
     def missing(cls) -> str:
@@ -110,6 +119,7 @@ class Ros2(Driver):
         at_s = came_ns * _NS
         force = self._measured.next()
         self._acted = None if force is None else force[0]
+        self._touched = self._contacts.next() or self._touched
         return x, tuple([one.update(at_s, at_s, axis) for one, axis in zip(self._velocity, x, strict=True)])
 
     def apply(self, force: Vector) -> Vector | None:
@@ -131,17 +141,31 @@ class Ros2(Driver):
     def acted(self) -> Vector | None:
         return self._acted
 
+    def contact_force(self) -> Vector | None:
+        if self._touched is None or (time.monotonic_ns() - self._touched[1]) * _NS > self._wait_s:
+            return None
+        return self._touched[0]
+
     def orientation(self) -> Vector | None:
         return self._quaternion if self._turns else None
 
     def close(self) -> None:
         self._node.close()
 
+    def _first(self, inbox: Inbox[T], topic: str) -> tuple[T, int]:
+        """The first value on this topic. Raises HapnetError: none comes."""
+        if (found := inbox.next(_START_S)) is None:
+            self.close()
+            but = f" but {inbox.unused}" if inbox.unused else ""
+            raise HapnetError(f"nothing on {topic} within {_START_S:g} s{but}")
+        return found
+
     def _position(self, data: bytes) -> tuple[Vector, Vector | None]:
         """Position and orientation in a message; of joints only the first."""
         if self._axes is None:
             return self._of_joints(data, "position"), None
-        pose = self._node.types.decode(POSE, data).pose
+        stamped = self._node.types.decode(POSE, data)
+        pose, self._state_frame = stamped.pose, stamped.header.frame_id
         at, turned = pose.position, pose.orientation
         quaternion = _finite(turned.w, turned.x, turned.y, turned.z)
         if (size := math.hypot(*quaternion)) < 0.5:
@@ -153,6 +177,14 @@ class Ros2(Driver):
             return self._of_joints(data, "effort")
         force = self._node.types.decode(WRENCH, data).wrench.force
         return self._axes.take(_finite(force.x, force.y, force.z))
+
+    def _contact(self, data: bytes) -> Vector:
+        """As `_force`; of a wrench in the frame of a sensor that turns nobody knows where it points."""
+        if self._axes is not None:
+            frame = self._node.types.decode(WRENCH, data).header.frame_id
+            if frame != self._state_frame:
+                raise BadMessage("frame_id", f"{frame!r}; allowed: {self._state_frame!r}, that of {self._state}")
+        return self._force(data)
 
     def _of_joints(self, data: bytes, part: str) -> Vector:
         message = self._node.types.decode(JOINTS, data)

@@ -23,6 +23,7 @@ from hapnet.plant.device import Device
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
 from hapnet.records.vectors import inner
+from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Drive
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
@@ -84,7 +85,8 @@ class RealDeviceSide(SampledDeviceSide):
     More than twenty attributes: each silence, brake and switch is reported once, so the last report is kept.
 
     limiter : of the force that goes to the actuators. check : pushes the handle before control begins; None: nobody
-    does. Other parameters as for `SampledDeviceSide`.
+    does. contact : asks a robot for the force of its surroundings; None: nobody does. Other parameters as for
+    `SampledDeviceSide`.
     """
 
     device: RealDevice
@@ -98,9 +100,11 @@ class RealDeviceSide(SampledDeviceSide):
         declared: OperatingRange | None,
         limiter: ForceLimiter,
         check: ActuatorCheck | None = None,
+        contact: ContactForce | None = None,
     ) -> None:
         super().__init__(endpoint, device, make_servo, drive, declared)
         self.limiter = limiter
+        self._contact = contact
         self._check = check
         self._agreement = Agreement(device.smallest_mass)
         self._mass: Vector = ()
@@ -218,6 +222,7 @@ class RealDeviceSide(SampledDeviceSide):
             "silent_s": self.silent_ns * NANO,
             "hot_s": self.limiter.limited_s,
             "mass_kg": list(self._mass) or None,
+            "contact_missed": None if self._contact is None else self._contact.missed,
         }
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:

@@ -155,7 +155,8 @@ class Stopped(TypedDict):
 
 class DriverPart(TypedDict):
     """A real device: how many readings were missed, how often and for how long that was a silence, how long heat
-    limited its force, and the apparent mass of each axis, as pushes at the start showed it; None: they did not."""
+    limited its force, the apparent mass of each axis, as pushes at the start showed it, None: they did not, and how
+    many of its contact forces were missing, None: nobody asked for them."""
 
     name: str | None
     missed: Count
@@ -163,6 +164,7 @@ class DriverPart(TypedDict):
     silent_s: Number
     hot_s: Number
     mass_kg: list[float] | None
+    contact_missed: Count | None
 
 
 class Contradictions(TypedDict):

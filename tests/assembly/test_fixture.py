@@ -28,6 +28,9 @@ class Puck:
     def acted(self) -> Vector:
         return (self.force,)
 
+    def contact_force(self) -> Vector:
+        return (-0.25,)
+
 
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize(("mass", "stiffness"), [(1.0, 3000.0), (0.2, 10_000.0), (4.0, 30_000.0)])
@@ -59,6 +62,7 @@ def test_what_it_adds_is_not_the_couplings() -> None:
     assert puck.force == pytest.approx(0.5 - 100.0 * 0.01)  # it is 10 mm behind the plane, less than the 5 mJ lent
     fixture.read()
     assert fixture.acted() == pytest.approx((0.5,))
+    assert fixture.contact_force() == pytest.approx((-0.25 - 1.0,))  # what is there, and the plane
     assert fixture.taken_J == pytest.approx(1.0 * (puck.x - 0.01))  # it goes out: what pushed it there counts
     assert fixture.apply((0.0,)) == (0.0,)  # a force that was taken away, the plane's too
     assert puck.force == 0.0

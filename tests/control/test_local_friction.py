@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
+from hapnet.control.friction_cone import RubbingProxy, agree
 from hapnet.control.self_motion import SelfMotion
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane, checked
@@ -345,3 +346,14 @@ def test_no_lie_about_friction_creates_energy(seed: int) -> None:
 
 def test_without_pspm_the_same_lies_do() -> None:
     assert slack_of(friction_lied(1, "zoh")) < -0.01
+
+
+@pytest.mark.parametrize("dt", [0.15, 0.3, 30.0])
+def test_a_proxy_far_from_the_worlds_goes_on_to_two_millimetres_with_its_time_constant(dt: float) -> None:
+    """The rest of the way is divided by 1 + dt/0.3 s in a step: backward Euler, which never goes too far."""
+    proxy = RubbingProxy([[1.0 / K_WORLD, 0.0], [0.0, 1.0 / K_WORLD]], (0.0, 0.05))
+    proxy.rubs = proxy.has_worlds = 1
+    proxy.worlds = [0.012, 0.05]
+    for k in range(1, 4):
+        agree(proxy, (), 2, dt)
+        assert proxy.place == pytest.approx([0.01 - 0.01 / (1.0 + dt / 0.3) ** k, 0.05])

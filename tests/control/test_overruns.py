@@ -92,7 +92,7 @@ def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followe
     servo = SampledServo(
         coupling, damping=(B,) * n, period=period, position=(0.0,) * n,
         guard=ForceGuard(limit=3.3, step=step, reach=speed * period),
-        holding=Holding(speed, 0.021, math.inf, ceiling / 2.0, speed * 0.021),
+        holding=Holding(speed, 0.021, math.inf, ceiling / 2.0, speed * 0.021, speed * B),
     )  # fmt: skip
     x, work, strongest, minimum = np.zeros(n), 0.0, 0.0, math.inf
     ledger = coupling.ledger
@@ -215,7 +215,7 @@ def test_a_force_comes_back_by_degrees_after_the_last_of_them() -> None:
     )  # fmt: skip
     servo = SampledServo(
         coupling, damping=(0.1,), period=0.01, position=(0.0,), guard=ForceGuard(reach=0.01),
-        holding=Holding(1.0, 0.03, 0.05, 0.05, 0.03),
+        holding=Holding(1.0, 0.03, 0.05, 0.05, 0.03, 0.1),
     )  # fmt: skip
     servo.tick(600.0, (0.0,), (0.0,), release=True)
     coupling.receive((0.02,), 0.0, 0.0)

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.control.prediction import MOST, MotionPredictor, PredictedDevice
+from hapnet.control.reporter import Teller
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.walls import Contacts
+from hapnet.plant.worlds.walls import Contacts, Wall
 
 NUMBERS = st.floats(-2.0, 2.0)
 WINDOW = {"window": 0.06, "maximum": 0.2, "max_curve": 0.1}
@@ -87,6 +88,22 @@ def test_the_proxy_of_a_steady_motion_stands_where_the_device_is(step: float, ag
         now += step
     assert mass.position[0] == pytest.approx(speed * now, abs=1e-6)
     assert source.stands_for(step) - clock == pytest.approx(now, abs=1e-9)
+
+
+@pytest.mark.parametrize(("speed_mps", "reach_m"), [(1.0, 0.47), (3.0, 1.0)])
+def test_planes_are_sent_that_a_device_reaches_in_a_round_trip_and_none_beyond_a_metre(
+    speed_mps: float, reach_m: float
+) -> None:
+    """Positions are 0.2 s old, steps take 0.02 s: 0.42 s until the device has an answer; and 50 mm in any case."""
+    source = PredictedDevice((0.0,), 0.03, MotionPredictor())
+    source.age, source.mean_step = 0.2, 0.02
+    reporter, mass = Teller((0.0,), source, 0.05, speed_mps), PassiveIntegrator(0.02, 14.0, 500.0, (0.0,))
+    wall = Wall((1.0,), 0.999 * reach_m, 1000.0), Wall((-1.0,), 1.001 * reach_m, 1000.0)
+    reporter.moved(mass.step(0.02, (0.0,), contacts := Contacts(wall)), contacts)
+    reporter.look(0.02, (0.0,))
+    proxy = reporter.proxy((0.0,), None)
+    assert proxy.reach_m == pytest.approx(reach_m)
+    assert [plane.offset_m for plane in proxy.planes or ()] == [wall[0].offset]
 
 
 def test_nothing_known_yet() -> None:

@@ -149,7 +149,8 @@ def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int
     servo = SampledServo(
         coupling, damping=(B,) * n, period=5 * period, position=(0.0,) * n,
         guard=ForceGuard(limit=limit, step=step, reach=speed * period + count),
-        holding=Holding(speed, period, needed, min(needed, ceiling / 2.0)), resolution=resolution,
+        holding=Holding(speed, period, needed, min(needed, ceiling / 2.0), speed * period + count, speed * B),
+        resolution=resolution,
     )  # fmt: skip
     x, read, force = np.zeros(n), np.zeros(n), np.zeros(n)
     work = 0.0

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from hapnet.control.smoothing import Pipeline, SmoothingFilter, VelocityPredictor
+from hapnet.control.smoothing import FilteredVelocity, Pipeline, SmoothingFilter, VelocityPredictor
 from hapnet.errors import InvalidParameter
 
 
@@ -29,6 +29,16 @@ def test_filter_has_its_time_constant() -> None:
     for _ in range(1500):
         (value,) = stage.step(1e-5, (1.0,), None)
     assert value == pytest.approx(1.0 - math.exp(-1.0), rel=1e-3)
+
+
+def test_a_velocity_begins_at_rest_wherever_the_position_is() -> None:
+    """Then, in a motion at 2 m/s, it is short of that by tau/(tau + dt) to the power of the steps."""
+    found, dt = FilteredVelocity(0.015, 1), 0.005
+    for place in (0.3, -0.1):
+        assert found.step(dt, (place,)) == (0.0,)
+        for k in range(1, 9):
+            assert found.step(dt, (place + 2.0 * dt * k,)) == pytest.approx((2.0 * (1.0 - 0.75**k),))
+        found.reset()
 
 
 def test_predictor_is_exact_on_a_straight_line_whatever_the_jitter() -> None:

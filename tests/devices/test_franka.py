@@ -195,6 +195,14 @@ def test_it_begins_only_with_a_robot_that_is_ready(library: None) -> None:
     assert stand_in.Robot.made.thresholds[1] == [36.0] * 4 + [12.0] * 3
 
 
+def test_the_surroundings_push_where_it_does_not(library: None) -> None:
+    """The maker's wrench is what the robot does to its surroundings, along the base's axes."""
+    device, robot = begun(2, axes="zx")
+    robot.pushed = np.array([1.0, 2.0, -3.0, 9.0, 9.0, 9.0])
+    device.read()
+    assert device.contact_force() == (3.0, 2.0)  # up; to the right is against their y
+
+
 def test_its_frame_is_hapnets(library: None) -> None:
     """Its x points away from the base, which is away from the user: our y."""
     device, robot = begun()

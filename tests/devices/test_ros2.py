@@ -80,6 +80,31 @@ def test_a_robot_is_read_commanded_and_seen_by_ros(node: BareNode, address: str)
     until(lambda: not node.tokens)
 
 
+def wrench(frame: bytes, *force: float) -> bytes:
+    """By the rules of CDR; numbers begin at multiples of 8."""
+    data = struct.pack(f"<4sIII{len(frame) + 1}s", b"\0\1\0\0", 0, 0, len(frame) + 1, frame)
+    return data + b"\0" * (-(len(data) - 4) % 8) + struct.pack("<6d", *force, 9.0, 9.0, 9.0)
+
+
+def test_its_contact_force_is_a_topics_in_the_frame_of_its_pose(
+    node: BareNode, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [wrench(b"", 1.0, 2.0, -3.0)]
+    node.stream("arm/current_pose", 100.0)
+    node.stream(f"arm/contact/{WRENCH}", 100.0, lambda: found[0])
+    robot = Ros2(2, STATE, contact="/arm/contact", axes="z-x", router=address)
+    try:
+        moving(robot)
+        assert robot.contact_force() == (-3.0, -1.0)
+        found[0] = wrench(b"tool", 7.0, 7.0, 7.0)
+        until(lambda: moving(robot) is not None and robot.contact_force() is None)
+    finally:
+        robot.close()
+    monkeypatch.setattr("hapnet.devices.ros2._START_S", 0.5)
+    with pytest.raises(HapnetError, match=r"nothing on /arm/contact within 0.5 s but .*bad"):
+        Ros2(2, STATE, contact="/arm/contact", router=address)
+
+
 def joint_state(positions: tuple[float, float], efforts: tuple[float, ...]) -> bytes:
     """Of the joints a and b, by the rules of CDR; velocities there are none."""
     data = struct.pack("<4sIIIx3x", b"\0\1\0\0", 0, 0, 1) + struct.pack("<II2s2xI2s2x", 2, 2, b"a", 2, b"b")

@@ -25,6 +25,14 @@ def test_numbers_of_any_kind_are_sent() -> None:
     assert message.more is None
 
 
+def test_a_ball_that_nothing_else_is_said_of_is_a_spring_alone() -> None:
+    """At rest and frictionless; its nearest point is 3 mm ahead."""
+    normal, *values, _, friction, effects = Plane.of_ball((0.1, 0.0), (0.133, 0.0), 0.03, 300.0)
+    assert normal == (1.0, 0.0)
+    assert values == pytest.approx([0.103, 300.0, 0.0, 0.0])
+    assert (friction, effects) == (0.0, None)
+
+
 def test_the_first_four_are_told() -> None:
     walls = [FLOOR._replace(offset_m=0.01 * k) for k in range(6)]
     assert checked(iter(walls), 3) == tuple(walls[:4])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.spring import Spring
+from hapnet.mechanics.spring import Spring, shared_spring
 from tests.conftest import random_spd
 
 
@@ -68,5 +68,6 @@ def test_potential_by_hand() -> None:
     ],
 )
 def test_refuses_what_is_no_stiffness(K: object, words: str) -> None:
-    with pytest.raises(InvalidParameter, match=words):
-        Spring(K, 2)  # type: ignore[arg-type]
+    for make in (Spring, shared_spring):
+        with pytest.raises(InvalidParameter, match=words):
+            make(K, 2)  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ from hapnet.doctor.device import examine_device
 from hapnet.doctor.machine import OK, WARNING, Check
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.plant.actuator_check import ActuatorCheck
+from hapnet.plant.actuator_check import ActuatorCheck, response
 from hapnet.plant.agreement import Agreement
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.endpoint import DeviceEndpoint
@@ -87,6 +87,15 @@ def test_a_force_too_small_to_show_is_no_fault() -> None:
 class Braked(Handle):
     def braked(self) -> str:
         return "its brake is on"
+
+
+@pytest.mark.parametrize(("readings", "force_N", "stands"), [(100, 0.0, False), (15, 0.3, False), (16, 0.3, True)])
+def test_an_axis_stands_still_only_if_it_was_pushed_for_two_readings_a_pulse(
+    readings: int, force_N: float, stands: bool
+) -> None:
+    found = response([(0.001 * k, force_N, 0.0, 0.0) for k in range(readings)])
+    assert found.stood_still == stands
+    assert not found.known
 
 
 def test_a_brake_is_said_and_nothing_is_pushed() -> None:

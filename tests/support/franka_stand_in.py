@@ -2,9 +2,10 @@
 
 After libfranka 0.21 (`include/franka/robot_state.h`, `active_control_base.h`, `src/active_control.cpp`,
 `src/robot_impl.cpp`, `pylibfranka/src/pylibfranka.cpp`): arrays with their columns one after the other; a state reports
-the torque that was received before it; a command for a state that is not the newest is lost; `ControlException` when
-the robot has left its mode Move, for good; `NetworkException` when no state comes. Kinematics are the maker's table of
-Denavit-Hartenberg parameters (frankarobotics.github.io/docs/robot_specifications.html); each joint is a mass by itself.
+the torque that was received before it, and an external wrench that is positive where the robot pushes; a command for a
+state that is not the newest is lost; `ControlException` when the robot has left its mode Move, for good;
+`NetworkException` when no state comes. Kinematics are the maker's table of Denavit-Hartenberg parameters
+(frankarobotics.github.io/docs/robot_specifications.html); each joint is a mass by itself.
 """
 
 from __future__ import annotations
@@ -88,6 +89,7 @@ class Robot:
         self.q, self.dq, self.torque, self.time = START.copy(), np.zeros(7), np.zeros(7), 0
         self.mode, self.errors, self.recovered, self.finished = RobotMode.Idle, "", 0, False
         self.thresholds: tuple[Any, ...] = ()
+        self.pushed = np.zeros(6)
         self.sent: list[Any] = []
         self.reported: list[Any] = []
         self.before_state: Callable[[Robot], None] = lambda robot: None
@@ -125,7 +127,8 @@ class Robot:
         self.reported.append(self.torque)
         return SimpleNamespace(
             q=list(self.q), dq=list(self.dq), tau_J_d=list(self.torque), O_T_EE=list(chain(self.q)[0].T.ravel()),
-            robot_mode=self.mode, current_errors=self.errors, control_command_success_rate=0.98,
+            O_F_ext_hat_K=list(self.pushed), robot_mode=self.mode, current_errors=self.errors,
+            control_command_success_rate=0.98,
         )  # fmt: skip
 
     def readOnce(self) -> tuple[Any, Any]:

@@ -110,7 +110,7 @@ def put_in(
             held = max(-force_limit, min(force_limit, force))
         if now % 5 == 0:
             send(up, now, device.next_sample((x,), (hand[now],)))
-        lowest, debt = min(lowest, work), min(debt, device.energy)
+        lowest, debt = min(lowest, work), min(debt, device.energies[0])
     return PutIn(lowest, work, debt)
 
 

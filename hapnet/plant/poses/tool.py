@@ -59,14 +59,13 @@ def box(size: Vector) -> Tool:
     return Tool("box", tuple(corners), size, closed=True)
 
 
-def peg(radius: float, length: float, around: int = 8, along: int = 3) -> Tool:
-    """A round peg along its z axis [m]. It touches with `along` rings of `around` points, the middle of its end, and
-    its faces."""
-    heights = [length * (k / (along - 1) - 0.5) for k in range(along)] if along > 1 else [-0.5 * length]
+def peg(radius: float, length: float) -> Tool:
+    """A round peg along its z axis [m]. It touches with three rings of eight points, the middle of its end, and its
+    faces."""
     rings = [
-        (radius * cos(2.0 * pi * k / around), radius * sin(2.0 * pi * k / around), z)
-        for z in heights
-        for k in range(around)
+        (radius * cos(2.0 * pi * k / 8), radius * sin(2.0 * pi * k / 8), z)
+        for z in (-0.5 * length, 0.0, 0.5 * length)
+        for k in range(8)
     ]
     return Tool(
         "peg", ((0.0, 0.0, -0.5 * length), *rings), (2.0 * radius, 2.0 * radius, length), round=True, closed=True

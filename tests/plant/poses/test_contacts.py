@@ -13,6 +13,7 @@ from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.poses.mass import ToolMass
+from hapnet.plant.poses.picture import ToolPicture
 from hapnet.plant.poses.scene import ToolScene
 from hapnet.plant.poses.tool import Tool, box, peg, place
 from hapnet.plant.worlds.hole import Hole
@@ -206,3 +207,24 @@ def test_a_peg_in_its_hole_is_held_across_and_free_along() -> None:
 def test_a_start_inside_is_refused() -> None:
     with pytest.raises(InvalidParameter, match="no point of the tool is inside"):
         mass_among(box((0.06, 0.04, 0.02)), Solid(HalfSpace((0.0, 0.0, -1.0), 0.009)))
+
+
+def test_touches_are_shown_on_the_surface_with_normals_out_of_the_solid() -> None:
+    """A box a millimetre inside the floor lies on its four lower corners."""
+    floor = Solid(HalfSpace((0.0, 0.0, -1.0), 0.025), 3000.0)
+    picture = ToolPicture(ToolContacts(box((0.06, 0.04, 0.02)), [floor], ARM_M))
+    touches = picture.touches((0.0, 0.0, -0.016, *HOME[3:]), (0.0, 0.0, 2.0, *HOME[3:]))
+    corners = sorted((x, y, -0.025) for x in (-0.03, 0.03) for y in (-0.02, 0.02))
+    assert np.array(sorted(touch.point for touch in touches)) == pytest.approx(np.array(corners), abs=1e-15)
+    assert {touch.normal for touch in touches} == {(0.0, 0.0, 1.0)}
+    assert np.sum([touch.force_N for touch in touches], axis=0) == pytest.approx([0.0, 0.0, 2.0])
+
+
+def test_a_peg_touches_with_three_rings_of_eight_points_and_the_middle_of_its_end() -> None:
+    middle, *rings = np.array(peg(0.005, 0.03).points)
+    assert middle.tolist() == [0.0, 0.0, -0.015]
+    for ring, z in zip(np.reshape(rings, (3, 8, 3)), (-0.015, 0.0, 0.015), strict=True):
+        assert ring[:, 2].tolist() == [z] * 8
+        assert np.hypot(ring[:, 0], ring[:, 1]) == pytest.approx(np.full(8, 0.005))
+        sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
+        assert sides == pytest.approx(np.full(8, 0.01 * np.sin(np.pi / 8)))

@@ -1,0 +1,40 @@
+"""Position-force with a robot that is not simulated: which drivers measure the force of its surroundings."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
+
+from hapnet.assembly.user_device import load_class
+from hapnet.devices.driver import Driver
+from hapnet.devices.registry import known
+from hapnet.errors import InvalidParameter
+
+
+def require_contact_force(hardware: str, *, measured: bool | None = None) -> None:
+    """Raise InvalidParameter if this driver measures no contact force.
+
+    measured : what its first reading says; None: it is not open yet. Then only its class can be asked, and nothing is
+    known of a function that makes drivers, or of a driver on the other host.
+    """
+    if measured is None:
+        try:
+            measured = _may_measure(hardware)
+        except InvalidParameter:
+            return
+    if not measured:
+        have = ", ".join(filter(_named, known()))
+        allowed = f"position with {hardware}, which measures no contact force: contact_force() is for that ({have})"
+        raise InvalidParameter("follower.feedback", "force", allowed)
+
+
+def _may_measure(hardware: str) -> bool:
+    made = load_class(hardware)
+    made = made.func if isinstance(made, partial) else made
+    return not isinstance(made, type) or getattr(made, "contact_force", None) not in (None, Driver.contact_force)
+
+
+def _named(hardware: str) -> bool:
+    with suppress(InvalidParameter):
+        return _may_measure(hardware)
+    return False
