@@ -52,6 +52,7 @@ class Readings:
         self.took_ns: list[int] = []
         self.positions: list[Vector] = []
         self.velocities: list[Vector] = []
+        self.contacts: list[Vector] = []
         self.missed: int = 0
         due_ns = clock()
         for _ in range(count):
@@ -69,6 +70,8 @@ class Readings:
             self.took_ns.append(self.at_ns[-1] - before_ns)
             self.positions.append(x)
             self.velocities.append(v)
+            if (force := device.contact_force()) is not None and math.isfinite(sum(force)):
+                self.contacts.append(force)
 
 
 def examine_device(
@@ -98,6 +101,8 @@ def examine_device(
     yield _resolution(found, device.resolution)
     yield _noise(found)
     yield _velocity(found)
+    if found.contacts:
+        yield _contact(found.contacts)
     if device.watchdog_s is None:
         advice = f"the hardware must take the force away by itself: see {_PAGE}"
         yield Check("watchdog", WARNING, "none declared", advice)
@@ -158,6 +163,15 @@ def _noise(found: Readings) -> Check:
         return Check("noise", OK, "not measured: the handle moved")
     spread = [statistics.pstdev(axis) for axis in zip(*found.positions, strict=True)]
     return Check("noise", OK, f"{max(spread) * 1e6:.3g} um rms at rest")
+
+
+def _contact(forces: list[Vector]) -> Check:
+    rest, most = (
+        tuple(map(statistics.median, zip(*forces, strict=True))),
+        max(forces, key=lambda force: math.hypot(*force)),
+    )
+    median, largest = (", ".join(f"{part:.2g}" for part in force) for force in (rest, most))
+    return Check("contact force", OK, f"{median} N, up to {largest} N", "push the robot along +x: the first is above 0")
 
 
 def _velocity(found: Readings) -> Check:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from itertools import count, cycle
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 
 from hapnet.assembly.build import device_session, device_side, prepare, world_session
 from hapnet.assembly.robot_side import robot_side
+from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.cli import main
 from hapnet.devices.driver import Driver
+from hapnet.doctor.device import examine_device
 from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
@@ -180,6 +183,16 @@ def test_a_driver_that_measures_none_is_refused_before_the_run(capsys: pytest.Ca
         assert "(franka, ros2)" in said
     with pytest.raises(InvalidParameter, match="measures no contact force"):
         Pair(follower__robot=f"{HERE}:Unplugged")  # its class has the method, its first reading nothing
+
+
+def test_the_doctor_shows_it_so_that_its_sign_is_seen() -> None:
+    device = UserDevice(f"{HERE}:Robot", 1)
+    forces = cycle([-0.5, math.nan, -0.5, -3.0, -0.5])
+    device.device.reports = lambda force: (next(forces),)  # type: ignore[attr-defined]
+    found = {one.name: one for one in examine_device(device, 1000.0, count(0, MS).__next__, lambda seconds: None)}
+    assert found["contact force"].value == "-0.5 N, up to -3 N"
+    numb = examine_device(UserDevice(f"{HERE}:Numb", 1), 1000.0, count(0, MS).__next__, lambda seconds: None)
+    assert "contact force" not in [one.name for one in numb]
 
 
 def test_what_it_cannot_be_is_named() -> None:
