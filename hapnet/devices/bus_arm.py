@@ -23,17 +23,14 @@ from hapnet.devices import serial_port
 from hapnet.devices.axes import Axes
 from hapnet.devices.bus_joints import COUNT_RAD, JointServo, Posture, arm_table, joints_of
 from hapnet.devices.bus_packets import Packets, Reply
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import NO_FORCE, Driver
+from hapnet.devices.joint_torques import paid, share
 from hapnet.devices.servo_bus import ServoBus, transfer_s
 from hapnet.devices.timed_velocity import TimedVelocity
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
-from hapnet.mechanics.contacts import doing
 from hapnet.plant.arms.table import apparent_masses
 from hapnet.records.vectors import added, inner
 from hapnet.units import METRES, RADIANS
-
-NO_FORCE = 1e-6
-"""The limit of an arm without force [N]: so the coupling keeps no energy for one."""
 
 _LATENCY_S, _MARGIN, _SHARE = 1e-3, 1.1, 0.85
 """A tick costs its bytes' time, a tenth more and this; a reading may take this share of a period."""
@@ -261,20 +258,18 @@ class BusArm(Driver):
             self._off = False
             self.switch(self._ids, on=True)
         weight, torques = self._posture.weight, self._posture.torques(self._spread(force))
-        share = 1.0
-        for torque, load, per, most in zip(torques, weight, self._per_count, self._most, strict=True):
-            if torque:
-                share = min(share, max(0.0, abs(per) * most - abs(load)) / abs(torque))
+        limits = [abs(per) * most for per, most in zip(self._per_count, self._most, strict=True)]
+        part = share(torques, weight, limits)
         counts = {}
         for k, joint in enumerate(self._joints):
-            torque, q, most = share * torques[k], self._posture.q[k], self._most[k]
+            torque, q, most = part * torques[k], self._posture.q[k], self._most[k]
             if (q >= joint.upper and torque > 0.0) or (q <= joint.lower and torque < 0.0):
                 torque = 0.0
             count = round((torque + weight[k]) / self._per_count[k])
             counts[joint.servo] = self.current(max(-most, min(most, count)))
         self.bus.sync_write(self.goal, counts)
         self._sent_s = now_s + transfer_s(14 + 3 * len(counts), self.bus.baud)
-        command = force if share == 1.0 else tuple([share * part for part in force])
+        command = force if part == 1.0 else tuple([part * one for one in force])
         self._commands = (self._commands[1], command)
         return command
 
@@ -329,16 +324,13 @@ class BusArm(Driver):
     def _mean_force(self, before: _Reading, now: _Reading) -> Vector:
         """The force that does the work of the measured currents."""
         early = min(1.0, max(0.0, (self._sent_s - before.at_s) / (now.at_s - before.at_s)))
-        work = self._owed_J + before.stored_J - now.stored_J
+        work = before.stored_J - now.stored_J
         for old, new, begin, end in zip(before.torques, now.torques, before.q, now.q, strict=True):
             work += (early * old + (1.0 - early) * new) * (end - begin)
-        moved = [end - begin for begin, end in zip(before.x, now.x, strict=True)]
+        moved = tuple([end - begin for begin, end in zip(before.x, now.x, strict=True)])
         held = tuple([early * one + (1.0 - early) * two for one, two in zip(*self._commands, strict=True)])
-        more = [one - two for one, two in zip(doing(work, held, moved), held, strict=True)]
-        size, most = math.hypot(*more), _CORRECTION * self.force_limit
-        share = min(1.0, most / size) if size else 1.0
-        force = tuple([one + share * part for one, part in zip(held, more, strict=True)])
-        self._owed_J = work - inner(force, moved)
+        owed_J = self._owed_J + work - inner(held, moved)
+        force, self._owed_J = paid(owed_J, held, moved, _CORRECTION * self.force_limit)
         return force
 
     def feel(self, servo: int, temperature_C: int) -> None:

@@ -11,6 +11,9 @@ from typing import ClassVar
 
 from hapnet.checks import Vector
 
+NO_FORCE = 1e-6
+"""The force limit of a device without motors [N]: so the coupling keeps no energy for a force."""
+
 
 class Driver(ABC):
     """A haptic device. Made with ``dof``, and with the options that follow the device's name as keywords.

@@ -26,6 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hapnet.devices.joint_torques import paid, share
+
 Array = NDArray[np.float64]
 
 JOINTS = 7
@@ -116,11 +118,9 @@ class Torques:
         """The torques (7,) to send at `arm` for `force` (3,) [N]; mass : M, 7 x 7 one row after the other."""
         push = arm.linear.T @ force
         hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
-        room = np.where(push > 0.0, TORQUE_LIMIT - hold, TORQUE_LIMIT + hold)
-        share = min(1.0, float(np.min(room / np.maximum(np.abs(push), 1e-12))))
-        wanted = hold + share * push
-        torque, part = self._towards(wanted, arm.torque)
-        self.force = self.force + part * (share * force - self.force)
+        most = share(push.tolist(), hold.tolist(), TORQUE_LIMIT.tolist())
+        torque, part = self._towards(hold + most * push, arm.torque)
+        self.force = self.force + part * (most * force - self.force)
         self._open.append(_Command(torque, self.force, torque - arm.linear.T @ self.force))
         return torque
 
@@ -155,10 +155,8 @@ class Torques:
             self._owed_J -= self._held_J + LENT_J
             self._held_J = -LENT_J
         moved = moved - self._held @ moved  # no force is known to act along the others
-        far = float(np.linalg.norm(moved))
-        paid = min(abs(self._owed_J), MOST_OWED_N * far) * float(np.sign(self._owed_J))
-        self._owed_J -= paid
-        return force + (paid / far**2) * moved if far else force
+        acted, self._owed_J = paid(self._owed_J, tuple(force.tolist()), tuple(moved.tolist()), MOST_OWED_N)
+        return np.array(acted)
 
     def _holding(self, arm: Arm, coriolis: Array, mass: Array) -> Array:
         velocity, turning = arm.linear @ arm.dq, arm.angular @ arm.dq

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 from hapnet.checks import Vector
 from hapnet.devices.axes import Axes
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import NO_FORCE, Driver
 from hapnet.errors import DeviceSilent, InvalidParameter
 
 SMOOTHING_S = 0.02
@@ -34,7 +34,7 @@ class InputDevice(Driver):
     """
 
     tested = "tested with recorded events, not on hardware"
-    force_limit: float = 1e-6  # none, in effect: so the coupling keeps no energy for a force
+    force_limit: float = NO_FORCE
     resolution: float = 0.0
     smallest_mass: float = 1.0  # it has no motors, so no force makes it faster
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.devices.axes import Axes
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import NO_FORCE, Driver
 from hapnet.devices.timed_velocity import TimedVelocity
 from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
 from hapnet.transport.ros2 import ROUTER, RosNode, check_topic, missing
@@ -82,7 +82,7 @@ class Ros2(Driver):
         self.units: str = "rad" if names else "m"
         self.knows_force: bool = bool(measured)
         if not command:
-            self.force_limit, self.smallest_mass = 1e-6, 1.0  # no motors, so no energy is kept for a force
+            self.force_limit, self.smallest_mass = NO_FORCE, 1.0
         self._names, self._axes = names, None if names else Axes(axes, dof)
         self._turns = axes in ("", "xyz")
         self._state, self._command, self._frame = state, command, frame

@@ -143,9 +143,11 @@ def commanded(arm: BusArm, emulator: Any) -> list[float]:
     return [NM_A_COUNT * emulator.drive(servo) for servo in emulator.servos.values()]
 
 
-def test_the_account_is_the_motors_own() -> None:
+@pytest.mark.parametrize("correction", [0.9, 0.05])
+def test_the_account_is_the_motors_own(correction: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A percent of the bytes is lost, commands with them, and the motors make half of what they are asked for: `acted`
-    counts the work that they did by the emulator's account, and not that of the commands."""
+    counts the work that they did by the emulator's account, and not that of the commands; by small corrections too."""
+    monkeypatch.setattr("hapnet.devices.bus_arm._CORRECTION", correction)
     with (
         bus(hand=Sine(3, HAND, 0.2, 1.0), period=2e-3, noise=0.01, seed=3) as emulator,
         opened(Dynamixel, emulator) as arm,

@@ -122,7 +122,7 @@ def test_the_account_has_all_work_of_the_torques(lossy: bool, axes: str, library
     account = device.account_J
     assert counted == pytest.approx(done + account.held - account.owed, abs=1e-9)
     assert account.held >= -LENT_J
-    assert abs(account.owed) < 0.002
+    assert abs(account.owed) < 1e-9  # it moves enough for all to be paid
 
 
 @pytest.mark.parametrize("error", ["cartesian_reflex", "communication_constraints_violation"])
