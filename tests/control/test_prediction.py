@@ -104,6 +104,7 @@ def test_planes_are_sent_that_a_device_reaches_in_a_round_trip_and_none_beyond_a
     proxy = reporter.proxy((0.0,), None)
     assert proxy.reach_m == pytest.approx(reach_m)
     assert [plane.offset_m for plane in proxy.planes or ()] == [wall[0].offset]
+    assert source.around.offset[: source.around.count] == [wall[0].offset]
 
 
 def test_nothing_known_yet() -> None:
