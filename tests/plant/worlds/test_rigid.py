@@ -90,6 +90,27 @@ def test_several_solids_at_once(names: list[str], seed: int, friction: float, ge
     pressed([SHAPES[name] for name in names], friction, (0.005, 0.06), seed, general=general)
 
 
+def test_the_force_of_several_solids_is_the_sum_of_what_each_pushes_to_the_last_bit() -> None:
+    """So it is one that pushes alone can be, whatever is left of the equations when they count as solved."""
+    rng = np.random.default_rng(3)
+    corner = [
+        Solid(HalfSpace(normal, 0.005), 3000.0, 10.0) for normal in ((1.0, 0.0, 0.0), (0.6, 0.8, 0.0), (0.6, 0.0, 0.8))
+    ]
+    contacts = RigidContacts(corner, 3)
+    M, B, K = random_spd(rng, 3, 0.005, 0.2), random_spd(rng, 3, 3.0, 30.0), random_spd(rng, 3, 200.0, 2000.0)
+    mass, several = PassiveIntegrator(M, B, K, (0.0, 0.0, 0.0)), 0
+    for _ in range(300):
+        step = mass.step(rng.uniform(0.001, 0.05), tuple(rng.uniform(-0.02, 0.05, 3).tolist()), contacts)
+        if contacts.touching > 1:
+            several += 1
+            each = contacts.together
+            total = [0.0, 0.0, 0.0]
+            for push, normal in zip(each.pushes[: each.count], each.normals, strict=False):
+                total = [part + push * along for part, along in zip(total, normal, strict=True)]
+            assert list(step.force) == total
+    assert several > 100
+
+
 @pytest.mark.parametrize("steps_s", [(0.010, 0.050), (0.100, 0.100)], ids=["10 to 50 ms", "100 ms"])
 def test_a_ripple_is_not_soft_in_long_steps(steps_s: tuple[float, float]) -> None:
     """The hand's spring and the surface's in series: 500 N/m and 3000 N/m over 13 mm; the ripple only adds to it."""
