@@ -13,6 +13,7 @@ from hapnet.assembly.build import prepare
 from hapnet.assembly.follower import on_link
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES, angle_between, rotation, torques
@@ -300,6 +301,25 @@ def test_an_arm_of_an_engine_follows_by_its_tip(scales: tuple[float, float], tmp
     assert own is not None
     assert own >= -1e-12
     assert (summary["motion"]["free_rms_m"] or 1.0) < 0.01
+
+
+class Weak(PassiveIntegrator):
+    """An engine's body whose motor does 3 mJ over a centimetre, whatever is asked of it."""
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
+        self.x[0] += 0.01
+        return Step((0.01 / dt,), (0.0,), -0.003, 0.0, push, (self.x[0],), 0.0)
+
+
+def test_the_mean_force_of_an_engines_robot_did_its_work_and_its_environment_opposes_it() -> None:
+    contacts = Contacts((), 1)
+    robot = Robot(
+        Weak(0.1, 1.0, 100.0, (0.0,)), contacts, Frame(1.0, 1.0, (0.0,)), 0.0, 0.0, held=True, engine=True, here=False
+    )
+    done = robot.push(0.1, 0.0, (0.5,), contacts)
+    assert done.coupling_force == pytest.approx((0.3,))
+    assert done.force == pytest.approx((-0.3,))
+    assert robot.done_J == pytest.approx(-0.003)
 
 
 def test_an_engine_is_no_robot_of_a_law_that_acts_within_its_step(tmp_path: Path) -> None:

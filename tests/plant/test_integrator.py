@@ -129,6 +129,7 @@ def test_scalar_diagonal_and_matrix_are_the_same_thing() -> None:
         ({"mass": 0.0}, "mass"),
         ({"mass": "heavy"}, "mass"),
         ({"mass": float("nan")}, "mass"),
+        ({"mass": [1.2e12, 1.0]}, "mass"),
         ({"damping": [1.0, -1.0]}, "damping"),
         ({"damping": [1.0, 1.0, 1.0]}, "damping"),
         ({"stiffness": [[1.0, 2.0], [2.0, 1.0]]}, "stiffness"),
@@ -142,7 +143,8 @@ def test_scalar_diagonal_and_matrix_are_the_same_thing() -> None:
     ],
 )
 def test_bad_parameters_are_named(change: dict[str, object], named: str) -> None:
-    good: dict[str, object] = {"mass": 1.0, "damping": 1.0, "stiffness": 1.0, "position": [0.0, 0.0]}
+    good: dict[str, object] = {"mass": [9e11, 1.0], "damping": 1.0, "stiffness": 1.0, "position": [0.0, 0.0]}
+    PassiveIntegrator(**good)  # type: ignore[arg-type]
     with pytest.raises(InvalidParameter) as caught:
         PassiveIntegrator(**{**good, **change})  # type: ignore[arg-type]  # wrong types are among the cases
     assert caught.value.name == named
