@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-from hapnet.checks import Vector
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, Reals, Record
 from hapnet.records.vectors import distance
@@ -15,20 +14,13 @@ from hapnet.records.vectors import distance
 OnSilence = Literal["hold", "release"]
 
 
-def step_towards(start: Vector, goal: Vector, maximum: float) -> Vector:
-    """The point towards `goal` [m] that is at most `longest` [m] away from `start`.
-
-    With ``longest = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
-    projection is non-expansive, so ybar keeps the limit that y kept.
-    """
-    reached = list(goal)
-    limit_step(len(start), start, reached, maximum)
-    return tuple(reached)
-
-
 @equation
 def limit_step(n: int, start: Reals, goal: Floats, maximum: float) -> None:
-    """`step_towards`: replaces `goal` by a point at most `longest` [m] away from `start`."""
+    """Replace `goal` by the point towards it that is at most `maximum` [m] away from `start`.
+
+    With ``maximum = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
+    projection is non-expansive, so ybar keeps the limit that y kept.
+    """
     far = distance(n, goal, start)
     if far <= maximum:
         return

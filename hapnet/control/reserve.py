@@ -131,10 +131,6 @@ class ForceGuard(Record):
         """Energy needed in spring and reservoir to hold this force [N] for a tick and then reduce it to zero [J]."""
         return needed(self, length(len(force), force))
 
-    def needed_after(self, force: Vector) -> float:
-        """Energy needed after this force [N] was held for a tick: enough for the next, smaller one [J]."""
-        return needed(self, length(len(force), force) - self.step)
-
     def admit(self, wanted: Vector, held: Vector, v: Vector, energy: float) -> Vector:
         """The force to hold from now on [N].
 

@@ -12,6 +12,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -107,19 +108,29 @@ def as_one_unit() -> Iterator[None]:
     By itself numba does all of that with each function and what it calls: so every function is copied and optimised
     again for its callers, for theirs, and so on, which takes five times as long. No other thread compiles meanwhile.
     The methods changed here are numba's own, left out for the inner functions; and no more is optimised than pays,
-    since all loops are short. A version of numba that has not all of this just compiles for longer.
+    since all loops are short. What an operator makes of its arguments' types, how a record is written, and whether
+    two sets of options are the same is found once, not each time: a quarter of the rest. A version of numba that has
+    not all of this just compiles for longer.
     """
-    codegen, config = (importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config"))
-    owners = (getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None), config)
+    codegen, config, options, types = (
+        importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config", "targetconfig", "types")
+    )
+    owners = (
+        getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None), config,
+        types.Function, types.Record, options.TargetConfig,
+    )  # fmt: skip
     names = (
         ("_optimize_functions", 0), ("add_linking_library", 0), ("finalize", 0), ("set_env", 1), ("OPT", 2),
-        ("LOOP_VECTORIZE", 2), ("SLP_VECTORIZE", 2),
+        ("LOOP_VECTORIZE", 2), ("SLP_VECTORIZE", 2), ("get_call_type", 3), ("__repr__", 4), ("__eq__", 5),
+        ("__hash__", 5),
     )  # fmt: skip
     if not all(hasattr(owners[which], name) for name, which in names):
         yield
         return
     own: list[Any] = [getattr(owners[which], name) for name, which in names]
     optimize, link, finalize, set_env = own[:4]
+    resolve, written, same = own[7:10]
+    resolved: dict[Any, Any] = {}
     linked: defaultdict[Any, dict[Any, None]] = defaultdict(dict)  # callers first: LLVM links what is called by then
 
     def optimize_entry(self: Any, module: Any) -> None:
@@ -142,7 +153,18 @@ def as_one_unit() -> Iterator[None]:
         if self._engine.get_global_value_address(name):  # the inner functions raise nothing, so they need none
             set_env(self, name, environment)
 
-    changed: list[Any] = [optimize_entry, link_all, finalize_entry, set_env_of_emitted, 1, 0, 0]
+    def resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
+        if named:
+            return resolve(self, context, arguments, named)
+        key = self, tuple(arguments)
+        if key not in resolved:
+            resolved[key] = resolve(self, context, arguments, named)
+        return resolved[key]
+
+    changed: list[Any] = [
+        optimize_entry, link_all, finalize_entry, set_env_of_emitted, 1, 0, 0, resolve_once, cache(written),
+        lambda self, other: self is other or same(self, other), lambda self: hash(frozenset(self._values)),
+    ]  # fmt: skip
     with importlib.import_module("numba.core.compiler_lock").global_compiler_lock:
         collects = gc.isenabled()
         gc.disable()  # all that a compiler makes is in use until the end

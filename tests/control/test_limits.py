@@ -7,14 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from hapnet.control.limits import Silence, step_towards
+from hapnet.control.limits import Silence, limit_step
 from hapnet.control.pspm import SetPositionModulator
 from tests.conftest import random_spd
 
 
 def test_a_step_is_on_the_way_and_no_longer_than_allowed() -> None:
-    assert step_towards((0.0, 0.0), (3.0, 4.0), 1.0) == pytest.approx((0.6, 0.8), rel=1e-15)
-    assert step_towards((0.0, 0.0), (0.3, 0.4), 1.0) == (0.3, 0.4)
+    far, near = [3.0, 4.0], [0.3, 0.4]
+    limit_step(2, (0.0, 0.0), far, 1.0)
+    limit_step(2, (0.0, 0.0), near, 1.0)
+    assert far == pytest.approx([0.6, 0.8], rel=1e-15)
+    assert near == [0.3, 0.4]
 
 
 def test_the_spring_force_never_steps_by_more_than_the_limit() -> None:
@@ -27,8 +30,9 @@ def test_the_spring_force_never_steps_by_more_than_the_limit() -> None:
         m = SetPositionModulator(stiffness=K, position=np.zeros(n))
         for _ in range(1000):
             before = np.array(m.set_position)
-            y = step_towards(m.set_position, tuple(rng.normal(size=n)), maximum)
-            m.modulate(y, tuple(rng.normal(size=n) * 0.03), float(rng.uniform(0, 1e-4)), 0.0)
+            y = rng.normal(size=n).tolist()
+            limit_step(n, m.set_position, y, maximum)
+            m.modulate(tuple(y), tuple(rng.normal(size=n) * 0.03), float(rng.uniform(0, 1e-4)), 0.0)
             step = np.array(m.set_position) - before
             assert np.linalg.norm(K @ step) <= limit * (1 + 1e-9)
 

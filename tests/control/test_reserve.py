@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from hapnet.checks import Vector
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.reserve import ForceGuard, Holding, maximum, ramp, reserve
+from hapnet.control.reserve import ForceGuard, Holding, maximum, needed, ramp, reserve
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
+from hapnet.records.vectors import length as measured
 from tests.conftest import mostly_slow, random_spd
 
 forces = st.floats(1e-3, 1e3)
@@ -64,7 +65,7 @@ def test_the_account_pays_for_every_way_that_the_device_can_go(seed: int) -> Non
         if rng.random() < 0.3:
             energy += float(10.0 ** rng.uniform(-4.0, 0.0))
         elif rng.random() < 0.3:  # what is not needed is handed on
-            energy = max(0.0, min(energy, guard.needed_after(tuple(held.tolist()))))
+            energy = max(0.0, min(energy, needed(guard, measured(n, held) - step)))
     assert 20 < limited < 2000
 
 
