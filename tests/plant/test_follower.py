@@ -185,6 +185,7 @@ def test_the_scene_of_a_scaled_robot_is_drawn_as_its_leader_has_it() -> None:
     changes = {"follower.motion_scale": 0.5, "follower.force_scale": 3.0}
     walled = prepare(as_params({**FOLLOWS, **changes, "scene": "wall"})).scene
     assert [one.position_m for one in walled.surfaces] == pytest.approx([0.04])
+    assert walled.stiffnesses == pytest.approx((4500.0,))
     assert [(one.offset, one.stiffness, one.damping) for one in walled.walls] == [pytest.approx((0.04, 4500.0, 15.0))]
     scene = prepare(as_params({**FOLLOWS, **changes, "scene": "tool:box + sphere?at=0,0,-60mm&radius=15mm"})).scene
     mass = scene.proxy(0.045, 1.0, 100.0)
