@@ -17,7 +17,7 @@ import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.couplings.registry import COUPLINGS
-from hapnet.kernel import sources, twins
+from hapnet.kernel import memory, samples, sources, twins
 from hapnet.params import Params
 from hapnet.records import machine_code, vectors
 from hapnet.simulation.compiled import coverage
@@ -246,6 +246,16 @@ def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
         subprocess.run([sys.executable, "-c", run], cwd=ROOT, env=environment, check=True)
         assert bool(list(place.rglob("*.nbc"))) == kept
     assert set((ROOT / "hapnet").rglob("*.nb?")) == before
+
+
+@pytest.mark.parametrize(("missing", "has_room"), [((1, 1), True), ((0, 1), False), ((1, 0), False)])
+def test_a_kernel_stops_when_either_side_has_no_room_for_another_sample(
+    missing: tuple[int, int], has_room: bool
+) -> None:
+    """What it writes beyond that would be another record's memory."""
+    rows = memory.new(samples.Rows)
+    rows.device_rows, rows.world_rows = (samples.MOST - one for one in missing)
+    assert samples.have_room(rows) == has_room
 
 
 def test_the_compiler_tells_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
