@@ -185,9 +185,10 @@ def test_actuators_and_encoders_have_their_limits() -> None:
         last = position
 
 
-def test_extremes_enclose_all_ticks_since_they_were_asked_for() -> None:
+@pytest.mark.parametrize("K", [np.eye(2) * 100.0, np.array([[100.0, 20.0], [20.0, 80.0]])], ids=["diagonal", "full"])
+def test_extremes_enclose_all_ticks_since_they_were_asked_for(K: Array) -> None:
     device = SimulatedDevice(Sine(2, HAND))
-    device.couple(100.0, 0.1, (0.0, 0.0))
+    device.couple(K, 0.1, (0.0, 0.0))
     for _ in range(100):
         visited = [device.position]
         for _ in range(7):
