@@ -112,3 +112,15 @@ def test_how_deep_an_edge_is_changes_as_its_plane_says() -> None:
                 seen += abs(found - distance - told) < 2e-11
                 assert found - distance == pytest.approx(told, abs=5e-9)  # two faces may be as near
         assert seen > 300
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_edges_of_a_cylinder_are_its_two_rims(axis: int) -> None:
+    centre = np.array((0.01, -0.02, 0.03))
+    away = np.array(points_of(Cylinder(centre.tolist(), 0.02, 0.06, axis))) - centre
+    lower, upper = away[: len(away) // 2], away[len(away) // 2 :]
+    for rim, end in ((lower, -0.03), (upper, 0.03)):
+        assert rim[:, axis] == pytest.approx(np.full(len(rim), end))
+        assert np.linalg.norm(np.delete(rim, axis, axis=1), axis=1) == pytest.approx(np.full(len(rim), 0.02))
+        sides = np.linalg.norm(rim - np.roll(rim, 1, axis=0), axis=1)
+        assert sides == pytest.approx(np.full(len(rim), 0.04 * np.sin(np.pi / len(rim))))
