@@ -228,3 +228,15 @@ def test_a_peg_touches_with_three_rings_of_eight_points_and_the_middle_of_its_en
         assert np.hypot(ring[:, 0], ring[:, 1]) == pytest.approx(np.full(8, 0.005))
         sides = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
         assert sides == pytest.approx(np.full(8, 0.01 * np.sin(np.pi / 8)))
+
+
+@pytest.mark.parametrize(
+    "wrong", [(0, 501.0), (2, 499.0), (3, 21.0), (11, 19.0), (slice(0, 3), 0.0), (slice(3, 12), -1.0)]
+)
+def test_a_tools_spring_is_one_number_for_the_point_and_one_for_turning(wrong: tuple[int | slice, float]) -> None:
+    stiffness = np.array([500.0] * 3 + [20.0] * 9)
+    contacts = ToolContacts(box((0.06, 0.04, 0.02)), [], ARM_M)
+    ToolMass(contacts, M, B, stiffness, HOME)
+    stiffness[wrong[0]] = wrong[1]
+    with pytest.raises(InvalidParameter, match="one number above 0 for the point"):
+        ToolMass(contacts, M, B, stiffness, HOME)
