@@ -190,7 +190,9 @@ class FollowerParams:
         1.0, "maximum speed: it bounds the energy that a held force can give out [m/s]", _POSITIVE
     )
     motion_scale: float = _p(
-        1.0, "the robot moves so many times as far as the device", Range(at_least=1e-3, at_most=1e3)
+        1.0,
+        "the robot moves so many times as far as the device; no angle of a tool is scaled",
+        Range(at_least=1e-3, at_most=1e3),
     )
     force_scale: float = _p(
         1.0, "the device renders so many times the robot's force; the theorem then bounds the sum of the device's work "
