@@ -34,6 +34,8 @@ class Posed:
 
     dof: int = AXES
     units: str = POSE
+    contact_force: None = None
+    """Hides the driver's, which says no torque."""
 
     def __init__(
         self, device: Any, name: str, clock: Callable[[], float] = time.monotonic, arm_m: float = ARM_M
