@@ -318,7 +318,7 @@ class UserDevice:
     def _numbers(self, part: str, reported: Any, wanted: str) -> Vector:
         try:
             return tuple(map(float, reported))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise self._wrong(part, reported, wanted) from None
 
     def _force(self, part: str, reported: Any, what: str) -> Vector | None:

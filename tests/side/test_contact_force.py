@@ -163,7 +163,7 @@ def test_a_sensor_that_fails_never_jumps_the_hand(fault: Callable[[float], Any])
     assert pair.leader.coupling.ledger.slack_min >= -1e-12
 
 
-@pytest.mark.parametrize("wrong", [(0.0, 0.0), "N", 3.0])
+@pytest.mark.parametrize("wrong", [(0.0, 0.0), "N", 3.0, (10**400,)])
 def test_a_driver_that_gives_something_else_ends_the_run(wrong: object) -> None:
     pair = Pair()
     pair.run(200)
