@@ -52,9 +52,12 @@ def sample_of(message: messages.Motion | messages.Port | messages.Wave | message
 def with_arms(arms: Arms, sample: CouplingSample) -> CouplingSample:
     """A pose that is sent or was received, with arms of another length."""
     match sample:
-        case Proxy(position, _, force, planes, _, _):
+        case Proxy(position, _, force, planes, reach_m, _):
             turned = None if planes is None else tuple([arms.plane(one) for one in planes])
-            return sample._replace(position=arms.place(position), force=arms.force(force), planes=turned)
+            least_m = None if reach_m is None else reach_m * min(1.0, arms.times)  # along whatever normal
+            return sample._replace(
+                position=arms.place(position), force=arms.force(force), planes=turned, reach_m=least_m
+            )
         case Position(position, level):
             return Position(arms.place(position), level)
         case Motion() | Port() | Wave():

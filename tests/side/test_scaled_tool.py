@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array, Vector
+from hapnet.control.coupling import Position, Proxy
 from hapnet.devices.driver import Driver
-from hapnet.mechanics.pose import ARM_M, coordinates, pose
+from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.pose import ARM_M, AXES, coordinates, pose
+from hapnet.mechanics.pose_frame import Arms
 from hapnet.recording.samples import DeviceSample, WorldSample
+from hapnet.side.content import with_arms
 from tests.side.test_contact_force import Pair
 
 
@@ -81,3 +85,19 @@ def test_a_drivers_tool_goes_a_times_as_far_and_turns_as_its_leader_does(a: floa
     for side in (pair.leader, pair.follower):
         assert side.coupling.ledger.slack_min >= -1e-12
         assert side.coupling.ledger.margin_min >= 0.0
+
+
+@pytest.mark.parametrize("a", [0.1, 5.0])
+def test_no_plane_that_was_not_sent_is_within_the_reach_that_is_said(a: float) -> None:
+    """Whatever its normal: a plane farther away than the reach, as the servo has it, is farther on the link too."""
+    rng, nowhere = np.random.default_rng(1), (0.0,) * AXES
+    reach_m = 0.02
+    said = with_arms(Arms(a), Proxy(nowhere, 0.0, nowhere, (), reach_m, None))
+    assert type(said) is Proxy
+    assert said.reach_m is not None
+    for _ in range(50):
+        normal = rng.normal(size=AXES) * rng.choice([0.0, 1.0], size=AXES)
+        normal[rng.integers(AXES)] = 1.0
+        plane = Plane(tuple((normal / np.linalg.norm(normal)).tolist()), reach_m * 1.001, 1000.0, 1.0)
+        assert Arms(a).plane(plane).depth(nowhere) < -said.reach_m
+    assert with_arms(Arms(a), Position(nowhere, 0.5)) == Position(nowhere, 0.5)
