@@ -5,19 +5,23 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import partial
 
-from hapnet.assembly.user_device import load_class
+from hapnet.assembly.user_device import UserDevice, load_class
 from hapnet.devices.driver import Driver
 from hapnet.devices.registry import known
-from hapnet.errors import InvalidParameter
+from hapnet.errors import DeviceSilent, InvalidParameter
+
+_READINGS = 5
 
 
-def require_contact_force(hardware: str, *, measured: bool | None = None) -> None:
+def require_contact_force(hardware: str, device: UserDevice | None = None) -> None:
     """Raise InvalidParameter if this driver measures no contact force.
 
-    measured : what its first reading says; None: it is not open yet. Then only its class can be asked, and nothing is
-    known of a function that makes drivers, or of a driver on the other host.
+    device : the open driver, of which one of the first readings must have a force; None: it is not open yet. Then only
+    its class can be asked, and nothing is known of a function that makes drivers, or of a driver on the other host.
     """
-    if measured is None:
+    if device is not None:
+        measured = _measures(device)
+    else:
         try:
             measured = _may_measure(hardware)
         except InvalidParameter:
@@ -26,6 +30,15 @@ def require_contact_force(hardware: str, *, measured: bool | None = None) -> Non
         have = ", ".join(filter(_named, known()))
         allowed = f"position with {hardware}, which measures no contact force: contact_force() is for that ({have})"
         raise InvalidParameter("follower.feedback", "force", allowed)
+
+
+def _measures(device: UserDevice) -> bool:
+    for _ in range(_READINGS):
+        if device.contact_force() is not None:
+            return True
+        with suppress(DeviceSilent):
+            device.read()
+    return False
 
 
 def _may_measure(hardware: str) -> bool:

@@ -45,7 +45,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
     frame = frame_of(params, setup.units, setup.dof)
     sensor: ContactForce | None = None
     if robot.feedback == "force":
-        require_contact_force(robot.robot, measured=device.has_contact_force)
+        require_contact_force(robot.robot, device)
         sensor = ContactForce(device.contact_force, setup.dof, robot.robot, clock, write)
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping(params.world.damping)

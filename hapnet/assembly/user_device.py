@@ -141,7 +141,7 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
         self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
-        self._reports_interval, self.has_contact_force = self._can("interval"), self._can("contact_force")
+        self._reports_interval, self._reports_contact = self._can("interval"), self._can("contact_force")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
         try:
             self._examine(params or DeviceParams(), params is not None, units)
@@ -185,7 +185,6 @@ class UserDevice:
             self._make_ready()
         try:
             position, _ = self._first_reading()
-            self.has_contact_force = self.contact_force() is not None
         except HapnetError as error:
             raise InvalidParameter("hardware", name, f"a device that can be read ({error})") from error
         if (where := self.declared.outside(position)) is not None:
@@ -231,7 +230,7 @@ class UserDevice:
 
     def contact_force(self) -> Vector | None:
         """The measured force of its surroundings, perhaps no number; None: there is none. HapnetError if it fails."""
-        if not self.has_contact_force:
+        if not self._reports_contact:
             return None
         try:
             reported = self._call("contact_force")

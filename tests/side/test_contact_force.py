@@ -72,6 +72,16 @@ class Unplugged(Robot):
         return
 
 
+class Late(Robot):
+    """Its sensor says nothing at the first three readings."""
+
+    forces = 3
+
+    def contact_force(self) -> Vector | None:
+        self.forces -= 1
+        return None if self.forces else (0.0,)
+
+
 class Pair:
     """A simulated hand that presses, and the robot, one tick a millisecond in virtual time, 10 ms apart."""
 
@@ -182,7 +192,15 @@ def test_a_driver_that_measures_none_is_refused_before_the_run(capsys: pytest.Ca
         assert "measures no contact force" in said
         assert "(franka, ros2)" in said
     with pytest.raises(InvalidParameter, match="measures no contact force"):
-        Pair(follower__robot=f"{HERE}:Unplugged")  # its class has the method, its first reading nothing
+        Pair(follower__robot=f"{HERE}:Unplugged")  # its class has the method, its first readings nothing
+
+
+def test_a_sensor_whose_first_force_is_late_is_waited_for() -> None:
+    assert Pair(follower__robot=f"{HERE}:Late").robot.forces == 0
+
+
+def test_a_leader_is_not_asked_for_a_contact_force() -> None:
+    assert UserDevice(f"{HERE}:Late", 1).device.forces == 3  # type: ignore[attr-defined]  # the test's
 
 
 def test_the_doctor_shows_it_so_that_its_sign_is_seen() -> None:
