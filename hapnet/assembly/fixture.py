@@ -61,7 +61,7 @@ class Fixture:
         """The force of what surrounds the robot, which the planes belong to; None: nobody measures the rest."""
         measured = getattr(self._device, "contact_force", None)
         force = None if measured is None else measured()
-        return None if force is None else tuple(map(add, force, self._acted))
+        return None if force is None else tuple([one + own for one, own in zip(force, self._acted, strict=True)])
 
     def _push(self) -> Vector:
         push = (0.0,) * len(self._x)

@@ -19,6 +19,7 @@ from hapnet.doctor.machine import OK, SKIPPED, WARNING, Check
 from hapnet.doctor.own_damping import NAME, own_damping
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.actuator_check import ActuatorCheck
+from hapnet.units import METRES, within
 
 NANO = 1e-9
 _PAGE = Path(__file__).parents[1] / "devices" / "README.md"
@@ -102,7 +103,7 @@ def examine_device(
     yield _noise(found)
     yield _velocity(found)
     if found.contacts:
-        yield _contact(found.contacts)
+        yield _contact(found.contacts, within(getattr(device.device, "units", METRES), "N"))
     if device.watchdog_s is None:
         advice = f"the hardware must take the force away by itself: see {_PAGE}"
         yield Check("watchdog", WARNING, "none declared", advice)
@@ -165,13 +166,12 @@ def _noise(found: Readings) -> Check:
     return Check("noise", OK, f"{max(spread) * 1e6:.3g} um rms at rest")
 
 
-def _contact(forces: list[Vector]) -> Check:
-    rest, most = (
-        tuple(map(statistics.median, zip(*forces, strict=True))),
-        max(forces, key=lambda force: math.hypot(*force)),
-    )
+def _contact(forces: list[Vector], unit: str) -> Check:
+    rest = tuple(map(statistics.median, zip(*forces, strict=True)))
+    most = max(forces, key=lambda force: math.hypot(*force))
     median, largest = (", ".join(f"{part:.2g}" for part in force) for force in (rest, most))
-    return Check("contact force", OK, f"{median} N, up to {largest} N", "push the robot along +x: the first is above 0")
+    advice = "push the robot along its first axis, to +: the first is above 0"
+    return Check("contact force", OK, f"{median} {unit}, up to {largest} {unit}", advice)
 
 
 def _velocity(found: Readings) -> Check:

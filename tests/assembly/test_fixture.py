@@ -52,7 +52,7 @@ def test_a_mass_leaves_it_with_hardly_more_than_it_came_with(mass: float, stiffn
     assert 0.5 * mass * puck.v**2 <= began + LENT_J + 1.01 * held
 
 
-def test_what_it_adds_is_not_the_couplings() -> None:
+def test_what_it_adds_is_not_the_couplings(monkeypatch: pytest.MonkeyPatch) -> None:
     puck = Puck(1.0, 0.0, late=False)
     puck.x = 0.01
     fixture = Fixture(puck, wall(position=0.0, stiffness=100.0).contacts)
@@ -63,6 +63,9 @@ def test_what_it_adds_is_not_the_couplings() -> None:
     fixture.read()
     assert fixture.acted() == pytest.approx((0.5,))
     assert fixture.contact_force() == pytest.approx((-0.25 - 1.0,))  # what is there, and the plane
+    monkeypatch.setattr(puck, "contact_force", lambda: (-0.25, 0.0))
+    with pytest.raises(ValueError, match="zip"):  # it is not cut to fit
+        fixture.contact_force()
     assert fixture.taken_J == pytest.approx(1.0 * (puck.x - 0.01))  # it goes out: what pushed it there counts
     assert fixture.apply((0.0,)) == (0.0,)  # a force that was taken away, the plane's too
     assert puck.force == 0.0

@@ -209,6 +209,9 @@ def test_the_doctor_shows_it_so_that_its_sign_is_seen() -> None:
     device.device.reports = lambda force: (next(forces),)  # type: ignore[attr-defined]
     found = {one.name: one for one in examine_device(device, 1000.0, count(0, MS).__next__, lambda seconds: None)}
     assert found["contact force"].value == "-0.5 N, up to -3 N"
+    device.device.units = "rad"  # type: ignore[attr-defined]
+    found = {one.name: one for one in examine_device(device, 1000.0, count(0, MS).__next__, lambda seconds: None)}
+    assert found["contact force"].value == "-0.5 Nm, up to -3 Nm"
     numb = examine_device(UserDevice(f"{HERE}:Numb", 1), 1000.0, count(0, MS).__next__, lambda seconds: None)
     assert "contact force" not in [one.name for one in numb]
 
