@@ -187,6 +187,9 @@ def test_the_scene_of_a_scaled_robot_is_drawn_as_its_leader_has_it() -> None:
     assert [one.position_m for one in walled.surfaces] == pytest.approx([0.04])
     assert walled.stiffnesses == pytest.approx((4500.0,))
     assert [(one.offset, one.stiffness, one.damping) for one in walled.walls] == [pytest.approx((0.04, 4500.0, 15.0))]
+    walled.proxy(0.045, 1.0, 100.0).place((0.01,))  # the robot is at 0, so a wall at 20 mm is 40 mm from its leader
+    assert [one.position_m for one in walled.surfaces] == pytest.approx([0.05])
+    assert [one.offset for one in walled.walls] == pytest.approx([0.05])
     scene = prepare(as_params({**FOLLOWS, **changes, "scene": "tool:box + sphere?at=0,0,-60mm&radius=15mm"})).scene
     mass = scene.proxy(0.045, 1.0, 100.0)
     mass.place((0.01, 0.0, 0.0, *(0.0,) * 9))
