@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import signal
 import sys
@@ -89,6 +90,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
     Each worker begins with others, leaves out what another one compiles just now, and waits for that in the end.
     """
+    gc.collect()
+    gc.freeze()  # tests and modules stay: no collection of garbage need go through them
     many = sum(item.get_closest_marker("quick") is None for item in session.items) > 1000
     if not many or session.config.option.collectonly or no_compiler() is not None:
         return

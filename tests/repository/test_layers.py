@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib.util
 import re
 from collections.abc import Iterator
@@ -110,9 +111,11 @@ def nodes(source: str) -> tuple[ast.AST, ...]:
 
 @pytest.fixture(autouse=True, scope="module")
 def _trees_for_these_tests_alone() -> Iterator[None]:
-    """They are a million objects, which every later collection of garbage would go through."""
+    """They are a million objects, which every collection of garbage would go through."""
+    gc.disable()
     yield
     nodes.cache_clear()
+    gc.enable()
 
 
 def imports(source: str, module: str, is_package: bool = False) -> Iterator[str]:
