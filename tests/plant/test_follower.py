@@ -132,7 +132,10 @@ LEANS = (0.3, 0.0, -math.sqrt(1.0 - 0.3**2))
 """The normal into a floor that leans, so that it turns a stick."""
 
 
-@pytest.mark.parametrize(("feedback", "a", "b"), [("planes", 0.5, 1.0), ("planes", 3.0, 2.0), ("force", 0.5, 1.0)])
+@pytest.mark.parametrize(
+    ("feedback", "a", "b"),
+    [("planes", 0.5, 1.0), ("force", 0.5, 1.0), pytest.param("planes", 3.0, 2.0, marks=pytest.mark.slow)],
+)
 def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_over_a(
     feedback: str, a: float, b: float
 ) -> None:
