@@ -13,9 +13,11 @@ maker's page of limits (frankarobotics.github.io/docs/robot_specifications.html)
 
 from __future__ import annotations
 
+import os
+import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -109,7 +111,8 @@ class Franka(Driver):
             lib.InvalidOperationException, lib.FrankaException,
         )  # fmt: skip
         try:
-            self._robot = lib.Robot(host, lib.RealtimeConfig.kEnforce if realtime else lib.RealtimeConfig.kIgnore)
+            with _scheduled_as_before():
+                self._robot = lib.Robot(host, lib.RealtimeConfig.kEnforce if realtime else lib.RealtimeConfig.kIgnore)
             self._model = self._robot.load_model()
             self._state = self._robot.read_once()
         except self._errors as error:
@@ -150,7 +153,8 @@ class Franka(Driver):
     def begin(self) -> None:
         """Start the torque control, with no torque. The wrist and the axes that the scene lacks are held from here."""
         try:
-            self._control = self._robot.start_torque_control()
+            with _scheduled_as_before():
+                self._control = self._robot.start_torque_control()
         except self._errors as error:
             raise self._fail(error) from error
         self.arm = self.arm._replace(torque=np.zeros(JOINTS))
@@ -250,3 +254,19 @@ class Franka(Driver):
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).replace("libfranka:", "").split())
+
+
+@contextmanager
+def _scheduled_as_before() -> Iterator[None]:
+    """The maker's library gives the calling thread the highest real-time priority, if it may, whatever is asked of it.
+
+    All that this thread starts would have it too. Who wants it says `--realtime`.
+    """
+    if sys.platform != "linux":
+        yield
+    else:
+        policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+        try:
+            yield
+        finally:
+            os.sched_setscheduler(0, policy, priority)

@@ -70,7 +70,11 @@ def simulator(tmp_path: Path) -> Iterator[Path]:
 def test_the_robots_jacobian_is_laid_out_as_the_driver_takes_it(simulator: Path) -> None:
     from hapnet.devices.franka import Franka
 
+    scheduling = os.sched_getscheduler(0)
     device = Franka(3, "127.0.0.1", realtime=False)
+    device.begin()
+    assert os.sched_getscheduler(0) == scheduling, "the maker's library takes the highest priority that it may have"
+    device.close()
     state = device.arm
     theirs = mujoco.MjModel.from_xml_path(str(simulator))
     data = mujoco.MjData(theirs)
