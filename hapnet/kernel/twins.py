@@ -109,7 +109,7 @@ def as_one_unit() -> Iterator[None]:
     again for its callers, for theirs, and so on, which takes five times as long. No other thread compiles meanwhile.
     The methods changed here are numba's own, left out for the inner functions; and no more is optimised than pays,
     since all loops are short. What an operator makes of its arguments' types, how a record is written, and whether
-    two sets of options are the same is found once, not each time: a quarter of the rest. A version of numba that has
+    two sets of options are the same is found once, not each time: that takes a third less. A version of numba that has
     not all of this just compiles for longer.
     """
     codegen, config, options, types = (
