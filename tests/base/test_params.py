@@ -11,7 +11,11 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.param_schema import schema
+from hapnet.param_values import Range, toml_value
 from hapnet.params import Params
+
+AGREED = Path(__file__).parents[1] / "data" / "parameters.toml"
+"""Every parameter's default, and what it may be."""
 
 
 def test_shown_parameters_read_back_to_the_same(tmp_path: Path) -> None:
@@ -31,6 +35,15 @@ def test_defaults_are_section_4s() -> None:
     assert (p.world.mass, p.world.wall.stiffness, p.world.wall.damping) == (0.02, 3000.0, 10.0)
     assert (p.device.servo_hz, p.device.pspm_period_s) == (1000.0, 0.005)
     assert (p.world.step_min_s, p.world.step_max_s) == (0.01, 0.05)
+
+
+def test_defaults_and_what_is_allowed_change_on_purpose_only() -> None:
+    """Recordings and users rely on them; whoever changes one changes the list too."""
+    lines = []
+    for name, value, spec in Params().leaves():
+        allowed = spec.metadata["allowed"]
+        lines.append(f"{name} = {toml_value(value)}  # {'' if allowed == Range() else allowed}".rstrip(" #"))
+    assert lines == AGREED.read_text("utf-8").splitlines()
 
 
 @pytest.mark.parametrize(
