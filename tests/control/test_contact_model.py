@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
-from hapnet.control.contact_equations import share
+from hapnet.control.contact_equations import SETTLED_MPS, share
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import Proxy
 from hapnet.control.self_motion import SelfMotion
@@ -168,6 +168,20 @@ def test_a_wrong_plane_is_corrected_by_what_the_proxy_feels(error: float, factor
         m.receive(reported((wall(error, factor * K_WALL),), (proxy,), (-force,)), 0.0, 0.0)
         y = after(m, (x,), 0.03)
     assert K * (x - y[0]) == pytest.approx(K * (x - proxy), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "shift"),
+    [((0.0, 0.3), -0.003), ((0.9 * SETTLED_MPS, 0.3), -0.003), ((1.1 * SETTLED_MPS, 0.0), 0.0), ((-0.1, 0.3), 0.0)],
+)
+def test_only_a_proxy_that_does_not_move_along_a_normal_corrects_its_plane(velocity: Vector, shift: float) -> None:
+    """The plane is really 3 mm nearer than is said; the force is that of the true one, wherever the proxy is."""
+    m = model((0.05, 0.0))
+    for k in range(20):
+        x = (0.05 + velocity[0] * 0.02 * k, velocity[1] * 0.02 * k)
+        m.receive(reported((Plane((1.0, 0.0), 0.003, K_WALL, 10.0),), x, (-K_WALL * x[0], 0.0)), 0.02 * k, 0.0)
+        after(m, x, 0.02)
+    assert m.shift == pytest.approx((shift, 0.0), abs=2e-6)
 
 
 def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:

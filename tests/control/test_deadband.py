@@ -47,6 +47,14 @@ def test_near_zero_force_what_is_too_small_to_feel_is_not_sent() -> None:
     assert sent(Deadband(0.1), at_rest) == [0, 3]
 
 
+def test_just_the_fraction_or_the_minimum_is_not_felt_yet() -> None:
+    """In quarters, so that nothing is rounded."""
+    for first, second in ((1.0, 1.25), (0.0, MIN_M)):
+        assert sent(Deadband(0.25), [(first,), (second,)]) == [0]
+    for first, second in ((1.0, 1.25), (0.0, MIN_WAVE)):
+        assert sent(Deadband(0.25), [Wave((first,), 1e-3), Wave((second,), 1e-3)]) == [0]
+
+
 def test_a_motion_is_sent_for_its_position_or_its_velocity() -> None:
     def motion(mm: float, mm_s: float) -> Motion:
         return Motion((1e-3 * mm,), (1e-3 * mm_s,))

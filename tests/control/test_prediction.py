@@ -107,6 +107,14 @@ def test_planes_are_sent_that_a_device_reaches_in_a_round_trip_and_none_beyond_a
     assert source.around.offset[: source.around.count] == [wall[0].offset]
 
 
+def test_the_next_step_is_taken_for_the_mean_of_the_last_ten_or_so() -> None:
+    """A first-order mean with gain 1/10; the device has its answer a step and two ages later."""
+    source = PredictedDevice((0.0,), 0.03, MotionPredictor())
+    for dt in (0.02, *[0.04] * 7):
+        source.step(dt, (0.0,))
+    assert source.turn_s == pytest.approx(2.0 * (0.02 + 7 * 0.04) + 0.04 - 0.02 * 0.9**7)
+
+
 def test_nothing_known_yet() -> None:
     source = PredictedDevice((0.5,), 0.03, MotionPredictor())
     assert source.step(0.01, (0.0,)) == (0.5,)
