@@ -264,13 +264,13 @@ class _Tuning:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._users = 0
-        self._before = (0.0, True)
+        self._before = (0.0, True, 0)
 
     def enter(self) -> None:
         with self._lock:
             self._users += 1
             if self._users == 1:
-                self._before = sys.getswitchinterval(), gc.isenabled()
+                self._before = sys.getswitchinterval(), gc.isenabled(), gc.get_freeze_count()
                 gc.collect()  # not beside another servo, which would wait for it
                 gc.disable()
                 sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -281,9 +281,10 @@ class _Tuning:
             self._users -= 1
             if self._users:
                 return
-            interval, automatic = self._before
+            interval, automatic, frozen = self._before
             sys.setswitchinterval(interval)
-            gc.unfreeze()
+            if not frozen:  # a program's own frozen objects could not be told from those of here
+                gc.unfreeze()
             if automatic:
                 gc.enable()
 
@@ -295,7 +296,8 @@ _tuning = _Tuning()
 def tuned_interpreter() -> Iterator[Callable[[], int]]:
     """Inside this context the interpreter suits a servo; when the last one is left, everything is as before.
 
-    Threads take turns every `SWITCH_INTERVAL_S`. Objects that exist already are exempt from garbage collection.
+    Threads take turns every `SWITCH_INTERVAL_S`. Objects that exist already are exempt from garbage collection; they
+    stay exempt where the program had some so before, as Python cannot tell these apart.
     Automatic collection is off: it would run inside any thread that allocates, even the servo's, as long as it takes.
     Reference counting still frees everything that is not in a cycle. For cycles, the context yields a function to call
     about once a second outside of ticks. It collects the young generations only, so its pause is bounded by
