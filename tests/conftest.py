@@ -160,8 +160,11 @@ def _homes(module: ModuleType) -> set[str]:
 
 
 def mostly_slow(values: Iterable[object], first: int) -> list[Any]:
-    """Of parameters: the `first` of them in every run, the rest in the slow one."""
-    return [pytest.param(each, marks=[pytest.mark.slow] * (i >= first)) for i, each in enumerate(values)]
+    """Of parameters, a tuple for several names: the `first` in every run, the rest in the slow one."""
+    return [
+        pytest.param(*(each if isinstance(each, tuple) else (each,)), marks=[pytest.mark.slow] * (i >= first))
+        for i, each in enumerate(values)
+    ]
 
 
 @pytest.fixture(autouse=True)

@@ -261,6 +261,7 @@ def test_batch_counts_scenario_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
 # The command
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_it_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     argv = [
         "bench",

@@ -150,6 +150,7 @@ def test_both_ends_print_the_joint_verdict_and_write_their_files(listens: bool, 
         assert {"report.html", "figure.png", "log.jsonl"} <= {file.name for file in (tmp_path / directory).iterdir()}
 
 
+@pytest.mark.slow
 def test_a_hand_whose_page_was_killed_ends_in_order(tmp_path: Path) -> None:
     address = free_address()
     with (

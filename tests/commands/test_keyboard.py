@@ -74,7 +74,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 def test_a_knob_that_the_keyboard_turns_rests_in_the_wall(tmp_path: Path) -> None:
     """The hand goes to 30 mm: K_h (A - x) = K (x - p) and K'/K times that force is K_w (p - wall)."""
     K, K_v, K_h, K_w, wall, hand = 200.0, 500.0, 60.0, 3000.0, 0.02, 0.03
-    flags = ["--dof", 1, "--duration", 6, "--set", f"device.stiffness={K}", "--set", f"world.stiffness={K_v}"]
+    flags = ["--dof", 1, "--duration", 4, "--set", f"device.stiffness={K}", "--set", f"world.stiffness={K_v}"]
     flags += ["--set", "device.force_ramp_s=0", "--set", "device.watchdog_s=0", "--link", "delay 1ms"]
     with terminal() as typed:
         before = termios.tcgetattr(typed.theirs)
@@ -92,13 +92,14 @@ def test_a_knob_that_the_keyboard_turns_rests_in_the_wall(tmp_path: Path) -> Non
         assert termios.tcgetattr(typed.theirs) == before
     device = read_recording(tmp_path / "run" / "device.mcap").device
     assert device is not None
-    at_rest = device["time_s"] > 5.0
+    at_rest = device["time_s"] > 3.0
     x, p = np.linalg.solve([[K_h + K, -K], [K_v, -K_v - K_w]], [K_h * hand, -K_w * wall])
     assert np.median(device["position_m"][at_rest]) == pytest.approx(x, abs=2e-4)
     assert -np.median(device["force_N"][at_rest]) == pytest.approx(K * (x - p), rel=0.05)
     assert x < hand - 0.003
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_the_terminal_usable(tmp_path: Path) -> None:
     """Ctrl-C comes from the terminal: its line discipline sends it to all processes in front."""
     with terminal() as typed:

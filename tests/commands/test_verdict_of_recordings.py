@@ -18,7 +18,7 @@ from hapnet.params import Params
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Columns, Event, Recording
 from hapnet.simulation.simulation import simulate
-from tests.conftest import ENVIRONMENT, ROOT
+from tests.conftest import ENVIRONMENT, ROOT, mostly_slow
 from tests.repository.test_examples import EXAMPLES, printed
 from tests.support.commands import Capture
 from tests.support.processes import read_json, started
@@ -68,7 +68,7 @@ def agrees(verdict: str, said: str, summary: Any, device: Columns, world: Column
 
 
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
-@pytest.mark.parametrize("name", ["wall", "sphere", "mesh", "mujoco"])
+@pytest.mark.parametrize("name", mostly_slow(["wall", "sphere", "mujoco", "mesh"], 3))
 def test_it_agrees_with_the_summary_of_a_simulation(name: str, servo: str, tmp_path: Path, capsys: Capture) -> None:
     result = simulate(BASE.set({**scene(name, tmp_path), "device.servo": servo}), seed=1)
     device, world = result.recording.device, result.recording.world

@@ -21,6 +21,7 @@ class Axis(Program):
         self.until_line("emulates serial")
 
 
+@pytest.mark.slow
 def test_a_run_with_the_axis(tmp_path: Path) -> None:
     """Paired, a contact felt, passive by both accounts: hapnet's, and that of the forces that really acted."""
     link, account = tmp_path / "axis", tmp_path / "emulator.json"

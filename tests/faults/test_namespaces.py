@@ -332,7 +332,7 @@ def _credited_nJ(side: Side, time_ns: int) -> int:
 @pytest.mark.parametrize(
     ("protocol", "listen", "dial"),
     [
-        pytest.param("tcp", "0.0.0.0", "10.117.0.1", id="tcp-any"),
+        pytest.param("tcp", "0.0.0.0", "10.117.0.1", id="tcp-any", marks=pytest.mark.slow),
         pytest.param("udp", "0.0.0.0", "10.117.0.1", id="udp-any", marks=pytest.mark.slow),
         pytest.param("tcp", "[::]", "[fd00:117::1]", id="tcp-ipv6", marks=pytest.mark.slow),
         pytest.param("udp", "[::]", "[fd00:117::1]", id="udp-ipv6", marks=pytest.mark.slow),

@@ -51,6 +51,7 @@ def start(host: Host, directory: Path, words: Sequence[str], role: Role) -> Prog
     return Program(*words, *more, command=(*host.enter, f"--wd={directory}", *HAPNET))
 
 
+@pytest.mark.slow
 def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
     """They meet, the wall is felt, no nanojoule is lost or made, and each link is as its own side was asked for."""
     commands, address = printed_commands()

@@ -16,13 +16,14 @@ from hapnet.params import Params
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import mostly_slow
 
 LINK = {"link.up": "4g", "link.down": "4g", "duration_s": 1.0}
 TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.5}
 
 
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
-@pytest.mark.parametrize("case", ["tool", "seven joints"])
+@pytest.mark.parametrize("case", mostly_slow(["tool", "seven joints"], 1))
 def test_compiled_ends_give_the_same_run(case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     changes: dict[str, Any] = TOOL
     if case == "seven joints":

@@ -299,6 +299,7 @@ def test_what_cannot_be_written_is_no_failure(monkeypatch: pytest.MonkeyPatch, t
     assert known_devices.mass_of("my:Arm", 1) is None
 
 
+@pytest.mark.slow
 def test_a_mass_for_another_number_of_axes_is_refused(capsys: Capture) -> None:
     assert cli.main(["run", "--device", name(Late), "--dof", "1", "--set", "device.known_mass_kg=[1, 2]"]) == 2
     assert "device.known_mass_kg" in capsys.readouterr().err

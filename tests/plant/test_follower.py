@@ -23,6 +23,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.picture import Touch
 from hapnet.plant.worlds.walls import Contacts, Wall
 from hapnet.simulation.result import Result
+from tests.conftest import mostly_slow
 
 LINK = {"link.up": "delay 30ms 5ms loss 5%", "link.down": "delay 30ms 5ms loss 5%"}
 FOLLOWS = {"follower.robot": "simulated", "duration_s": 2.0, **LINK}
@@ -134,7 +135,7 @@ LEANS = (0.3, 0.0, -math.sqrt(1.0 - 0.3**2))
 
 @pytest.mark.parametrize(
     ("feedback", "a", "b"),
-    [("planes", 0.5, 1.0), ("force", 0.5, 1.0), pytest.param("planes", 3.0, 2.0, marks=pytest.mark.slow)],
+    mostly_slow([("planes", 0.5, 1.0), ("force", 0.5, 1.0), ("planes", 3.0, 2.0)], 1),
 )
 def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_over_a(
     feedback: str, a: float, b: float
@@ -166,7 +167,7 @@ def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_
     np.testing.assert_allclose(torques(x, of_motor), -torques(x, of_wall), rtol=0.01, atol=1e-5)
 
 
-@pytest.mark.parametrize("a", [0.1, 0.5, 5.0])
+@pytest.mark.parametrize("a", mostly_slow([5.0, 0.5, 0.1], 1))
 def test_a_tool_goes_a_times_as_far_as_its_leader_and_turns_as_it_does(a: float) -> None:
     changes = {"scene": "tool:box", "operator": "press", "operator_hand.hold_s": 5.0, "duration_s": 2.5}
     result = run({**changes, "follower.motion_scale": a, "follower.start": "origin"})
@@ -289,7 +290,7 @@ ARM = """
 """
 
 
-@pytest.mark.parametrize("scales", [(1.0, 1.0), (2.0, 0.5)])
+@pytest.mark.parametrize("scales", [(2.0, 0.5), pytest.param((1.0, 1.0), marks=pytest.mark.slow)])
 def test_an_arm_of_an_engine_follows_by_its_tip(scales: tuple[float, float], tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(ARM, "utf-8")

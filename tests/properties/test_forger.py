@@ -10,6 +10,7 @@ import pytest
 
 from hapnet.params import Params
 from hapnet.wire.messages import Role
+from tests.conftest import mostly_slow
 from tests.support.forger import STYLES, Attacked, Lie
 
 LINKS = ("lan", "wifi", "4g", "leo", "wan-intercontinental", "delay 20ms 5ms loss 20%")
@@ -54,7 +55,7 @@ def foresight(honest: Attacked) -> Callable[[int], int]:
 
 
 @seeds_up_to(100)
-@pytest.mark.parametrize("towards", ["world", "device"])
+@pytest.mark.parametrize("towards", mostly_slow(["world", "device"], 1))
 def test_no_attacked_run_is_passive_and_with_a_secret_all_are_as_without_attack(seeds: range, towards: Role) -> None:
     early = 0
     for seed in seeds:

@@ -38,7 +38,7 @@ asyncio.run(main(sys.argv[1], sys.argv[2], sys.argv[3] == "True"))
 
 
 @pytest.mark.parametrize("realtime", mostly_slow([True, False], 1))
-@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("times", mostly_slow([1, 2], 1))
 def test_ctrl_c_ends_the_program_and_leaves_all_in_order(tmp_path: Path, realtime: bool, times: int) -> None:
     """Pressed again it ends sooner, in the same order: no force, a whole recording, no process."""
     file, force = tmp_path / "run.mcap", tmp_path / "force"

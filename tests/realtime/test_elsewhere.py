@@ -12,10 +12,11 @@ import pytest
 from hapnet.errors import HapnetError
 from hapnet.realtime.servo import require_fine_clock
 from hapnet.transport.config import free_address
+from tests.conftest import mostly_slow
 from tests.support.processes import HAPNET, LIMIT_S, Program, assert_side_passive, started
 
 ELSEWHERE = (sys.executable, "-m", "tests.support.elsewhere")
-PLATFORMS = ["win32", "darwin"]
+PLATFORMS = mostly_slow(["win32", "darwin"], 1)
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)

@@ -130,7 +130,7 @@ def test_a_deadband_sends_less_and_shuffles_all_the_same_and_no_files_are_left(
 @pytest.mark.parametrize(
     ("number", "code", "more"),
     [
-        (signal.SIGINT, 130, ()),
+        pytest.param(signal.SIGINT, 130, (), marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, 130, ("--realtime",), marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, 143, (), marks=pytest.mark.slow),
     ],
@@ -254,7 +254,8 @@ def test_a_run_that_is_too_long_for_memory_has_its_summary_all_the_same(
     assert {path.name for path in out.glob("*.mcap")} == {"device.mcap", "world.mcap"}
 
 
-@pytest.mark.parametrize("first", [pytest.param("device", marks=pytest.mark.slow), "world"])
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["device", "world"])
 def test_sides_start_in_either_order(first: str, tmp_path: Path) -> None:
     address = free_address()
     argv: dict[str, list[object]] = {"device": ["-e", address, "--operator", "sine"], "world": ["-l", address]}

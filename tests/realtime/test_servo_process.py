@@ -262,6 +262,7 @@ def test_a_killed_servo_is_seen(running: Running) -> None:
     assert str(running.errors[0]) == "the servo's process was killed by SIGKILL"
 
 
+@pytest.mark.slow
 def test_one_that_is_killed_as_it_is_asked_to_end_has_failed_too(running: Running) -> None:
     """Then it has not reported its account: a run of such a verdict must not end as if all were well."""
     running.paired()
@@ -306,6 +307,7 @@ def test_every_stop_returns_when_it_is_done(running: Running) -> None:
     assert seen == [0, 0, 0]
 
 
+@pytest.mark.slow
 def test_a_stop_while_it_starts_leaves_no_process(running: Running) -> None:
     starting = threading.Thread(target=running.servo.start)
     starting.start()
@@ -319,6 +321,7 @@ def test_a_stop_while_it_starts_leaves_no_process(running: Running) -> None:
     assert running.servo._process is None
 
 
+@pytest.mark.slow
 def test_what_fails_outside_is_told_and_ends_nothing_else(running: Running) -> None:
     """The link or the recording raises in this process: that is an error of the run, and the servo is still heard."""
     broken = ArithmeticError("the link broke")

@@ -34,6 +34,7 @@ def test_first_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert (tmp_path / "runs" / "first_steps" / "run-device.csv").exists()
 
 
+@pytest.mark.slow
 def test_own_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """15 % of the time 20 % are lost, else 0.5 %; the delay's mean is 20 + 3 + 0.15 * 30 ms."""
     monkeypatch.chdir(tmp_path)

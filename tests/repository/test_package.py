@@ -40,6 +40,7 @@ def test_pages_that_messages_name_are_beside_the_code() -> None:
     assert all(page.is_relative_to(Path(hapnet.__file__).parent) and page.is_file() for page in pages)
 
 
+@pytest.mark.slow
 def test_what_readme_and_examples_show_has_strict_types(tmp_path: Path) -> None:
     """By pyright, as editors do. The programs that draw README's pictures are not among them: matplotlib's own types
     have gaps; nor the packages for LeRobot, which is not installed here."""

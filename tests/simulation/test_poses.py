@@ -103,6 +103,7 @@ def test_turned_is_the_rotation_vector() -> None:
     assert np.array(x[3:6]) == pytest.approx([-ARM_M, ARM_M, 0.0], abs=1e-15)
 
 
+@pytest.mark.slow
 def test_turning_may_have_a_stiffness_of_its_own() -> None:
     """Two numbers: N/m and Nm/rad. The largest torque of a turn beyond the world's answer follows the second."""
     changes = {"scene": TABLE, "link.up": "4g", "link.down": "4g", "duration_s": 4.0}

@@ -24,6 +24,7 @@ from hapnet.plant.arms.table import ArmTable
 from hapnet.plant.operator import Impedance, Rest, Sine
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice
+from tests.conftest import mostly_slow
 from tests.plant.arms.test_motion import loose, with_joints
 
 T = 1e-3
@@ -172,7 +173,7 @@ def test_what_cannot_be_is_refused() -> None:
     assert math.isinf(SimulatedArm(omni(), hand).limit)
 
 
-@pytest.mark.parametrize("by_joints", [False, True])
+@pytest.mark.parametrize("by_joints", mostly_slow([True, False], 1))
 def test_harvesting_nothing_under_clipped_torques_is_caught(by_joints: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The spring then gives more than it has: both accounts tell, the servo's own and that with true positions."""
     joints = replace(WEAK, joints=tuple(replace(joint, effort=0.05) for joint in WEAK.joints))

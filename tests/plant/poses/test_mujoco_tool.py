@@ -13,6 +13,7 @@ from hapnet.plant.poses.mujoco_tool import MujocoToolEngine
 from hapnet.plant.poses.tool import box, peg
 from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 
 pytest.importorskip("mujoco")
 
@@ -68,7 +69,7 @@ def test_planes_before_it_touches_are_those_of_its_corners(table: str) -> None:
     assert found == pytest.approx(heights, abs=2e-5)
 
 
-@pytest.mark.parametrize("turn_rad", [0.1, 0.3])
+@pytest.mark.parametrize("turn_rad", mostly_slow([0.3, 0.1], 1))
 def test_a_box_on_a_table_over_4g(table: str, turn_rad: float) -> None:
     result = simulate(
         {"scene": f"tool:box + {table}", "link.up": "4g", "link.down": "4g", "duration_s": 4.0,
