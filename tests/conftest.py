@@ -69,7 +69,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     The second time is a little later, as what holds a machine up seldom lasts for a moment only. So are tests that
     start processes. A test that hangs has failed after some minutes, except one that is to run for hours.
 
-    What neither runs in real time, nor starts processes, nor makes whole runs, is quick.
+    What neither runs in real time, nor starts processes, nor makes whole runs, nor is marked `long`, is quick.
     """
     for item in items:
         if isinstance(item, pytest.Function) and (item.get_closest_marker("realtime") or _in_real_time(item.module)):
@@ -79,7 +79,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             isinstance(item, pytest.Function) and _uses(item.module, _PROCESSES)
         ):
             item.add_marker(pytest.mark.flaky(reruns=1, reruns_delay=5))
-        elif not any(map(item.get_closest_marker, ("slow", "soak"))) and _is_quick(item):
+        elif not any(map(item.get_closest_marker, ("slow", "soak", "long"))) and _is_quick(item):
             item.add_marker(pytest.mark.quick)
         if item.get_closest_marker("soak"):
             item.add_marker(pytest.mark.timeout(0))

@@ -183,6 +183,7 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
 @pytest.mark.parametrize("seed", mostly_slow(range(10), 1))
 @pytest.mark.parametrize("stiffness", [100.0, 1000.0, 3000.0])
 @pytest.mark.parametrize(("shortest_ms", "longest_ms", "known"), [(22, 60, False), (25, 250, True), (200, 600, True)])
+@pytest.mark.long
 def test_a_simulated_hand_never_gets_more_than_the_bound(
     stiffness: float, shortest_ms: int, longest_ms: int, known: bool, seed: int
 ) -> None:

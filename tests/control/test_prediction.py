@@ -54,6 +54,7 @@ def test_noise_is_averaged_as_least_squares_averages_it() -> None:
 
 
 @given(st.permutations(range(12)))
+@pytest.mark.long
 def test_the_order_of_arrival_does_not_matter(order: list[int]) -> None:
     motion = np.poly1d([0.5, 1.0, 2.0])
     stamps = [0.005 * k for k in range(12)]

@@ -44,6 +44,7 @@ def test_the_flags() -> None:
 
 
 @given(st.lists(STATES, max_size=5), st.data())
+@pytest.mark.long
 def test_frames_read_back_however_they_are_cut(states: list[wire.State], data: st.DataObject) -> None:
     stream = wire.about(ABOUT) + b"".join(map(wire.state, states))
     frames, found = wire.Frames(), []

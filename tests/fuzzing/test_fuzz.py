@@ -32,6 +32,7 @@ SLOW_STORM = 20_000
 
 
 @pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.long
 def test_forty_thousand_messages_do_no_harm(target: str) -> None:
     run_many(target, 1, DEFAULT[target])
 
@@ -84,6 +85,7 @@ def test_the_predicate_and_the_decoder_agree_on_the_corpus(name: str) -> None:
         assert message is not None
 
 
+@pytest.mark.long
 def test_what_coverage_found_does_no_harm() -> None:
     """The lives that atheris begins with, and the deepest that it found, without atheris."""
     for life in [*lives.starts("session"), *corpus.stored_lives()]:

@@ -93,6 +93,7 @@ def run(
 
 
 @pytest.mark.parametrize("faces", [1, 2])
+@pytest.mark.long
 def test_against_bisection(faces: int) -> None:
     # 20,000 random steps for each number of faces, with general SPD M, B', K', every step met in its own trajectory.
     rng = np.random.default_rng([11, faces])

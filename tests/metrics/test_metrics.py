@@ -150,6 +150,7 @@ def test_no_buzz_of_what_cannot_hold_it() -> None:
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.25])
 @pytest.mark.parametrize("mm_per_min", [0.0, 12.0, -60.0])
+@pytest.mark.long
 def test_the_drift_beneath_a_lag(mm_per_min: float, lag_s: float) -> None:
     """A proxy that lags by so much and slides away: only the sliding counts, over any part of a period."""
     t = np.arange(0.0, 9.3, 1.0 / RATE_HZ)

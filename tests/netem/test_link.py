@@ -19,6 +19,7 @@ gaps = st.lists(st.one_of(st.just(0), st.integers(0, 20 * MS)), max_size=60)
 
 @settings(max_examples=200, deadline=None)
 @given(traced_profiles(short_times), gaps, st.integers(0, 2**32), st.data())
+@pytest.mark.long
 def test_laws_of_any_link(profile: LinkProfile, pauses: list[int], seed: int, data: st.DataObject) -> None:
     """Nothing comes out twice, early, out of order, or lost uncounted; when one polls is no matter."""
     watched, left_alone = Link[int](profile, seed), Link[int](profile, seed)
@@ -53,6 +54,7 @@ def test_laws_of_any_link(profile: LinkProfile, pauses: list[int], seed: int, da
 
 @settings(max_examples=50, deadline=None)
 @given(traced_profiles(short_times), traced_profiles(short_times), st.integers(0, 100))
+@pytest.mark.long
 def test_a_change_loses_and_repeats_nothing(first: LinkProfile, second: LinkProfile, when: int) -> None:
     link: Link[int] = Link(first, 3)
     out = []

@@ -79,6 +79,7 @@ def test_malformed_entries_are_named(text: str, named: str) -> None:
 @given(
     st.text(max_size=40) | st.lists(st.sampled_from(["at 1s", ":", ";", "up", "\n", '"', "#", "repeat"])).map("".join)
 )
+@pytest.mark.long
 def test_any_text_is_parsed_or_refused(text: str) -> None:
     try:
         timeline = Timeline.parse(text)

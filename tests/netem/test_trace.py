@@ -150,6 +150,7 @@ def lte(request: pytest.FixtureRequest) -> CapacityTrace:
     return CapacityTrace.load(str(path))
 
 
+@pytest.mark.long
 def test_a_saturated_lte_link_delivers_what_was_recorded(lte: CapacityTrace) -> None:
     """Full packets that always wait leave at the file's own times, in the repetition too."""
     ms = np.loadtxt(lte.path, dtype=np.int64)

@@ -115,6 +115,7 @@ def admitted(rig: Rig) -> float:
 
 @pytest.mark.parametrize("style", mostly_slow(STYLES, 2))
 @pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
+@pytest.mark.long
 def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: Style) -> None:
     done = attack(side, style, STRONG, rising=style is random_)
     rig = done.rig
@@ -126,6 +127,7 @@ def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: St
 
 
 @pytest.mark.parametrize("side", mostly_slow(SIDES, 2))
+@pytest.mark.long
 def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str) -> None:
     done = attack(side, pumping, {"wire.accept_stale": True, "dof": 3, "scene": "box"})
     assert done.lowest >= -admitted(done.rig)
@@ -149,6 +151,7 @@ def test_the_bound_is_nearly_reached() -> None:
     assert done.lowest < -0.8 * admitted(done.rig)
 
 
+@pytest.mark.long
 def test_sequences_out_of_order_are_taken_if_that_is_wanted() -> None:
     done = attack("device", alternating, {"wire.accept_stale": True})
     rig = done.rig

@@ -396,6 +396,7 @@ trees = st.recursive(
 
 @settings(max_examples=300, deadline=None)
 @given(st.integers(0, 10), st.lists(trees, max_size=9))
+@pytest.mark.long
 def test_well_formed_nonsense_never_raises_anything_else(kind: int, fields: list[object]) -> None:
     survives(msgpack.packb([2, kind, A, *fields]))
 

@@ -150,6 +150,7 @@ def test_a_rival_waits_until_the_peer_is_silent() -> None:
     assert device.peer == rival.identity
 
 
+@pytest.mark.long
 def test_of_two_that_wait_one_is_welcomed() -> None:
     """Else both would believe themselves the peer, and both would start with a full reservoir."""
     for seed in range(20):

@@ -95,28 +95,33 @@ def check(account: Account) -> None:
     assert account.closure <= 1e-14
 
 
+@pytest.mark.long
 def test_passive_at_stops() -> None:
     account = run(arm_in_hand(omni(), amplitude=0.25))
     check(account)
     assert account.beyond > 0.02
 
 
+@pytest.mark.long
 def test_passive_at_torque_limits() -> None:
     account = run(arm_in_hand(WEAK, limit=None), reach=0.2)
     check(account)
     assert account.limited > 700
 
 
+@pytest.mark.long
 def test_passive_with_its_weight_in_the_hand() -> None:
     account = run(arm_in_hand(WEAK, compensated=False, limit=None), reach=0.2)
     check(account)
     assert account.limited > 500
 
 
+@pytest.mark.long
 def test_passive_with_targets_outside_the_workspace() -> None:
     check(run(arm_in_hand(omni()), reach=0.8))
 
 
+@pytest.mark.long
 def test_passive_through_singularities() -> None:
     """Without stops and damping the hand pulls the arm straight, and the tip over the waist's axis."""
     arm = arm_in_hand(loose(omni()), amplitude=0.3)
@@ -132,6 +137,7 @@ class Proud(SimulatedArm):
         return work
 
 
+@pytest.mark.long
 def test_a_torque_limit_that_is_not_in_the_account_is_caught() -> None:
     """The servo believes that all is well; the hand's port, and the energy of each tick, tell."""
     account = run(arm_in_hand(WEAK, kind=Proud, limit=None), reach=0.2)
@@ -174,6 +180,7 @@ def test_what_cannot_be_is_refused() -> None:
 
 
 @pytest.mark.parametrize("by_joints", mostly_slow([True, False], 1))
+@pytest.mark.long
 def test_harvesting_nothing_under_clipped_torques_is_caught(by_joints: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The spring then gives more than it has: both accounts tell, the servo's own and that with true positions."""
     joints = replace(WEAK, joints=tuple(replace(joint, effort=0.05) for joint in WEAK.joints))

@@ -51,6 +51,7 @@ def reference(table: ArmTable, rates: Array, push: Array, ticks: int) -> Array:
 
 
 @pytest.mark.parametrize("n", [3, 7])
+@pytest.mark.long
 def test_trajectories_are_those_of_an_independent_integrator(n: int) -> None:
     """Within 1e-5 rad at 1 ms; and the energy of each tick to 1e-14 J, with weight and damping."""
     rng = np.random.default_rng(n)
@@ -133,6 +134,7 @@ def held(table: ArmTable, *, amplitude: float = 0.3, kind: type[SimulatedArm] = 
     return run(arm, stiffness=2.0, damping=0.002, reach=reach)
 
 
+@pytest.mark.long
 def test_passive_at_stops_and_torque_limits() -> None:
     at_stops = held(omni(), amplitude=1.2, reach=0.5)
     check(at_stops)
@@ -142,10 +144,12 @@ def test_passive_at_stops_and_torque_limits() -> None:
     assert limited.limited > 200
 
 
+@pytest.mark.long
 def test_passive_with_seven_joints() -> None:
     check(held(with_joints(random_arm(np.random.default_rng(7), 7), effort=6.0, lower=-0.3, upper=0.3), reach=2.0))
 
 
+@pytest.mark.long
 def test_a_torque_limit_that_is_not_in_the_account_is_caught() -> None:
     """The servo believes that all is well; the hand's port, and the energy of each tick, tell."""
     account = held(with_joints(omni(), effort=0.05), kind=Proud, reach=1.0)

@@ -48,6 +48,7 @@ def energy(arm: Arm) -> float:
 
 
 @pytest.mark.parametrize("n", mostly_slow([3, 2, 6, 7], 1))
+@pytest.mark.long
 def test_free_motion_keeps_its_energy(n: int) -> None:
     """To 1e-13 J in 2 s at 1 ms, without weight and with it."""
     rng = np.random.default_rng(n)
@@ -114,6 +115,7 @@ def reference(table: ArmTable, hand: Impedance, friction: float, ticks: int) -> 
 HAND = Impedance(0.2, 3.0, 60.0)
 
 
+@pytest.mark.long
 def test_trajectories_are_those_of_an_independent_integrator() -> None:
     """A falling arm that is pushed, damped and rubs, in a hand that leads it: within 1e-5 rad for 0.7 s, and better by
     16 with a quarter of the step."""
@@ -177,6 +179,7 @@ def bounced(table: ArmTable, steps: int) -> tuple[float, float, float]:
     return worst, deepest, jump
 
 
+@pytest.mark.long
 def test_a_stop_makes_no_energy_and_no_jump() -> None:
     """Four times as many steps: the torque changes by a quarter in each, as that of no jump does."""
     table = with_joints(omni(), damping=0.0)

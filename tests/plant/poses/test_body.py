@@ -84,6 +84,7 @@ def test_a_wrench_along_the_coordinates_does_the_work_of_the_wrench() -> None:
         assert np.array(f) == pytest.approx(least, abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_free_spin_keeps_momentum_and_energy() -> None:
     """Issue: within 0.1 % in 20 s at 1 ms. It tumbles about the middle axis."""
     body = body_at(STILL_POSE, np.array([0.1, 0.0, 0.0]), np.array([0.02, 8.0, -0.03]))

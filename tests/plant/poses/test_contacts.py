@@ -50,6 +50,7 @@ CORNER = (Hole((0.0, 0.0, -0.016), (0.0, 0.0, -1.0), 0.0052, 0.001), Sphere((0.0
 @pytest.mark.parametrize("friction", [pytest.param(0.0, marks=pytest.mark.slow), 0.5])
 @pytest.mark.parametrize(("shortest", "longest"), mostly_slow([(0.01, 0.05), (1e-3, 1e-3), (0.1, 0.1)], 1))
 @pytest.mark.parametrize(("tool", "shapes"), [(box((0.06, 0.04, 0.02)), WALLS), (peg(0.005, 0.03), CORNER)])
+@pytest.mark.long
 def test_every_step_obeys_13_and_the_solids_give_nothing(
     tool: Tool, shapes: tuple[Shape, ...], friction: float, shortest: float, longest: float
 ) -> None:
@@ -84,6 +85,7 @@ def begun(mass: ToolMass, moved: Array) -> Vector:
     return tuple((np.array(mass.position) - moved).tolist())
 
 
+@pytest.mark.long
 def test_all_points_of_a_plate_count() -> None:
     """As many as a tool may have, on one plane: it carries the load, and does not tilt."""
     points = tuple((0.004 * a - 0.03, 0.006 * b - 0.021, -0.005) for a in range(16) for b in range(8))
@@ -192,6 +194,7 @@ def test_a_hole_is_what_its_peg_says() -> None:
             assert hole.near(tuple(p)).gradient == pytest.approx(gradient, abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_peg_in_its_hole_is_held_across_and_free_along() -> None:
     mass = mass_among(peg(0.005, 0.03), Solid(Hole((0.0, 0.0, -0.016), (0.0, 0.0, -1.0), 0.0052, 0.001)))
     for k in range(200):

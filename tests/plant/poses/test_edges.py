@@ -59,6 +59,7 @@ def test_a_plate_rests_on_a_ball_under_its_middle() -> None:
     assert -0.005 - mass.position[2] == pytest.approx(0.01 * K / (K + STIFF), rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_plate_rests_on_a_ridge_between_its_corners() -> None:
     """A ridge of 10 mm: its edge's points under the plate, of 8 parts of 120 mm, are two on each side."""
     ridge = Cuboid((0.0, 0.0, -0.035), (0.01, 0.12, 0.04))
@@ -68,6 +69,7 @@ def test_a_plate_rests_on_a_ridge_between_its_corners() -> None:
     assert len(under) >= 6
 
 
+@pytest.mark.long
 def test_a_peg_leans_on_the_rim() -> None:
     """Its deepest points say how far: 25 mm deep with 0.2 mm of play on each side it may tilt by 0.9 degrees, and by
     what four contacts yield. With its own points alone it would go through the rim, to 2.5 degrees."""
