@@ -47,9 +47,6 @@ def fail(wait_for_start: WaitForStart) -> None:
     raise ValueError("no such luck")
 
 
-# Children
-
-
 def test_children_begin_together_and_answer() -> None:
     with Child(double, 3) as one, Child(double, 4) as other:
         (six, first), (eight, second) = together([one, other], 10.0)
