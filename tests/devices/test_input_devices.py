@@ -160,7 +160,11 @@ def test_which_files_are_3d_mice(reported: str, ours: bool, tmp_path: Path) -> N
 
 
 def test_one_that_goes_away_is_silent_until_it_is_back(pipe: Pipe, clock: list[float]) -> None:
+    """What it said before, half an event too, counts no longer."""
     pad = Gamepad(1, path=pipe.path)
+    pipe.write(js(1, 0x01, 0) + js(32767, 0x02, 0) + js(32767, 0x02, 0)[:3])
+    pad.read()
+    assert (pad.buttons(), pad.deflections[0]) == ((True,), 1.0)
     pad.close()
     os.rename(pipe.path, pipe.path + ".gone")
     with pytest.raises(DeviceSilent, match="has gone"):
@@ -170,6 +174,10 @@ def test_one_that_goes_away_is_silent_until_it_is_back(pipe: Pipe, clock: list[f
         pad.read()  # it looks again twice a second
     clock[0] += 1.0
     assert pad.read()[0] == (0.0,)
+    assert (pad.buttons(), pad.deflections[0]) == ((), 0.0)
+    pipe.write(js(-32767, 0x02, 0))
+    pad.read()
+    assert pad.deflections[0] == -1.0
     pad.close()
 
 

@@ -190,7 +190,7 @@ def test_a_quarter_loaded_lte_link_is_never_faster_than_recorded(lte: CapacityTr
     assert all(number <= offered[time % lte.period_ns] for time, number in zip(*used, strict=True))
 
 
-CSV = "time_s,delay_ms,loss_percent\n0,10,0\n2,50.5,100\n3,20,0\n"
+CSV = "time_s,delay_ms,loss_percent\n0,10,0\n2,50.5,100\n\n3,20,0\n"  # an empty line is none
 
 
 def conditions(tmp_path: Path, text: str = CSV) -> ConditionTrace:

@@ -7,14 +7,18 @@ import json
 import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import zenoh
+from numpy.random import SeedSequence
 
 from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.transport.zenoh import ZenohTransport
 from netem import LinkProfile, NetemError
-from netem.zenoh_relay import ZenohRelay
+from netem.zenoh_relay import ZenohRelay, _Direction
 
 WAIT_S = 30.0
 NOTHING = LinkProfile()
@@ -177,3 +181,37 @@ async def test_bad_endpoints_and_keys_are_refused() -> None:
         with pytest.raises(NetemError, match="in use"):
             await relay.open()
         assert await relay.close()
+
+
+async def test_what_is_above_the_backlog_or_cannot_be_put_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The backlog is of what waits for the loop, and of what waits for a network that blocks."""
+    monkeypatch.setattr("netem.zenoh_relay.MAX_BACKLOG", 2)
+    one: Any = _Direction(asyncio.get_running_loop(), NOTHING, SeedSequence(1))
+    put: list[bytes] = []
+    blocked: list[Callable[[], None]] = []
+
+    class Session:
+        def put(self, key: str, payload: bytes, **options: object) -> None:
+            if payload == b"2":
+                raise zenoh.ZError("closed")
+            put.append(payload)
+
+    async def offer(control: zenoh.CongestionControl, *payloads: bytes) -> None:
+        options = dict.fromkeys(("encoding", "priority", "express", "attachment", "timestamp"))
+        for each in payloads:
+            payload = zenoh.ZBytes(each)
+            put = {"kind": zenoh.SampleKind.PUT, "key_expr": "k", "payload": payload, "congestion_control": control}
+            one.receive(SimpleNamespace(**options, **put))
+        await asyncio.sleep(0)
+
+    one.close()
+    one.session = Session()
+    one._blocker = SimpleNamespace(submit=lambda job, *args: blocked.append(partial(job, *args)))
+    await offer(zenoh.CongestionControl.DROP, b"1", b"2", b"3")
+    assert (put, one.dropped) == ([b"1"], 2)
+    for payload in (b"4", b"5", b"6"):
+        await offer(zenoh.CongestionControl.BLOCK, payload)
+    assert (len(blocked), one.dropped) == (2, 3)
+    blocked.pop()()
+    await offer(zenoh.CongestionControl.BLOCK, b"7")
+    assert (put, len(blocked), one.dropped) == ([b"1", b"5"], 2, 3)
