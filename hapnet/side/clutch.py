@@ -59,7 +59,7 @@ def spans(text: str) -> list[tuple[float, float]]:
             begin, end = float(first), float(last)
         except ValueError:
             raise InvalidParameter("device.clutch", text, ALLOWED) from None
-        if not 0.0 <= begin < end < float("inf"):
+        if not begin < end < float("inf"):  # none begins with a minus
             raise InvalidParameter("device.clutch", text, ALLOWED)
         found.append((begin, end))
     return found

@@ -208,10 +208,19 @@ def test_one_that_was_pulled_out_is_opened_anew(
 
 @pytest.mark.parametrize(
     ("words", "says"),
-    [("path=/dev/nil", "No such file"), ("path=/dev/null,reach=30", "reach is 30"), ("dead=1", "dead")],
-)
+    [
+        ("path=/dev/nil", "No such file"), ("path=/dev/null,reach=1.001", "reach is 1.001"), ("reach=0.0009", "reach"),
+        ("dead=1", "dead"), ("dead=-0.001", "dead"),
+    ],
+)  # fmt: skip
 def test_what_cannot_be_is_refused(words: str, says: str) -> None:
     for name, kind in (("gamepad", Gamepad), ("3dmouse", SpaceMouse)):
         assert resolve(f"{name}:{words}")[1] == words
         with pytest.raises(InvalidParameter, match=says):
             kind(1, **options(name, kind, words))
+
+
+@pytest.mark.parametrize("words", ["reach=0.001", "reach=1", "dead=0"])
+def test_the_ends_of_what_can_be(words: str) -> None:
+    for name, kind in (("gamepad", Gamepad), ("3dmouse", SpaceMouse)):
+        kind(1, path=os.devnull, **options(name, kind, words)).close()

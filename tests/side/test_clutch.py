@@ -73,10 +73,10 @@ def test_a_tool_rests_while_the_hand_turns_without_it() -> None:
 
 
 def test_texts_of_a_clutch() -> None:
-    assert spans("2-3, 5-6.5") == [(2.0, 3.0), (5.0, 6.5)]
+    assert spans("0-3, 5-6.5") == [(0.0, 3.0), (5.0, 6.5)]
     assert button("button 1") == 1
     assert button("1-2") is None
-    for wrong in ("3-2", "x", "1", "nan-2", "1-inf"):
+    for wrong in ("3-2", "2-2", "-1-2", "x", "1", "nan-2", "1-inf"):
         with pytest.raises(InvalidParameter):
             spans(wrong)
     with pytest.raises(InvalidParameter):
