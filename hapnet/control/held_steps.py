@@ -74,10 +74,6 @@ class FollowerServo(SampledServo):
             return Update(self.reporter.proxy(said, level), done.shuffled)
         return Update(said if level is None else Position(said, level), done.shuffled)
 
-    def skippable_ticks(self, dt: float) -> int:
-        """None: each tick tells the prediction how long a step is."""
-        return 0
-
 
 class HeldSteps(SetPositionSteps):
     """The world's end of a simulated follower: a `WorldCoupling` whose mass is moved by a held force.

@@ -161,6 +161,7 @@ def test_a_published_world_has_one_too() -> None:
 def test_what_a_law_must_have_is_checked_when_it_is_made(changes: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidParameter, match=f"^{says}"):
         dataclasses.replace(Mine, **{"section": "mine", **changes})
+    dataclasses.replace(Mine, section="mine", shared=tuple(Tuning.__dataclass_fields__))  # all of them
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
+from hapnet.laws import COUPLING_NAMES
 from hapnet.param_schema import schema
 from hapnet.param_values import Range, toml_value
 from hapnet.params import Params
 
 AGREED = Path(__file__).parents[1] / "data" / "parameters.toml"
-"""Every parameter's default, and what it may be."""
+"""Every parameter's default and what it may be; then among what a tuning of each law searches."""
 
 
 def test_shown_parameters_read_back_to_the_same(tmp_path: Path) -> None:
@@ -43,6 +45,8 @@ def test_defaults_and_what_is_allowed_change_on_purpose_only() -> None:
     for name, value, spec in Params().leaves():
         allowed = spec.metadata["allowed"]
         lines.append(f"{name} = {toml_value(value)}  # {'' if allowed == Range() else allowed}".rstrip(" #"))
+    for law in COUPLING_NAMES:
+        lines.extend(f"# {law} searches {name}: {values}" for name, values in coupling(law).searched.items())
     assert lines == AGREED.read_text("utf-8").splitlines()
 
 

@@ -116,8 +116,9 @@ def test_what_is_told_and_what_is_remembered_are_four_planes_together() -> None:
     near = [Plane((0.0, 0.6, 0.8), 0.07 + 0.01 * k, K_WALL, 0.0) for k in range(MOST_PLANES)]
     for count, felt in ((3, -0.01 / (1.0 / K + K_WORLD / (K * K_WALL))), (4, 0.0)):
         m = model(3)
-        answer(m, (beside,), (0.0, 0.0, 0.0), 1.0)
+        answer(m, (beside, Plane((0.0, 1.0, 0.0), 0.03, K_WALL, 0.0)), (0.0, 0.0, 0.0), 1.0)
         answer(m, tuple(near[:count]), (0.0, 0.0, 0.08), 0.01)
+        assert m.count == MOST_PLANES
         assert force(m, (0.04, 0.0, 0.0)) == pytest.approx(felt, abs=1e-5)
 
 

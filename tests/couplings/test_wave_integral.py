@@ -117,6 +117,21 @@ def test_recovery_never_spends_what_was_not_lost(
         assert math.copysign(1.0, recovery.owed[0]) == math.copysign(1.0, owed) or abs(owed) < 1e-9
 
 
+def test_each_axis_recovers_by_itself() -> None:
+    """As three of one axis do."""
+    lost, waves, dt = (1.0, -2.0, 3.0), [(0.05, 0.1, -0.03), (-0.02, 0.04, 0.06)], 0.001
+    together, alone = Recovery(3, 0.05), [Recovery(1, 0.05) for _ in range(3)]
+    together.lose(Wave(lost, 0.02))
+    for one, value in zip(alone, lost, strict=True):
+        one.lose(Wave((value,), 0.02))
+    for wave in waves:
+        found = together.output(dt, wave, [z * dt for z in wave], [z * z * dt for z in wave])
+        assert found == tuple(
+            one.output(dt, (z,), (z * dt,), (z * z * dt,))[0] for one, z in zip(alone, wave, strict=True)
+        )
+        assert all(abs(out - z) > 0.1 for out, z in zip(found, wave, strict=True))
+
+
 @pytest.mark.parametrize("make", [lambda: DelayLine(1, 0.3, recovery=0.05), lambda: Replay(1, 0.08)])
 @pytest.mark.parametrize("loss", [0.1, 0.5])
 def test_both_ports_together_are_passive_on_any_link(make: type[Line], loss: float) -> None:

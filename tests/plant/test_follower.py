@@ -12,6 +12,7 @@ from hapnet import simulate
 from hapnet.assembly.build import prepare
 from hapnet.assembly.follower import on_link
 from hapnet.checks import Array, Vector
+from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.frame import Frame
@@ -76,6 +77,14 @@ def test_without_damping_the_robots_environment_keeps_what_it_gets(a: float, b: 
     put_in = result.world.mass.port_J(0.0)
     assert account.stored_J > 0.0
     assert account.stored_J - account.start_J == pytest.approx(-put_in, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("watchdog_s", "servo_hz", "found"), [(0.02, 1000.0, 0.02), (0.02, 50.0, 0.04), (0.0, 50.0, 0.0)]
+)
+def test_a_slow_robots_watchdog_waits_for_two_of_its_ticks(watchdog_s: float, servo_hz: float, found: float) -> None:
+    params = as_params({"device.watchdog_s": watchdog_s, "follower.servo_hz": servo_hz})
+    assert servo_of(params).watchdog_s == found
 
 
 def test_both_begin_in_the_same_place_wherever_they_stand() -> None:

@@ -364,6 +364,9 @@ def test_an_identity_no_peer_would_accept_is_refused_at_once(change: dict[str, A
 def test_bad_settings() -> None:
     with pytest.raises(InvalidParameter, match="hello_period_ns"):
         SessionSettings(hello_period_ns=0)
+    with pytest.raises(InvalidParameter, match="silence_ns"):
+        SessionSettings(silence_ns=0)
+    assert SessionSettings(hello_period_ns=MS, spacing_ns=10_000 * MS, silence_ns=1).silence_ns == 1
     with pytest.raises(InvalidParameter, match="admission"):
         session("device", 1, settings=SessionSettings(admission_W=-1.0))
 

@@ -1,0 +1,32 @@
+"""Planes in a message of the world."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import pytest
+
+from hapnet.wire.messages import Proxy, decode
+from tests.wire.test_messages import A, inf, nan, rejected
+
+PLANE: list[Any] = [[1.0, 0.0], 0.02, 3000.0, 10.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "planes"),
+    [
+        ("type", 1.0), ("type", [1.0]), ("type", [PLANE[:-1]]), ("type", [[*PLANE, 0.0]]), ("type", [[*PLANE[:4], 0]]),
+        ("range", [PLANE] * 5),
+        ("range", [[[1.0, 0.01], *PLANE[1:]]]), ("range", [[[0.99, 0.0], *PLANE[1:]]]),
+        ("range", [[*PLANE[:2], 0.0, 10.0, 0.0]]), ("range", [[*PLANE[:2], -1.0, 10.0, 0.0]]),
+        ("range", [[*PLANE[:3], -1e-9, 0.0]]), ("range", [[*PLANE[:4], nan]]), ("range", [[PLANE[0], inf, *PLANE[2:]]]),
+    ],
+)  # fmt: skip
+def test_a_plane_is_a_unit_normal_and_four_numbers(kind: str, planes: object) -> None:
+    def proxy(planes: object) -> list[object]:
+        return [2, 10, A, 0, 0, [0.04, 0.0], 0, [0.0, 0.0], planes, 0, 0]
+
+    assert rejected(proxy(planes)).kind == kind
+    for fine in (None, [], [PLANE] * 4, [[*PLANE[:3], 0.0, -0.1]]):
+        assert isinstance(decode(msgpack.packb(proxy(fine))), Proxy)
