@@ -17,6 +17,7 @@ from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import numba
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 from hapnet.kernel.progress import Reported
 from hapnet.records.equation import EQUATIONS
@@ -24,10 +25,39 @@ from hapnet.records.machine_code import kept
 
 _njit: Any = numba.njit
 
-_LEAN = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy"}
+_IDLE = {
+    "with_lifting", "inline_closure_likes", "rewrite_semantic_constants", "dead_branch_prune", "Rewrite dynamic raises",
+    "make_function_op_code_to_jit_function", "inline_inlinables", "find_literally", "literal_unroll",
+    "LiteralPropagation", "inline_overloads", "nopython_rewrites", "nopython_supported_feature_validation",
+    "ir_legalization", "annotate_types", "dump_parfor_diagnostics",
+}  # fmt: skip
+"""Numba's passes that find nothing to do in an equation, which has neither closures nor array expressions, or that only
+end the lives of variables ("ir_legalization"), which matters to what is counted by references."""
+
+
+class _Passes(CompilerBase):
+    """Numba's passes but for the idle ones, which take a quarter of the time of all."""
+
+    def define_pipelines(self) -> list[Any]:
+        passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)  # type: ignore[no-untyped-call]
+        passes.passes = [one for one in passes.passes if one[0].name() not in _IDLE]
+        passes.finalize()
+        return [passes]
+
+
+_LEAN = {
+    "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False, "error_model": "numpy",
+    "pipeline_class": _Passes,
+}  # fmt: skip
 
 _PARTS: set[str] = set()
 """The names of the functions that only compiled ones call."""
+
+_MADE: dict[Any, Any] = {}
+"""Each twin by its function and by what is compiled in others' place in what it calls: scenarios share it."""
+
+_LINKED: defaultdict[Any, dict[Any, None]] = defaultdict(dict)
+"""What each of numba's libraries calls, callers first: LLVM links what is called by then."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,7 +91,10 @@ def _twins(choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> dict[str
     for function, other in EQUATIONS.items():
         source = function if other is None else other
         _PARTS.add(source.__qualname__)
-        made[function] = _njit(**_LEAN)(_with_globals(source, names[source.__module__]))
+        key = source, _chosen_within(function, choices)
+        if key not in _MADE:
+            _MADE[key] = _njit(**_LEAN)(_with_globals(source, names[source.__module__]))
+        made[function] = _MADE[key]
     made |= {function: made[chosen] for function, chosen in choices.items()}
     for known in names.values():
         for name, value in known.items():
@@ -72,6 +105,28 @@ def _twins(choices: Mapping[Callable[..., Any], Callable[..., Any]]) -> dict[str
     for module, stub in stubs.items():
         vars(stub).update(names[module])
     return names
+
+
+def _chosen_within(function: Any, choices: Mapping[Any, Any]) -> frozenset[Any]:
+    """The choices in what an equation calls, and what that calls, each with what it chooses."""
+    reached, chosen = [function], set()
+    for one in reached:
+        for called in _called(EQUATIONS[one] or one):
+            target = choices.get(called, called)
+            if called in choices:
+                chosen.add((called, target))
+            if target in EQUATIONS and target not in reached:
+                reached.append(target)
+    return frozenset(chosen)
+
+
+@cache
+def _called(source: Any) -> frozenset[Any]:
+    """The functions that a function's code names, by themselves or in a module."""
+    words, known = source.__code__.co_names, vars(sys.modules[source.__module__])
+    values = [known.get(word) for word in words]
+    values += [vars(one).get(word) for one in values if isinstance(one, ModuleType) for word in words]
+    return frozenset(one for one in values if isinstance(one, FunctionType))
 
 
 def _with_globals(function: Any, names: dict[str, Any]) -> Any:
@@ -108,72 +163,79 @@ def as_one_unit() -> Iterator[None]:
     By itself numba does all of that with each function and what it calls: so every function is copied and optimised
     again for its callers, for theirs, and so on, which takes five times as long. No other thread compiles meanwhile.
     The methods changed here are numba's own, left out for the inner functions; and no more is optimised than pays,
-    since all loops are short. What an operator makes of its arguments' types, how a record is written, and whether
-    two sets of options are the same is found once, not each time: that takes a third less. A version of numba that has
-    not all of this just compiles for longer.
+    since all loops are short and nothing is counted by references. What an operator makes of its arguments' types, how
+    a record is written, how large a type is, what numba knows from the start, and whether two sets of options are the
+    same is found once, not each time: that takes a third less. A version of numba that has not all of this just
+    compiles for longer.
     """
-    codegen, config, options, types = (
-        importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config", "targetconfig", "types")
+    codegen, config, options, types, cpu = (
+        importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config", "targetconfig", "types", "cpu")
     )
-    owners = (
-        getattr(codegen, "CPUCodeLibrary", None), getattr(codegen, "JITCPUCodegen", None), config,
-        types.Function, types.Record, options.TargetConfig,
-    )  # fmt: skip
-    names = (
-        ("_optimize_functions", 0), ("add_linking_library", 0), ("finalize", 0), ("set_env", 1), ("OPT", 2),
-        ("LOOP_VECTORIZE", 2), ("SLP_VECTORIZE", 2), ("get_call_type", 3), ("__repr__", 4), ("__eq__", 5),
-        ("__hash__", 5),
-    )  # fmt: skip
-    if not all(hasattr(owners[which], name) for name, which in names):
-        yield
-        return
-    own: list[Any] = [getattr(owners[which], name) for name, which in names]
-    optimize, link, finalize, set_env = own[:4]
-    resolve, written, same = own[7:10]
+    library, context = getattr(codegen, "CPUCodeLibrary", None), getattr(cpu, "CPUContext", None)
+    own: dict[str, Any] = {}  # by the names below
     resolved: dict[Any, Any] = {}
-    linked: defaultdict[Any, dict[Any, None]] = defaultdict(dict)  # callers first: LLVM links what is called by then
 
     def optimize_entry(self: Any, module: Any) -> None:
         if self.name not in _PARTS:
-            optimize(self, module)
+            own["_optimize_functions"](self, module)
+
+    def optimize_once(self: Any) -> None:
+        passes, builder = self._codegen._module_pass_manager()  # noqa: SLF001  # numba makes cheaper ones before
+        passes.run(self._final_module, builder)
 
     def link_all(self: Any, library: Any) -> None:
-        for one in (library, *linked[library]):
-            if one not in linked[self]:
-                linked[self][one] = None
-                link(self, one)
+        for one in (library, *_LINKED[library]):
+            if one not in _LINKED[self]:
+                _LINKED[self][one] = None
+                own["add_linking_library"](self, one)
 
     def finalize_entry(self: Any) -> None:
         if self.name in _PARTS:
             self._finalized = True
         else:
-            finalize(self)
+            own["finalize"](self)
 
     def set_env_of_emitted(self: Any, name: str, environment: Any) -> None:
         if self._engine.get_global_value_address(name):  # the inner functions raise nothing, so they need none
-            set_env(self, name, environment)
+            own["set_env"](self, name, environment)
 
     def resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
         if named:
-            return resolve(self, context, arguments, named)
+            return own["get_call_type"](self, context, arguments, named)
         key = self, tuple(arguments)
         if key not in resolved:
-            resolved[key] = resolve(self, context, arguments, named)
+            resolved[key] = own["get_call_type"](self, context, arguments, named)
         return resolved[key]
 
-    changed: list[Any] = [
-        optimize_entry, link_all, finalize_entry, set_env_of_emitted, 1, 0, 0, resolve_once, cache(written),
-        lambda self, other: self is other or same(self, other), lambda self: hash(frozenset(self._values)),
-    ]  # fmt: skip
+    changes: tuple[tuple[Any, str, Any], ...] = (
+        (library, "_optimize_functions", optimize_entry),
+        (library, "_optimize_final_module", optimize_once),
+        (library, "add_linking_library", link_all),
+        (library, "finalize", finalize_entry),
+        (getattr(codegen, "JITCPUCodegen", None), "set_env", set_env_of_emitted),
+        (config, "OPT", 1),
+        (config, "LOOP_VECTORIZE", 0),
+        (config, "SLP_VECTORIZE", 0),
+        (types.Function, "get_call_type", resolve_once),
+        (types.Record, "__repr__", cache(lambda self: own["__repr__"](self))),
+        (options.TargetConfig, "__eq__", lambda self, other: self is other or own["__eq__"](self, other)),
+        (options.TargetConfig, "__hash__", lambda self: hash(frozenset(self._values))),
+        (context, "get_abi_sizeof", cache(lambda self, kind: own["get_abi_sizeof"](self, kind))),
+        (context, "load_additional_registries", cache(lambda self: own["load_additional_registries"](self))),
+    )
+    if not all(hasattr(owner, name) for owner, name, _ in changes):
+        yield
+        return
+    own |= {name: getattr(owner, name) for owner, name, _ in changes}
     with importlib.import_module("numba.core.compiler_lock").global_compiler_lock:
         collects = gc.isenabled()
         gc.disable()  # all that a compiler makes is in use until the end
         try:
-            for (name, which), one in zip(names, changed, strict=True):
-                setattr(owners[which], name, one)
+            for owner, name, change in changes:
+                setattr(owner, name, change)
             yield
         finally:
-            for (name, which), one in zip(names, own, strict=True):
-                setattr(owners[which], name, one)
+            for owner, name, _ in changes:
+                setattr(owner, name, own[name])
             if collects:
                 gc.enable()

@@ -295,3 +295,24 @@ def test_the_command_says_whether_the_kernel_runs_it(
     assert line in capsys.readouterr().out
     assert cli.main(["simulate", "--no-files", "--duration", "0.3", *words]) == 0
     assert "kernel" not in capsys.readouterr().out
+
+
+def test_kinds_share_the_twins_of_all_that_calls_nothing_which_they_choose() -> None:
+    """Of what chooses otherwise each has its own, also where that is a method of a law."""
+
+    def twins_of(coupling: str, solid: bool) -> Any:
+        kind = coverage.kind_of(Params(coupling=coupling))
+        assert kind is not None
+        return twins._twins(kind._replace(solid=solid).choices())
+
+    walls, solids, law, other = (
+        twins_of(*one) for one in (("pspm", False), ("pspm", True), ("tdpa", False), ("pd", False))
+    )
+    assert twins_of("pspm", False)["hapnet.kernel.simulation"]["_run"] is walls["hapnet.kernel.simulation"]["_run"]
+    for one in (solids, law, other):
+        assert one["hapnet.records.vectors"]["dot"] is walls["hapnet.records.vectors"]["dot"]
+        assert one["hapnet.kernel.simulation"]["_run"] is not walls["hapnet.kernel.simulation"]["_run"]
+    integrator = "hapnet.plant.integrator"  # its mass responds among walls in one way, among solids in another
+    assert solids[integrator]["spring_among"] is not walls[integrator]["spring_among"]
+    assert solids[integrator]["factored"] is walls[integrator]["factored"]
+    assert law["hapnet.kernel.law_sides"]["step"] is not other["hapnet.kernel.law_sides"]["step"]
