@@ -197,6 +197,23 @@ def test_it_slides_against_mu_times_the_normal_force() -> None:
     assert mass.velocity[0] == pytest.approx((1.6 - 1.0) / 5.0, rel=1e-4)  # the rest is the damper's
 
 
+@pytest.mark.parametrize("shapes", [1, 2])
+def test_the_floor_pushes_as_its_depth_says_while_a_coupled_mass_rubs(shapes: int) -> None:
+    """Friction moves a coupled mass along the normal too: spring and damper of the floor answer where it ends."""
+    rng, dt = np.random.default_rng(4), 0.002
+    contacts = RigidContacts([Solid(HalfSpace((0.0, 0.0, -1.0), 0.0), 3000.0, 10.0, 0.5)] * shapes, 3)
+    mass = PassiveIntegrator(random_spd(rng, 3, 0.01, 0.2), random_spd(rng, 3, 1.0, 30.0), 1e-6, (0.0, 0.0, 0.0))
+    pull = np.array([5.0, 2.0, -6.0])
+    for k in range(200):
+        before = -mass.position[2]
+        force = np.array(mass.step(dt, (0.0, 0.0, 0.0), contacts, tuple(pull)).force) - pull
+        after = -mass.position[2]
+        if k > 20:
+            normal = 3000.0 * 0.5 * (before + after) + 10.0 * (after - before) / dt
+            assert force[2] == pytest.approx(shapes * normal, rel=1e-6)
+            assert math.hypot(*force[:2]) == pytest.approx(0.5 * force[2], rel=0.05)  # of a first solution
+
+
 def test_friction_that_varies_is_that_of_the_place() -> None:
     """Sliding along x: mu N with mu = 0.5 (1 + 0.9/3 (sin kx + sin kz)); y is 0."""
     wave = 2.0 * math.pi / 0.008
