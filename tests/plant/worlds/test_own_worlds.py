@@ -273,12 +273,12 @@ def test_a_push_from_rest_gives_just_what_the_account_has() -> None:
 
 @pytest.mark.parametrize("energy_J", [0.0, 2e-4])
 def test_the_damper_is_the_smallest_that_pays(energy_J: float) -> None:
-    """All that is there is given: E + T (b w - f) w = 0 with w = (w_0 + g f) / (1 + g b), for g the same on each axis."""
+    """All that is there is given: E + T (b w - f) w = 0, w = (w_0 + g f) / (1 + g b), with one g for both axes."""
     dt, g, force, free = 0.01, 0.05, np.array([3.0, 1.0]), np.array([0.4, -0.1])
     observer = Observer(energy_J)
     applied, w = observer.passive(dt, force, free, g * np.eye(2))
     begun = free + g * force
-    power, square = force @ begun, begun @ begun
+    power, square = float(force @ begun), float(begun @ begun)
     roots = np.roots([energy_J * g**2, 2.0 * energy_J * g + dt * (square - g * power), energy_J - dt * power])
     b = min(root for root in roots if root > 0.0)
     assert w == pytest.approx(begun / (1.0 + g * b), rel=1e-6)
