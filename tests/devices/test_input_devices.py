@@ -224,3 +224,19 @@ def test_what_cannot_be_is_refused(words: str, says: str) -> None:
 def test_the_ends_of_what_can_be(words: str) -> None:
     for name, kind in (("gamepad", Gamepad), ("3dmouse", SpaceMouse)):
         kind(1, path=os.devnull, **options(name, kind, words)).close()
+
+
+def test_which_device_is_taken_without_a_path(pipe: Pipe, clock: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first that there is; of the HID devices those that are 3D mice and can be read."""
+    monkeypatch.setattr(Gamepad, "found", staticmethod(lambda: (pipe.path, "/dev/nil")))
+    pad = Gamepad(1)
+    pipe.write(js(32767, 0x02, 0))
+    assert settled(pad, clock) == pytest.approx((0.04,))
+    pad.close()
+    monkeypatch.setattr(Gamepad, "found", staticmethod(lambda: ()))
+    with pytest.raises(InvalidParameter, match="none was found"):
+        Gamepad(1)
+    monkeypatch.setattr("hapnet.devices.space_mouse.Path.glob", lambda folder, names: [folder / "b", folder / "a"])
+    monkeypatch.setattr("hapnet.devices.space_mouse._is_ours", lambda path: str(path) == "/sys/class/hidraw/a")
+    monkeypatch.setattr("hapnet.devices.space_mouse.existing", tuple)
+    assert SpaceMouse.found() == ("/dev/a",)
