@@ -8,7 +8,7 @@ from typing import Any
 import msgpack
 
 from hapnet.bench.cost import Call, cost
-from hapnet.bench.row import Options, Row, row
+from hapnet.bench.row import Options, Row
 from hapnet.wire.fields import TAG
 from hapnet.wire.messages import Energy, Position, decode
 from hapnet.wire.secret import TAG_BYTES, is_sealed, sealed
@@ -32,7 +32,7 @@ def codec_position(options: Options) -> Row:
 
     subject, bare = cost(Call(ours), Call(theirs), options)
     what = "encode and decode of a 3-DOF position, validated"
-    return row("codec_position", "us", what, subject, "msgpack.packb and unpackb of the list", bare)
+    return Row("codec_position", "us", what, subject, "msgpack.packb and unpackb of the list", bare)
 
 
 def codec_energy(options: Options) -> Row:
@@ -50,4 +50,4 @@ def codec_energy(options: Options) -> Row:
 
     subject, bare = cost(Call(ours), Call(theirs), options)
     what = "encode, seal, decode and check of an energy message"
-    return row("codec_energy", "us", what, subject, "msgpack.packb and unpackb of the list", bare)
+    return Row("codec_energy", "us", what, subject, "msgpack.packb and unpackb of the list", bare)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.references import NumpyPspm, PlainPD
-from hapnet.bench.row import Limit, Options, Row, row
+from hapnet.bench.row import Limit, Options, Row
 from hapnet.checks import Array, Vector
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
@@ -51,7 +51,7 @@ def device_tick(options: Options) -> Row:
         Call(lambda: tick(now_ns, 1e-3, x, v), move), Call(lambda: plain.force(x, origin, v), move), options
     )
     what = "tick of the device's endpoint, 3-DOF, PSPM not due"
-    return row(
+    return Row(
         "device_tick", "us", what, subject, "3-axis PD in plain floats, nothing else", bare,
         limits=(Limit("median", 15.0 if no_compiler() else 5.0),),
     )  # fmt: skip
@@ -77,7 +77,7 @@ def pspm_update(n: int, options: Options) -> Row:
     )
     what = f"PSPM update, {n}-DOF{', general K' if n > 1 else ''}, constraint active"
     limits = (Limit("median", 15.0),) if n == 3 else ()
-    return row(
+    return Row(
         f"pspm_update_{n}dof", "us", what, subject, "Newton in numpy, K factored once", bare,
         limits=limits, panel=n == 3,
     )  # fmt: skip

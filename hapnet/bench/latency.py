@@ -23,7 +23,7 @@ from typing import Literal
 import zenoh
 
 from hapnet.assembly.build import prepare
-from hapnet.bench.row import Distribution, Figures, Limit, Options, Row, row
+from hapnet.bench.row import Distribution, Figures, Limit, Options, Row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.errors import HapnetError
 from hapnet.params import Params
@@ -57,7 +57,7 @@ def one_way_latency(options: Options) -> Row:
         for name, rounds in (("same_link", same), ("udp_sockets", sockets))
         for figure in ("median", "p99")
     }
-    return row(
+    return Row(
         "one_way_latency",
         "us",
         "a 1-DOF position from the servo's hand-over to the decoded value in the peer's slot, 1 kHz, as in hapnet run",
@@ -82,7 +82,7 @@ def one_way_latency_realtime(options: Options) -> Row:
         return join(tick_starts(handed_over), arrived)
 
     subject, bare = in_turns([once, raw_once], options)
-    return row(
+    return Row(
         "one_way_latency_realtime",
         "us",
         "the same with --realtime, from the tick's start in the servo's own process: the tick itself counts, both hops",

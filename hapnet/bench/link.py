@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapnet.bench.row import Distribution, Options, Row, row
+from hapnet.bench.row import Distribution, Options, Row
 from netem.bench import LATENESS_PROFILE, RATE, lateness_runs
 
 
@@ -11,4 +11,4 @@ def link_release(options: Options) -> Row:
     runs = lateness_runs(options.rounds, options.seconds)
     subject, bare = ([Distribution.of(run[i], 1e-3) for run in runs] for i in (0, 1))
     what = f"release lateness of a link with {LATENESS_PROFILE.split(' limit')[0]}, {RATE} a second"
-    return row("link_release", "us", what, subject, "bare timerfd on an asyncio loop", bare)
+    return Row("link_release", "us", what, subject, "bare timerfd on an asyncio loop", bare)

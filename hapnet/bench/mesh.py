@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.bench.cost import Call, cost
-from hapnet.bench.row import Distribution, Figures, Limit, Options, Row, row
+from hapnet.bench.row import Distribution, Figures, Limit, Options, Row
 from hapnet.checks import Array, Vector
 from hapnet.errors import MissingLibrary
 from hapnet.plant.integrator import PassiveIntegrator
@@ -34,7 +34,7 @@ def world_step_mesh(options: Options) -> Row:
     try:
         mesh = Mesh(*torus())
     except MissingLibrary as error:
-        return Row("world_step_mesh", "us", what, against, note=str(error))
+        return Row("world_step_mesh", "us", what, against=against, note=str(error))
     subject, bare = _beside(LedMass(mesh, goals(0.030)), mesh, options)
     others = {"fast_ratio": goals(0.030, 0.64), "free_ratio": goals(0.015)}
     more = {"mean_ratio": median(map(_mean, subject)) / median(map(_mean, bare))}
@@ -44,7 +44,7 @@ def world_step_mesh(options: Options) -> Row:
     other, beside = _beside(LedMass(mesh, goals(0.030), tells=True), mesh, options)
     more["told_ratio"] = Figures.of(other).median / Figures.of(beside).median
     limits = tuple([Limit(name, 4.0) for name in ("ratio", "mean_ratio", "fast_ratio", "free_ratio")])
-    return row("world_step_mesh", "us", what, subject, against, bare, more=more, limits=limits)
+    return Row("world_step_mesh", "us", what, subject, against, bare, more=more, limits=limits)
 
 
 def _beside(mass: LedMass, mesh: Mesh, options: Options) -> tuple[list[Distribution], list[Distribution]]:

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +19,8 @@ import numpy as np
 
 from hapnet.bench.mesh import torus
 from hapnet.bench.row import Limit, Options, Row
-from hapnet.bench.servo import Lateness, late_row
-from hapnet.bench.sides import lateness, start_pair
+from hapnet.bench.servo import late_row
+from hapnet.bench.sides import beside_and_alone
 from hapnet.params import Params
 from hapnet.processes.child import Child, WaitForStart
 from hapnet.transport.config import ZenohSettings, free_address
@@ -52,9 +53,7 @@ def page_mesh(options: Options) -> Row:
     """A pair in front of a torus, with a page and a client of it, which reads what a browser would be sent."""
     missing = [name for name in ("viser", "igl") if find_spec(name) is None]
     if missing:
-        return Row("page_mesh", "us", _WHAT, _AGAINST, note=f"{' and '.join(missing)} not installed")
-    watched: list[Lateness] = []
-    alone: list[Lateness] = []
+        return Row("page_mesh", "us", _WHAT, against=_AGAINST, note=f"{' and '.join(missing)} not installed")
     received: list[Received] = []
     busy: list[float] = []
     with TemporaryDirectory(prefix="hapnet-bench-") as directory:
@@ -65,17 +64,7 @@ def page_mesh(options: Options) -> Row:
                 "world.step_min_s": _STEP_S, "world.step_max_s": _STEP_S,
             }
         )  # fmt: skip
-        for number in range(options.rounds):
-            for parts in (watched, alone) if number % 2 else (alone, watched):
-                with contextlib.ExitStack() as stack:
-                    page = _Page(options.seconds) if parts is watched else None
-                    beside = None if page is None else page.beside
-                    device, world = start_pair(stack, params, realtime=options.realtime, beside=beside)
-                    parts.append(lateness(device.summary(options.seconds + 60.0), device))
-                    world.summary(30.0)
-                    if page is not None:
-                        received.append(page.client.result(30.0))
-                        busy.append(page.server.result(30.0))
+        watched, alone = beside_and_alone(params, options, partial(_shown, options.seconds, received, busy))
     gaps_ms = 1e3 * np.concatenate([np.diff(one.times_s) for one in received])
     more = {
         "updates_hz": min(one.updates_hz for one in received),
@@ -98,23 +87,18 @@ def _written(directory: Path) -> Path:
     return file
 
 
-class _Page:
-    """A page's process and a client's, for one run."""
-
-    def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
-
-    @contextlib.contextmanager
-    def beside(self, address: str) -> Iterator[None]:
-        """Both, while the pair whose world listens at `address` runs."""
-        port = int(free_address().rpartition(":")[2])
-        with Child(_serve, address, self._seconds, port) as server, Child(_receive, port, self._seconds) as client:
-            self.server, self.client = server, client
-            for one in (server, client):
-                one.wait_ready()
-            for one in (server, client):
-                one.go()
-            yield
+@contextlib.contextmanager
+def _shown(seconds: float, received: list[Received], busy: list[float], address: str) -> Iterator[None]:
+    """A page and a client, processes of their own, while the pair whose world listens at `address` runs."""
+    port = int(free_address().rpartition(":")[2])
+    with Child(_serve, address, seconds, port) as server, Child(_receive, port, seconds) as client:
+        for one in (server, client):
+            one.wait_ready()
+        for one in (server, client):
+            one.go()
+        yield
+        received.append(client.result(30.0))
+        busy.append(server.result(30.0))
 
 
 def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from hapnet.assembly.build import device_session, device_side, prepare, world_session, world_side
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.endpoints import pair
-from hapnet.bench.row import Options, Row, row
+from hapnet.bench.row import Options, Row
 from hapnet.control.coupling import Ends
 from hapnet.kernel import real_time
 from hapnet.params import Params
@@ -110,7 +110,7 @@ class PairedDevice:
 def _of_a_side(name: str, what: str, changes: Mapping[str, object], options: Options) -> Row:
     ours, plain = (PairedDevice(changes, ends) for ends in (real_time.ends(), Ends()))
     subject, bare = cost(Call(ours.tick, ours.prepare), Call(plain.tick, plain.prepare), options)
-    return row(name, "us", what, subject, "the same in plain Python", bare, panel=False)
+    return Row(name, "us", what, subject, "the same in plain Python", bare, panel=False)
 
 
 def _beside_python(name: str, what: str, make: Callable[[], SimulatedDevice], options: Options) -> Row:
@@ -118,4 +118,4 @@ def _beside_python(name: str, what: str, make: Callable[[], SimulatedDevice], op
     for device in (ours, plain):
         device.apply((0.1,) * device.dof)
     subject, bare = cost(Call(ours.advance), Call(plain.advance), options)
-    return row(name, "us", what, subject, "the same in plain Python", bare, panel=False)
+    return Row(name, "us", what, subject, "the same in plain Python", bare, panel=False)

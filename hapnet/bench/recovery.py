@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hapnet.bench.endpoints import pair
-from hapnet.bench.row import Distribution, Options, Row, row
+from hapnet.bench.row import Distribution, Options, Row
 from hapnet.wire.session import Session
 from netem import Link, LinkProfile
 
@@ -20,7 +20,7 @@ def energy_recovery(rtt_ms: float, loss: str, name: str, options: Options) -> Ro
     rounds = [Distribution.of(credit_times(profile, count, seed), 1e-6) for seed in range(options.rounds)]
     one_way = [Distribution.of([rtt_ms / 2])] * options.rounds
     what = f"energy from sent to credited, RTT {rtt_ms:g} ms, loss {loss} in each direction, lumps one at a time"
-    return row(name, "ms", what, rounds, "the one-way delay", one_way, panel=name == "energy_recovery")
+    return Row(name, "ms", what, rounds, "the one-way delay", one_way, panel=name == "energy_recovery")
 
 
 def credit_times(profile: LinkProfile, count: int, seed: int) -> list[int]:

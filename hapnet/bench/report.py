@@ -44,24 +44,24 @@ def table(rows: Sequence[Row]) -> RenderableType:
 
 def has_histogram(row: Row) -> bool:
     """Whether the figure has a panel for this row: it needs enough values."""
-    return row.panel and row.samples is not None and row.samples.counts.sum() >= _ENOUGH
+    return row.panel and sum(part.counts.sum() for part in row.rounds) >= _ENOUGH
 
 
 def figure(rows: Sequence[Row]) -> Figure:
     """A panel for every row with enough values: the shares of values in each bin, for subject and reference."""
     panels = []
     for row in filter(has_histogram, rows):
-        assert row.samples is not None
         ratio = "" if row.ratio is None else f"{_number(row.ratio)} times the reference, p99 {_number(row.ratio_p99)}"
-        subject = _shown(row.samples, row.figures)
-        bare = None if row.bare is None else _shown(row.bare, row.reference)
+        subject = _shown(row.rounds, row.figures)
+        bare = _shown(row.bare_rounds, row.reference) if row.bare_rounds else None
         panels.append(Panel(f"{row.name} [{row.unit}]", ratio, subject, bare))
     return draw(panels)
 
 
-def _shown(samples: Distribution, figures: Figures | None) -> Values:
+def _shown(rounds: Sequence[Distribution], figures: Figures | None) -> Values:
     """With the table's figures, whose ratio is in the title; quantiles over all rounds together would differ."""
     assert figures is not None
+    samples = Distribution.together(rounds)
     return Values(samples.values, samples.counts, figures.median, figures.p99)
 
 

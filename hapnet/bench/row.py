@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from statistics import median
 from typing import Any
 
@@ -97,24 +98,31 @@ class Row:
     """One line of the table.
 
     name, unit : of the figures. what, against : what is measured, and the bare reference, as text.
-    figures, reference : None if there is nothing to show; `note` then says why.
-    more : further figures by name. limits : that the project sets.
-    samples, bare : the distributions over all rounds, for the histograms. panel : whether the figure shows them.
+    rounds, bare_rounds : what was measured in each; empty: there is nothing to show, and `note` then says why.
+    more : further figures by name. limits : that the project sets. panel : whether the figure of histograms shows it.
     """
 
     name: str
     unit: str
     what: str
+    rounds: Sequence[Distribution] = field(default=(), repr=False)
     against: str = ""
-    figures: Figures | None = None
-    reference: Figures | None = None
+    bare_rounds: Sequence[Distribution] = field(default=(), repr=False)
     more: Mapping[str, float] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
     note: str = ""
     higher_is_better: bool = False
-    samples: Distribution | None = field(default=None, repr=False)
-    bare: Distribution | None = field(default=None, repr=False)
     panel: bool = True
+
+    @cached_property
+    def figures(self) -> Figures | None:
+        """Of what is measured."""
+        return Figures.of(self.rounds, higher_is_better=self.higher_is_better) if self.rounds else None
+
+    @cached_property
+    def reference(self) -> Figures | None:
+        """Of the bare reference."""
+        return Figures.of(self.bare_rounds, higher_is_better=self.higher_is_better) if self.bare_rounds else None
 
     @property
     def ratio(self) -> float | None:
@@ -162,35 +170,3 @@ class Row:
         if self.figures is None or self.reference is None or figure(self.reference) == 0.0:
             return None
         return figure(self.figures) / figure(self.reference)
-
-
-def row(
-    name: str,
-    unit: str,
-    what: str,
-    rounds: Sequence[Distribution],
-    against: str = "",
-    bare: Sequence[Distribution] = (),
-    *,
-    more: Mapping[str, float] | None = None,
-    limits: tuple[Limit, ...] = (),
-    note: str = "",
-    higher_is_better: bool = False,
-    panel: bool = True,
-) -> Row:
-    """A row from the distributions of each round."""
-    return Row(
-        name,
-        unit,
-        what,
-        against,
-        Figures.of(rounds, higher_is_better=higher_is_better),
-        Figures.of(bare, higher_is_better=higher_is_better) if bare else None,
-        more or {},
-        limits,
-        note,
-        higher_is_better,
-        Distribution.together(rounds),
-        Distribution.together(bare) if bare else None,
-        panel,
-    )

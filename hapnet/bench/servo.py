@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hapnet.bench.row import Distribution, Limit, Options, Row, row
+from hapnet.bench.row import Distribution, Limit, Options, Row
 from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
 
@@ -122,7 +122,7 @@ def late_row(
     """A row of lateness, a part for each round; its further figures begin with `late_share`."""
     ours, theirs = ([part.distribution for part in parts] for parts in (subject, bare))
     said, figures = "; ".join(filter(None, (note, subject[0].refusal))), late_share(subject, bare) | dict(more or {})
-    return row(name, "us", what, ours, against, theirs, more=figures, limits=limits, note=said)
+    return Row(name, "us", what, ours, against, theirs, more=figures, limits=limits, note=said)
 
 
 def _beside_bare(name: str, what: str, options: Options, *, busy_thread: bool) -> Row:

@@ -13,6 +13,7 @@ from queue import Empty, SimpleQueue
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from hapnet.bench.row import Options
 from hapnet.bench.servo import PERIOD_NS, Lateness
 from hapnet.errors import HapnetError
 from hapnet.params import Params
@@ -53,6 +54,22 @@ def lateness(summary: dict[str, Any], device: Side, period_ns: int = PERIOD_NS) 
     servo = summary["device"]["servo"]
     bins = tuple((round(edge * 1e3), count) for edge, count in servo["late_histogram_us"])
     return Lateness(bins, servo["skipped"], device.notices.get("realtime"), period_ns)
+
+
+def beside_and_alone(
+    params: Params, options: Options, beside: Callable[[str], AbstractContextManager[object]]
+) -> tuple[list[Lateness], list[Lateness]]:
+    """A pair with `beside`, and the same pair alone, in turns: how the device's servo kept its deadlines."""
+    watched: list[Lateness] = []
+    alone: list[Lateness] = []
+    for number in range(options.rounds):
+        turns = [(watched, beside), (alone, None)]
+        for parts, near in turns if number % 2 else reversed(turns):
+            with ExitStack() as stack:
+                device, world = start_pair(stack, params, realtime=options.realtime, beside=near)
+                parts.append(lateness(device.summary(options.seconds + 60.0), device))
+                world.summary(30.0)
+    return watched, alone
 
 
 class Side:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from hapnet.bench.references import plain_substeps
-from hapnet.bench.row import Distribution, Limit, Options, Row, row
+from hapnet.bench.row import Distribution, Limit, Options, Row
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
 from hapnet.simulation.batch import simulate_batch
@@ -28,7 +28,7 @@ def simulate_ndof(axes: int, options: Options) -> Row:
         for seed in range(max(5, options.rounds))
     ]
     subject, bare = ([Distribution.of(run[i] for run in runs)] for i in (0, 1))
-    return row(
+    return Row(
         f"simulate_{axes}dof", "x real time", f"simulation with ledgers and recording, {axes}-DOF", subject,
         "the substeps alone, written out", bare,
         limits=(Limit("median", 100.0 if axes == 1 else 40.0, at_least=True),), higher_is_better=True,
@@ -43,7 +43,7 @@ def batch_1000(options: Options) -> Row:
         took_s = _elapsed(partial(simulate_batch, workers=workers), params, range(_SCENARIOS))
         subject.append(Distribution.of([_SCENARIOS * _BATCH_S / took_s]))
         bare.append(Distribution.of([_BATCH_S / _elapsed(simulate, params, seed) for seed in range(3)]))
-    return row(
+    return Row(
         f"batch_{_SCENARIOS}", "scenario-s/s", f"{_SCENARIOS} scenarios at once, 1-DOF, {workers} workers", subject,
         "one scenario at a time", bare,
         limits=(Limit("median", 2000.0, at_least=True),), higher_is_better=True,

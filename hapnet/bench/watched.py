@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from tempfile import TemporaryDirectory
 
 from hapnet.bench.row import Limit, Options, Row
-from hapnet.bench.servo import Lateness, late_row
-from hapnet.bench.sides import lateness, start_pair
+from hapnet.bench.servo import late_row
+from hapnet.bench.sides import beside_and_alone
 from hapnet.params import Params
 from hapnet.processes.child import Child, WaitForStart
 from hapnet.processes.start import NOTHING, kill, started
@@ -30,17 +30,8 @@ def servo_watched(options: Options) -> Row:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None) if find_spec("viser") is not None else None
     browser = browser if options.realtime else None
     who = "a browser shows the page, on the same cores" if browser else "a client reads all telemetry"
-    watched: list[Lateness] = []
-    alone: list[Lateness] = []
-    for number in range(options.rounds):
-        turns = [(watched, partial(_watching, browser, options.seconds)), (alone, None)]
-        for parts, beside in turns if number % 2 else reversed(turns):
-            params = Params().set({"link.up": "", "link.down": "", "duration_s": options.seconds})
-            with contextlib.ExitStack() as stack:
-                device, world = start_pair(stack, params, realtime=options.realtime, beside=beside)
-                summary = device.summary(options.seconds + 30.0)
-                world.summary(30.0)
-            parts.append(lateness(summary, device))
+    params = Params().set({"link.up": "", "link.down": "", "duration_s": options.seconds})
+    watched, alone = beside_and_alone(params, options, partial(_watching, browser, options.seconds))
     note = "" if browser or not options.realtime else "no browser"
     against, limits = "the same pair with nobody watching, in turns", (Limit("ratio_p99", 1.2),)
     return late_row("servo_watched", f"lateness while {who}", watched, against, alone, limits=limits, note=note)
@@ -51,10 +42,8 @@ def _watching(browser: str | None, seconds: float, address: str) -> Iterator[Non
     """Inside, somebody watches the pair whose world listens at `address`."""
     port = int(free_address().rpartition(":")[2])
     with contextlib.ExitStack() as stack:
-        if browser is None:
-            reader = stack.enter_context(Child(_read, address, seconds))
-        else:
-            reader = stack.enter_context(Child(_show, address, seconds, port))
+        reader = stack.enter_context(Child(_watch, address, seconds, port if browser else None))
+        if browser:
             profile = stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-", ignore_cleanup_errors=True))
             command = [browser, *HEADLESS, f"--user-data-dir={profile}", "--remote-debugging-port=0"]
             program = started([*command, f"http://127.0.0.1:{port}"], stdout=NOTHING, stderr=NOTHING)
@@ -64,28 +53,22 @@ def _watching(browser: str | None, seconds: float, address: str) -> Iterator[Non
         yield
 
 
-def _read(wait_for_start: WaitForStart, address: str, seconds: float) -> None:
+def _watch(wait_for_start: WaitForStart, address: str, seconds: float, port: int | None) -> None:
+    """Read all telemetry and, at a `port`, serve the page to a browser."""
     from hapnet.view.history import History
-    from hapnet.view.watcher import Watcher
-
-    watcher = Watcher(ZenohSettings(connect=(address,)), History().take)
-    watcher.open()
-    while watcher.pair is None:  # until then nothing is read
-        time.sleep(0.05)
-    wait_for_start()
-    time.sleep(2.0 * seconds + 60.0)  # the benchmark ends this process earlier
-
-
-def _show(wait_for_start: WaitForStart, address: str, seconds: float, port: int) -> None:
-    from hapnet.view.history import History
-    from hapnet.view.server import serve
     from hapnet.view.watcher import Watcher
 
     history = History()
     watcher = Watcher(ZenohSettings(connect=(address,)), history.take)
     watcher.open()
-    with serve(history, port=port) as page:
-        while not page.watched or watcher.pair is None:
-            time.sleep(0.1)
+    with contextlib.ExitStack() as stack:
+        if port is not None:
+            from hapnet.view.server import serve
+
+            page = stack.enter_context(serve(history, port=port))
+            while not page.watched:
+                time.sleep(0.1)
+        while watcher.pair is None:  # until then nothing is read
+            time.sleep(0.05)
         wait_for_start()
-        time.sleep(2.0 * seconds + 60.0)
+        time.sleep(2.0 * seconds + 60.0)  # the benchmark ends this process earlier

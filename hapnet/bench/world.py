@@ -12,7 +12,7 @@ from hapnet.assembly.build import device_session, prepare, world_session, world_
 from hapnet.bench.cost import Call, cost
 from hapnet.bench.endpoints import pair
 from hapnet.bench.references import NumpyMidpoint, PenaltyWorld
-from hapnet.bench.row import Limit, Options, Row, row
+from hapnet.bench.row import Limit, Options, Row
 from hapnet.bench.traffic import KILOHERTZ
 from hapnet.kernel import real_time
 from hapnet.params import Params
@@ -71,7 +71,7 @@ def world_step_kilohertz(options: Options) -> Row:
 def _beside_penalty(name: str, what: str, world: PressedWorld, target: tuple[float, ...], options: Options) -> Row:
     bare_world = PenaltyWorld(0.02, 14.0, 500.0, (3000.0, 10.0, _WALL_M), len(target))
     subject, bare = cost(Call(world.step, world.prepare), Call(lambda: bare_world.step(1e-4, target)), options)
-    return row(
+    return Row(
         name, "us", what, subject, "Euler and a penalty wall in plain floats", bare, limits=(Limit("median", 30.0),)
     )
 
@@ -94,4 +94,4 @@ def integrator_step(n: int, options: Options) -> Row:
 
     subject, bare = cost(Call(lambda: ours.step(dt, goal), draw), Call(lambda: theirs.step(dt, target), draw), options)
     what = f"integrator step, {n}-DOF, full matrices, T_k varying"
-    return row(f"integrator_step_{n}dof", "us", what, subject, "numpy.linalg.solve", bare, panel=n == 3)
+    return Row(f"integrator_step_{n}dof", "us", what, subject, "numpy.linalg.solve", bare, panel=n == 3)

@@ -186,9 +186,7 @@ def test_shares_of_late_ticks() -> None:
 
 def test_link_release_is_netems_own_benchmark() -> None:
     row = link_release(SHORT)
-    assert row.samples is not None
-    assert row.bare is not None
-    assert row.samples.counts.sum() == row.bare.counts.sum() == 200
+    assert row.rounds[0].counts.sum() == row.bare_rounds[0].counts.sum() == 200
 
 
 # Latency
@@ -342,8 +340,7 @@ def test_traffic_runs_at_a_kilohertz_each_way_beside_a_busy_process() -> None:
     row = traffic.servo_traffic(Options(seconds=3.0, rounds=1, beside=1))
     assert row.more["messages_per_s"] > 300  # a thousand on a machine that does nothing else
     assert f"{row.more['messages_per_s']:.0f} messages/s in the slower direction" in row.note
-    assert row.samples is not None
-    assert row.samples.counts.sum() > 900
+    assert row.rounds[0].counts.sum() > 900
     assert {limit.figure for limit in row.limits} == {"ratio", "ratio_p99", "late_period_excess"}
 
 
@@ -351,9 +348,7 @@ def test_traffic_runs_at_a_kilohertz_each_way_beside_a_busy_process() -> None:
 @pytest.mark.parametrize("name", ["one_way_latency", "one_way_latency_realtime"])
 def test_latency_beside_raw_zenoh(name: str) -> None:
     row = ROWS[name](Options(seconds=1.0, rounds=1))
-    assert row.samples is not None
-    assert row.bare is not None
-    for found in (row.samples, row.bare):
+    for found in (*row.rounds, *row.bare_rounds):
         assert found.counts.sum() > 300
         assert 5.0 < found.quantile(0.5) < 5000.0
 

@@ -9,7 +9,7 @@ from matplotlib.patches import StepPatch
 
 from hapnet.bench import report
 from hapnet.bench.registry import ROWS, select
-from hapnet.bench.row import Distribution, Figures, Limit, Row, row
+from hapnet.bench.row import Distribution, Figures, Limit, Row
 from hapnet.errors import InvalidParameter
 
 REQUIRED = {
@@ -47,14 +47,14 @@ def test_ratios_are_of_the_medians_over_rounds() -> None:
     """p99 of the rounds: 99, 990, 198 and 49.5, 99, 9.9; the median of the rounds' own ratios would be 10."""
     ours = [Distribution.of(np.arange(1, 101) * scale) for scale in (1.0, 10.0, 2.0)]
     bare = [Distribution.of(np.arange(1, 101) * scale) for scale in (0.5, 1.0, 0.1)]
-    found = row("a_row", "us", "something", ours, "something bare", bare)
+    found = Row("a_row", "us", "something", ours, "something bare", bare)
     assert (found.ratio, found.ratio_p99) == pytest.approx((100.0 / 25.0, 198.0 / 49.5))
 
 
 def measured(**more: object) -> Row:
     limits = (Limit("ratio", 2.5), Limit("ratio_p99", 1.5), Limit("median", 100.0, at_least=True), Limit("excess", 0.1))
     bare = [Distribution.of(np.arange(1, 101) * 0.5)]
-    return row("a_row", "us", "something", [HUNDRED], "something bare", bare, more={"excess": 0.2}, limits=limits)
+    return Row("a_row", "us", "something", [HUNDRED], "something bare", bare, more={"excess": 0.2}, limits=limits)
 
 
 def test_limits_are_compared_with_the_figure_they_name() -> None:
@@ -77,8 +77,8 @@ def test_what_is_not_available_is_null_and_says_why() -> None:
     assert value["note"] == "not available here"
     assert not absent.verdicts()
     assert not report.has_histogram(absent)
-    alone = row("alone", "us", "no reference", [HUNDRED])
-    assert (alone.reference, alone.ratio, alone.bare) == (None, None, None)
+    alone = Row("alone", "us", "no reference", [HUNDRED])
+    assert (alone.reference, alone.ratio) == (None, None)
 
 
 def test_rows_are_selected_by_name_and_pattern() -> None:
@@ -103,8 +103,8 @@ def test_table_marks_what_is_missed() -> None:
 
 
 def test_figure_has_a_panel_for_every_row_with_values() -> None:
-    few = row("few", "x", "too few", [Distribution.of([1.0, 2.0])])
-    zeros = row("zeros", "us", "zeros too", [Distribution.of([0.0] * 60 + [5.0])])
+    few = Row("few", "x", "too few", [Distribution.of([1.0, 2.0])])
+    zeros = Row("zeros", "us", "zeros too", [Distribution.of([0.0] * 60 + [5.0])])
     fig = report.figure([measured(), few, Row("absent", "us", "x"), zeros])
     visible = [axes for axes in fig.axes if axes.get_visible()]
     assert [axes.get_xlabel() for axes in visible] == ["a_row [us]", "zeros [us]"]
@@ -115,12 +115,12 @@ def test_figure_has_a_panel_for_every_row_with_values() -> None:
 def test_figure_marks_the_figures_of_the_table() -> None:
     """Medians over three rounds are 100 and 198, and not the quantiles of all values together."""
     rounds = [Distribution.of(np.arange(1, 101) * scale) for scale in (1.0, 10.0, 2.0)]
-    (panel,) = report.figure([row("a_row", "us", "something", rounds)]).axes
+    (panel,) = report.figure([Row("a_row", "us", "something", rounds)]).axes
     assert [np.asarray(line.get_xdata())[0] for line in panel.lines] == [100.0, 198.0]
 
 
 def test_histogram_holds_every_value() -> None:
-    (panel,) = report.figure([row("a_row", "us", "something", [HUNDRED])]).axes
+    (panel,) = report.figure([Row("a_row", "us", "something", [HUNDRED])]).axes
     shares = [patch.get_data().values for patch in panel.patches if isinstance(patch, StepPatch)]
     assert shares
     assert all(math.isclose(share.sum(), 1.0) for share in shares)
