@@ -16,7 +16,7 @@ from hapnet.assembly.follower import warnings as follower_warnings
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import LIVE as LIVE
 from hapnet.assembly.operators import operator
-from hapnet.assembly.own_parts import named_failures, named_section, require_parts
+from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
 from hapnet.assembly.scenes import SCENE_PARAMETERS, scene_of
 from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import check_units, with_units
@@ -272,22 +272,25 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
     """The side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
     device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
-    device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, within(setup.units, "N/m"))
-    device.check_damping(params.device.damping)
-    own = device.declares(params.device)
-    if setup.coupling.limited and setup.harvest == "measured":
-        for warning in held_torque.check(own, setup.harvest, setup.dof):
-            write(Event(clock(), "warning", warning, "warning"))
-    hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
-    with named_section("device"):
-        hold((0.0,) * setup.dof, False)
-    driven = drive(setup, clock, write)
-    if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
-        return SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
-    check = device.check(params.device)
-    side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
-    side.clutch = _clutch(setup, device)
-    return side
+    with closed_if_refused(device):
+        device.declared.check_stiffness(
+            "device.stiffness", params.device.stiffness, setup.dof, within(setup.units, "N/m")
+        )
+        device.check_damping(params.device.damping)
+        own = device.declares(params.device)
+        if setup.coupling.limited and setup.harvest == "measured":
+            for warning in held_torque.check(own, setup.harvest, setup.dof):
+                write(Event(clock(), "warning", warning, "warning"))
+        hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
+        with named_section("device"):
+            hold((0.0,) * setup.dof, False)
+        driven = drive(setup, clock, write)
+        if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
+            return SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
+        check = device.check(params.device)
+        side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
+        side.clutch = _clutch(setup, device)
+        return side
 
 
 def _clutch(setup: Setup, device: Device) -> Clutch | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import TracebackType
+from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.laws import GROUP as LAWS
@@ -77,6 +78,17 @@ def _modules(trace: TracebackType | None) -> Iterator[str]:
     while trace is not None:
         yield str(trace.tb_frame.f_globals.get("__name__"))
         trace = trace.tb_next
+
+
+@contextmanager
+def closed_if_refused(device: Any) -> Iterator[None]:
+    """Close the device, which is open, if what is in this context refuses it."""
+    try:
+        yield
+    except BaseException:
+        with suppress(HapnetError):
+            device.close()
+        raise
 
 
 @contextmanager

@@ -8,12 +8,13 @@ from hapnet.assembly.build import Setup, drive, follower_servo
 from hapnet.assembly.contact_force import require_contact_force
 from hapnet.assembly.fixture import Fixture
 from hapnet.assembly.follower import arms_of, frame_of, held_warnings, seen, writes_on_link
-from hapnet.assembly.own_parts import named_section
+from hapnet.assembly.own_parts import closed_if_refused, named_section
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
+from hapnet.params import DeviceParams
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.side.clutch import Clutch
 from hapnet.side.contact_force import ContactForce
@@ -38,6 +39,16 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
             raise
         name = "follower.robot" if error.name == "hardware" else "follower.servo_hz"
         raise InvalidParameter(name, robot.robot, error.allowed, error.known) from error
+    with closed_if_refused(device):
+        return _following(device, servo, setup, endpoint, clock, write)
+
+
+def _following(
+    device: UserDevice, servo: DeviceParams, setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
+) -> RealDeviceSide:
+    """The side of a robot that is open. servo : the parameters of its servo."""
+    params = setup.params
+    robot = params.follower
     if robot.fixtures:
         if setup.scene.contacts.planes(setup.scene.start, 0.0) is None:
             raise InvalidParameter("follower.fixtures", robot.fixtures, f"no: the scene {params.scene} has no planes")

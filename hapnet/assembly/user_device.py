@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.assembly.posed import Posed
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
@@ -41,17 +42,17 @@ def allowed() -> str:
     return f"{named}, or module:Class with dof, force_limit, resolution, read and apply"
 
 
-def load_class(name: str) -> Callable[..., Any]:
+def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
     """Import the class, but make no device: that may open the hardware, which only one process can do.
 
-    Its options are bound already.
+    Its options are bound already. parameter : that names it.
 
     Raises InvalidParameter: there is no such class, or no such option.
     """
     target, words = resolve(name)
-    found = load("hardware", target, allowed(), ("simulated", *ARMS, *known()))
+    found = load(parameter, target, allowed(), ("simulated", *ARMS, *known()))
     if not callable(found):
-        raise InvalidParameter("hardware", name, allowed())
+        raise InvalidParameter(parameter, name, allowed())
     return partial(found, **options(name, found, words)) if words else found
 
 
@@ -143,12 +144,8 @@ class UserDevice:
         self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
         self._reports_interval, self._reports_contact = self._can("interval"), self._can("contact_force")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
-        try:
+        with closed_if_refused(self):
             self._examine(params or DeviceParams(), params is not None, units)
-        except BaseException:
-            with suppress(HapnetError):
-                self.close()
-            raise
 
     def _examine(self, params: DeviceParams, is_run: bool, units: str) -> None:
         """Check what the device declares, calibrate it and read it once; `is_run` : at the rate of `params`."""

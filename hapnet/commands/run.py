@@ -165,6 +165,7 @@ def check_sides(setup: Setup) -> None:
     import numpy as np
 
     from hapnet.assembly.build import device_session, device_side, world_session, world_side
+    from hapnet.assembly.follower import is_real
     from hapnet.assembly.user_device import load_class
     from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 
@@ -172,4 +173,6 @@ def check_sides(setup: Setup) -> None:
         device_side(setup, DeviceEndpoint(device_session(setup, 1)), time.monotonic_ns, lambda sample: None)
     else:
         load_class(setup.params.hardware)
+    if is_real(setup.params):
+        load_class(setup.params.follower.robot, "follower.robot")
     world_side(setup, WorldEndpoint(world_session(setup, 1)), np.random.default_rng(0), lambda sample: None)

@@ -100,6 +100,9 @@ BAD = [
     bad("run", "--device", "omni", "--servo", "continuous", says=("device.servo", "continuous", "sampled")),
     bad("run", "--device", "omni", "--set", "device.mass=0.1", says=("device.mass", "0.1", "links")),
     bad("run", "--device", "no_such_module:Arm", says=("hardware", "no_such_module:Arm", "ModuleNotFoundError")),
+    bad(
+        "run", "--follower", "no_such_module:Arm", says=("follower.robot", "no_such_module:Arm", "ModuleNotFoundError")
+    ),
     bad("run", "--params", "nosuch.toml", says=("nosuch.toml",)),
     bad("run", "--json", "no/such/dir.json", says=("no/such/dir.json", "directory")),
     bad("run", "--json", "/", says=("--json", "/", "file")),
@@ -126,8 +129,13 @@ BAD = [
 
 @pytest.mark.parametrize(("argv", "says"), BAD)
 def test_bad_input_is_one_line_and_exit_code_2(
-    argv: tuple[str, ...], says: tuple[str, ...], capsys: Capture, empty_directory: Path
+    argv: tuple[str, ...],
+    says: tuple[str, ...],
+    capsys: Capture,
+    empty_directory: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("hapnet.commands.pair.Pair", None)  # it is refused before anything starts
     assert cli.main(list(argv)) == 2
     out, err = capsys.readouterr()
     assert not out

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from itertools import count, cycle
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -24,6 +24,7 @@ from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.side.contact_force import HELD_NS
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.summary.run import device_summary
+from hapnet.wire.session import Session
 
 MS = 1_000_000
 WALL_NPM, WALL_M = 300.0, 0.01
@@ -197,6 +198,30 @@ def test_a_driver_that_measures_none_is_refused_before_the_run(capsys: pytest.Ca
 
 def test_a_sensor_whose_first_force_is_late_is_waited_for() -> None:
     assert Pair(follower__robot=f"{HERE}:Late").robot.forces == 0
+
+
+class Soft(Robot):
+    """Too soft for every spring here. closings : of all of its kind."""
+
+    stiffness_range = (0.0, 10.0)
+    closings: ClassVar[list[int]] = []
+
+    def close(self) -> None:
+        self.closings.append(1)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "session"),
+    [("hardware", device_side, device_session), ("follower.robot", robot_side, world_session)],
+)
+def test_one_that_is_refused_after_it_was_opened_is_closed(
+    name: str, make: Callable[..., object], session: Callable[..., Session]
+) -> None:
+    setup = prepare(Params().set({name: f"{__name__}:Soft", "scene": "free", "device.stiffness": 100.0}), "sampled")
+    Soft.closings.clear()
+    with pytest.raises(InvalidParameter, match="stiffness"):
+        make(setup, DeviceEndpoint(session(setup, 1)), lambda: 0, lambda sample: None)
+    assert Soft.closings == [1]
 
 
 def test_a_leader_is_not_asked_for_a_contact_force() -> None:
