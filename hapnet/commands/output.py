@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import errno
 import json
 import os
@@ -241,11 +240,10 @@ def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: 
 
 def write_csv(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
     """Write `rows`, which have the same keys; None is an empty cell. Raises OutputError if that fails."""
+    from hapnet.recording import export
+
     try:
-        with file.open("w", newline="", encoding="utf-8") as text:
-            writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        export.write_csv(file, rows[0] if rows else [], (row.values() for row in rows))
     except OSError as error:
         raise OutputError(f"cannot write {file}: {error.strerror or error}") from None
 

@@ -92,7 +92,7 @@ def write(recording: Recording, directory: Path, stems: Sequence[str], endings: 
             path = directory / f"{name}.{ending}"
             with complete_or_absent(path, "table") as part:
                 if ending == "csv":
-                    _csv(columns, part)
+                    write_csv(part, columns, zip(*map(_cells, columns.values()), strict=True))
                 else:
                     _parquet(columns, part, recording.meta)
             paths.append(path)
@@ -111,15 +111,16 @@ def _events(recording: Recording) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _csv(columns: dict[str, Any], path: Path) -> None:
-    """A value that is unknown is an empty cell."""
+def write_csv(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write rows below the names of their columns; None is an empty cell. Raises OSError."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+        writer.writerow(names)
+        writer.writerows([str(x).lower() if isinstance(x, bool) else x for x in row] for row in rows)
 
 
 def _cells(values: NDArray[Any] | list[str]) -> list[Any]:
+    """A value that is unknown is an empty cell."""
     if isinstance(values, list) or values.dtype.kind != "f":
         return list(values)
     cells: list[Any] = values.tolist()

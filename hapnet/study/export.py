@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from hapnet.recording.export import formats as formats
+from hapnet.recording.export import write_csv
 from hapnet.recording.mcap import complete_or_absent
 from hapnet.study.journal import Journal, Row
 from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
@@ -45,17 +45,12 @@ def write(columns: Table, directory: Path, endings: Iterable[str]) -> list[Path]
     for ending in endings:
         path = directory / f"{NAME}.{ending}"
         with complete_or_absent(path, "results") as part:
-            {"csv": _csv, "parquet": _parquet}[ending](columns, part)
+            if ending == "csv":
+                write_csv(part, columns, zip(*columns.values(), strict=True))
+            else:
+                _parquet(columns, part)
         paths.append(path)
     return paths
-
-
-def _csv(columns: Table, path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow([str(x).lower() if isinstance(x, bool) else x for x in row])
 
 
 def _parquet(columns: Table, path: Path) -> None:

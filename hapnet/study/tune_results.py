@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ from rich.table import Table
 
 from hapnet.metrics import METRICS
 from hapnet.param_values import toml_value
+from hapnet.recording.export import write_csv
 from hapnet.recording.mcap import complete_or_absent
 from hapnet.recording.samples import plain
 from hapnet.study.goal import Verdict
@@ -82,12 +82,9 @@ def write_trials(search: Search, path: Path) -> None:
     """Write all trials as CSV, a row each. Raises RecordingError."""
     own = {one.name for one in search.spec.space}
     rows = trials(search)
-    with complete_or_absent(path, "trials") as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(rows[0] if rows else [])
-        for row in rows:
-            cells = [value_words(name, value) if name in own else value for name, value in row.items()]
-            writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in cells])
+    cells = ([value_words(name, value) if name in own else value for name, value in row.items()] for row in rows)
+    with complete_or_absent(path, "trials") as part:
+        write_csv(part, rows[0] if rows else [], cells)
 
 
 def write_found(spec: TuneSpec, values: Values, path: Path) -> None:
