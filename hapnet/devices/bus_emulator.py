@@ -10,13 +10,11 @@ no torque at all.
 from __future__ import annotations
 
 import heapq
-import os
 import random
 import select
 import threading
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -89,7 +87,7 @@ class BusEmulator(Emulator):
         seed: int = 0,
     ) -> None:
         super().__init__(handle, clock)
-        self._baud, self._noise, self._corrupt = baud, noise, corrupt
+        self._baud, self._corrupt = baud, corrupt
         self._silent_s, self._overload_s = silent, overload
         self._random = random.Random(seed)
         self._frames = self.packets()
@@ -103,7 +101,7 @@ class BusEmulator(Emulator):
             raise InvalidParameter("servo", servo, f"one of {', '.join(map(str, self.servos))}")
         for each in self.servos.values():
             self.make(each, delay)
-        self._terminal = PseudoTerminal(link)
+        self._terminal = PseudoTerminal(link, noise, self._random)
         self.address: str = self._terminal.address
         self._due: list[tuple[int, int, Callable[[int], None]]] = []
         self._count = self._free_ns = 0
@@ -156,16 +154,10 @@ class BusEmulator(Emulator):
                 call(at_ns)
             left_s = (self._due[0][0] - now_ns) * NANO if self._due else _IDLE_S
             if select.select([device], [], [], min(max(0.0, left_s), _IDLE_S))[0]:
-                with suppress(OSError):
-                    for packet in self._frames.feed(self._lossy(os.read(device, 4096))):
-                        self._hear(packet)
+                for packet in self._frames.feed(self._terminal.read()):
+                    self._hear(packet)
             self._age(self._clock())
         self._terminal.close()
-
-    def _lossy(self, data: bytes) -> bytes:
-        if not self._noise:
-            return data
-        return bytes(byte for byte in data if self._random.random() >= self._noise)
 
     def _age(self, now_ns: int) -> None:
         """Faults that come with time, and watchdogs."""
@@ -254,8 +246,7 @@ class BusEmulator(Emulator):
         if self._corrupt and self._random.random() < self._corrupt:
             at = self._random.randrange(len(data))
             data = data[:at] + bytes((data[at] ^ 0x10,)) + data[at + 1 :]
-        with suppress(OSError):  # nobody reads: what does not fit is lost, as on a wire
-            os.write(self._terminal.device, self._lossy(data))
+        self._terminal.write(data)
 
     def _write_all(self, parts: dict[int, bytes], address: int, at_ns: int) -> None:
         for number, data in parts.items():

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from operator import mul, sub
 from typing import TYPE_CHECKING
 
-from hapnet.checks import Vector
+from hapnet.checks import Vector, one_of
 from hapnet.devices import inverse3_messages as wire
 from hapnet.devices.axes import Axes
 from hapnet.devices.driver import Driver
@@ -82,8 +82,8 @@ class Inverse3(Driver):
         host, port = _host_and_port(address)
         if not 0 <= events < 65536:
             raise InvalidParameter("events", events, "a port, or 0 to do without")
-        _one_of("preset", preset, _PRESETS)
-        _one_of("spelling", spelling, ("auto", *wire.SPELLINGS))
+        one_of("preset", preset, _PRESETS)
+        one_of("spelling", spelling, ("auto", *wire.SPELLINGS))
         if self.missing():
             raise MissingLibrary("the Inverse3", "websockets", "haply")
         from hapnet.devices.inverse3_safety import SafetyEvents
@@ -339,8 +339,3 @@ def _host_and_port(address: str) -> tuple[str, int]:
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise InvalidParameter("address", address, "a host and a port, such as localhost:10001")
     return host.strip("[]"), int(port)
-
-
-def _one_of(name: str, value: str, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise InvalidParameter(name, value, ", ".join(allowed), allowed)

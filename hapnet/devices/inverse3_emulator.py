@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, ClassVar
 
-from hapnet.checks import Vector
+from hapnet.checks import Vector, one_of
 from hapnet.devices import inverse3_messages as wire
 from hapnet.devices.emulator import NANO, Emulator, Handle
 from hapnet.devices.websocket import Gone, WebSocket, answer
@@ -71,8 +71,7 @@ class Inverse3Emulator(Emulator):
         seed: int = 0,
     ) -> None:
         super().__init__(handle, clock)
-        if spelling not in ("both", *wire.SPELLINGS):
-            raise InvalidParameter("spelling", spelling, "both, vector or values")
+        one_of("spelling", spelling, ("both", *wire.SPELLINGS))
         self._is_old = spelling == "values"  # a service before 3.5: no presets, no session's number, no force reported
         self._ignores, self._deaf, self._asleep = ignores or self._is_old, deaf, asleep
         self._preset = wire.NO_FRAME

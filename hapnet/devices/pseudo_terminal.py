@@ -6,12 +6,16 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
+from random import Random
 
 from hapnet.errors import HapnetError, InvalidParameter
 
 
 class PseudoTerminal:
-    """Both ends, and a name for the driver's. link : a path that points to it, as its own name changes.
+    """Both ends, and a name for the driver's.
+
+    link : a path that points to it, as its own name changes. noise : share of the bytes that get lost in each
+    direction, by `chance`.
 
     Attributes
     ----------
@@ -20,7 +24,8 @@ class PseudoTerminal:
     Raises InvalidParameter: the path cannot be made. HapnetError: Windows has none.
     """
 
-    def __init__(self, link: str = "") -> None:
+    def __init__(self, link: str, noise: float, chance: Random) -> None:
+        self._noise, self._chance = noise, chance
         self.device, self._driver, name = _terminals()
         self.address: str = link or name
         self._link = Path(link) if link else None
@@ -31,6 +36,23 @@ class PseudoTerminal:
                 self._link.symlink_to(name)
             except OSError as error:
                 raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
+
+    def read(self) -> bytes:
+        """What has come."""
+        try:
+            return self._lossy(os.read(self.device, 4096))
+        except OSError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send it. What does not fit, as nobody reads, is lost, as on a wire."""
+        with suppress(OSError):
+            os.write(self.device, self._lossy(data))
+
+    def _lossy(self, data: bytes) -> bytes:
+        if not self._noise:
+            return data
+        return bytes(byte for byte in data if self._chance.random() >= self._noise)
 
     def close(self) -> None:
         """Take both ends and the link away."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import random
 import select
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from typing import ClassVar
 
 from hapnet.devices import serial_frames as wire
@@ -47,10 +45,9 @@ class SerialEmulator(Emulator):
         seed: int = 0,
     ) -> None:
         super().__init__(handle, clock)
-        self._noise, self._stall_s, self._rubbish, self._units, self._button = noise, stall, rubbish, units, button
+        self._stall_s, self._rubbish, self._units, self._button = stall, rubbish, units, button
         self._random = random.Random(seed)
-        self._terminal = PseudoTerminal(link)
-        self._device = self._terminal.device
+        self._terminal = PseudoTerminal(link, noise, self._random)
         self.address: str = self._terminal.address
         self._unread = b""
         self._first_ns: int | None = None  # when the first command came
@@ -61,7 +58,7 @@ class SerialEmulator(Emulator):
         while not stop.is_set():
             left = (due_ns - self._clock()) * NANO
             if left > 0.0:
-                if select.select([self._device], [], [], left)[0]:
+                if select.select([self._terminal.device], [], [], left)[0]:
                     self._receive()
                 continue
             if self._stall_s and self._first_ns is not None and due_ns - self._first_ns >= self._stall_s / NANO:
@@ -89,14 +86,10 @@ class SerialEmulator(Emulator):
         frame = wire.state(state)
         if self._rubbish and self._random.random() < self._rubbish:
             frame = self._random.randbytes(len(frame))
-        self._send(frame)
+        self._terminal.write(frame)
 
     def _receive(self) -> None:
-        try:
-            came = os.read(self._device, 4096)
-        except OSError:
-            return
-        commands, self._unread = wire.commands(self._unread + self._lossy(came))
+        commands, self._unread = wire.commands(self._unread + self._terminal.read())
         for command in commands:
             if command.mark == b"F":
                 self._number = command.number
@@ -105,15 +98,6 @@ class SerialEmulator(Emulator):
             elif command.mark == b"Q":
                 period_us = _PERIOD_NS // 1000
                 limit_uN = round(_LIMIT_N * 1e6)
-                self._send(wire.about(wire.About(
+                self._terminal.write(wire.about(wire.About(
                     wire.VERSION, period_us, 0, _WATCHDOG_MS, limit_uN, 0, _COUNT_NM, _COUNT_NM, _REACH_UM, 1, 0
                 )))  # fmt: skip
-
-    def _send(self, frame: bytes) -> None:
-        with suppress(OSError):  # nobody reads: what does not fit is lost, as on a wire
-            os.write(self._device, self._lossy(frame))
-
-    def _lossy(self, data: bytes) -> bytes:
-        if not self._noise:
-            return data
-        return bytes(byte for byte in data if self._random.random() >= self._noise)

@@ -148,6 +148,14 @@ def tick(service: Service, driver: Inverse3, force: Vector, *moved: float) -> tu
     return position, acted
 
 
+def begun() -> Inverse3:
+    """A driver that was read, and renders 1 N."""
+    driver = Inverse3(1)
+    driver.read()
+    driver.apply((1.0,))
+    return driver
+
+
 def test_the_account_counts_what_acted_between_the_readings(service: Service) -> None:
     """Random forces and motions: the work of what `acted` says is the true one, up to the reading in flight."""
     driver = Inverse3(3)
@@ -191,9 +199,7 @@ def test_axes_are_chosen_and_turned_round(service: Service) -> None:
 
 
 def test_a_bad_state_is_missed_and_asked_for_again_with_the_same_force(service: Service) -> None:
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     service.rubbish = 1
     tick(service, driver, (2.0,))
     service.move(0.001, 0.0, 0.0)
@@ -211,9 +217,7 @@ def test_after_a_late_answer_the_force_counts_only_if_it_put_energy_out(
     service: Service, way: float, counts: float
 ) -> None:
     """The service may have forgotten the force meanwhile: then it took nothing in."""
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     tick(service, driver, (1.0,))
     tick(service, driver, (1.0,))
     service.takes = False
@@ -229,9 +233,7 @@ def test_after_a_late_answer_the_force_counts_only_if_it_put_energy_out(
 
 
 def test_a_stalled_service_is_silent_within_its_patience_and_hears_no_force_once(service: Service) -> None:
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     tick(service, driver, (1.0,))
     service.takes = False
     for _ in range(100):
@@ -249,9 +251,7 @@ def test_a_stalled_service_is_silent_within_its_patience_and_hears_no_force_once
 
 
 def test_a_restarted_service_is_greeted_again(service: Service) -> None:
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     tick(service, driver, (1.0,))
     service.listens = False
     for _ in range(5):
@@ -271,9 +271,7 @@ def test_a_restarted_service_is_greeted_again(service: Service) -> None:
 
 
 def test_a_force_that_was_under_way_when_the_session_was_lost_may_have_acted(service: Service) -> None:
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     driver.read()
     service.takes = False
     driver.apply((3.0,))
@@ -297,9 +295,7 @@ def report(driver: Inverse3, safety_type: str, device: str = "049D", **more: str
 
 
 def test_there_is_no_force_while_the_brake_is_on(service: Service) -> None:
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     tick(service, driver, (1.0,))
     report(driver, "ebrake_triggered", "06DA")  # of another arm
     tick(service, driver, (1.0,), 0.001, 0.0, 0.0)
@@ -316,9 +312,7 @@ def test_there_is_no_force_while_the_brake_is_on(service: Service) -> None:
 
 
 def test_a_stalled_motor_gets_no_force_for_a_second(service: Service) -> None:
-    driver = Inverse3(1)
-    driver.read()
-    driver.apply((1.0,))
+    driver = begun()
     report(driver, "stall_detected")
     tick(service, driver, (1.0,))
     assert (driver.braked(), service.force) == ("a motor has stalled", (0.0, 0.0, 0.0))

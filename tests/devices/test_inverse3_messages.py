@@ -40,6 +40,12 @@ def inventory(**changes: Any) -> dict[str, Any]:
     return message
 
 
+def state_in(message: dict[str, Any]) -> wire.State:
+    state = wire.state(message, "049D")
+    assert state is not None
+    return state
+
+
 def test_an_inventory_is_read() -> None:
     message = wire.parsed(INVENTORY)
     assert message is not None
@@ -62,8 +68,7 @@ def test_a_wired_grip_has_one_button() -> None:
     turned = {"w": 0.0, "x": 1.0, "y": 0.0, "z": 0.0}
     del message["wireless_verse_grip"]
     message["verse_grip"] = [{"device_id": "1", "state": {"button": True, "hall": 1, "orientation": turned}}]
-    state = wire.state(message, "049D")
-    assert state is not None
+    state = state_in(message)
     assert (state.buttons, state.orientation) == ((True,), (0.0, 1.0, 0.0, 0.0))
 
 
@@ -71,8 +76,7 @@ def test_without_grip_and_status_there_is_a_state_all_the_same() -> None:
     message = inventory()
     del message["wireless_verse_grip"]
     del message["inverse3"][0]["status"]
-    state = wire.state(message, "049D")
-    assert state is not None
+    state = state_in(message)
     assert (state.calibrated, state.powered, state.buttons, state.orientation) == (True, True, (), None)
 
 
@@ -80,8 +84,7 @@ def test_without_grip_and_status_there_is_a_state_all_the_same() -> None:
 def test_the_status_is_read(flag: str) -> None:
     message = inventory()
     message["inverse3"][0]["status"][flag] = False
-    state = wire.state(message, "049D")
-    assert state is not None
+    state = state_in(message)
     assert (state.calibrated, state.powered) == (flag != "calibrated", flag != "power_supply")
 
 
@@ -109,17 +112,13 @@ def test_what_is_no_vector_is_no_state(which: str, position: object) -> None:
 def test_what_is_no_unit_quaternion_is_no_orientation(length: float) -> None:
     message = inventory()
     message["wireless_verse_grip"][0]["state"]["orientation"] = {"w": length, "x": 0.0, "y": 0.0, "z": 0.0}
-    state = wire.state(message, "049D")
-    assert state is not None
-    assert state.orientation is None
+    assert state_in(message).orientation is None
 
 
 def test_a_quaternion_of_few_digits_becomes_a_unit_one() -> None:
     message = inventory()
     message["wireless_verse_grip"][0]["state"]["orientation"] = {"w": 0.71, "x": 0.0, "y": 0.71, "z": 0.0}
-    state = wire.state(message, "049D")
-    assert state is not None
-    assert state.orientation == pytest.approx((0.5**0.5, 0.0, 0.5**0.5, 0.0))
+    assert state_in(message).orientation == pytest.approx((0.5**0.5, 0.0, 0.5**0.5, 0.0))
 
 
 @pytest.mark.parametrize("spelling", ["vector", "values"])
@@ -174,12 +173,9 @@ def test_a_service_before_3_5_says_values_and_has_no_number_for_the_session() ->
 def test_a_grip_that_is_not_healthy_has_its_buttons_released(flag: str) -> None:
     message = inventory()
     message["wireless_verse_grip"][0]["status"] = {"awake": True, "connected": True, "ready": True}
-    state = wire.state(message, "049D")
-    assert state is not None
-    assert state.buttons == (False, True, False)
+    assert state_in(message).buttons == (False, True, False)
     message["wireless_verse_grip"][0]["status"][flag] = False
-    state = wire.state(message, "049D")
-    assert state is not None
+    state = state_in(message)
     assert (state.buttons, state.orientation) == ((False, False, False), None)
 
 
