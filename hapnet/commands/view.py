@@ -70,18 +70,14 @@ def view(
 
 def play_back(files: list[Path], options: PageOptions) -> int:
     """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
-    from hapnet.recording.mcap import read_recording
-    from hapnet.recording.samples import join
+    from hapnet.recording.opened import opened
     from hapnet.view.history import History
     from hapnet.view.playback import Playback
     from hapnet.view.server import serve
 
     words = output.console(None)
-    if len(files) > 2:
-        raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     with Progress(output.progress_console(), "reading"):
-        recordings = [read_recording(file) for file in files]
-        whole = recordings[0] if len(files) == 1 else join(*recordings)
+        whole = opened(files).whole
     if whole.device is None and whole.world is None:
         raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
     history = History(keeps_past=False)

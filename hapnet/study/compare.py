@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -72,6 +72,11 @@ class Case:
     seed: int
     params: Params
 
+    @property
+    def about(self) -> dict[str, Any]:
+        """What it is, in columns."""
+        return {**self.variant._asdict(), "link": self.link, "operator": self.operator, "seed": self.seed}
+
     def __str__(self) -> str:
         return f"{self.variant} over {self.link}, {self.operator}, seed {self.seed}"
 
@@ -130,20 +135,20 @@ class Plan:
         """The same cases as the spec of a sweep: a product for each hand and each set of variants."""
         alike: dict[str, list[str]] = {}  # couplings by the parameters that are their own
         for one in self.couplings:
-            alike.setdefault(json.dumps(self._settings(one)), []).append(one)
+            alike.setdefault(json.dumps(self._own(one, self.couplings, parted)), []).append(one)
         sets = [(couplings, list(self.deadbands)) for couplings in alike.values()]
         sets += [([one.coupling], [one.deadband]) for one in self.extra]
         hands: dict[str, list[str]] = {}
         for one in self.operators:
-            hands.setdefault(json.dumps(self._hand(one)), []).append(one)
+            hands.setdefault(json.dumps(self._own(one, self.operators, hand)), []).append(one)
         links = [{"up": up, "down": down} for up, down in self.links.values()]
         products: tuple[dict[str, list[Any]], ...] = tuple(
             {
                 "coupling": [parted(one)[0] for one in couplings],
                 DEADBAND: deadbands,
                 "operator": [hand(one)[0] for one in operators],
-                **{name: [value] for name, value in self._hand(operators[0]).items()},
-                **{name: [value] for name, value in self._settings(couplings[0]).items()},
+                **{name: [value] for name, value in self._own(operators[0], self.operators, hand).items()},
+                **{name: [value] for name, value in self._own(couplings[0], self.couplings, parted).items()},
                 LINK: links,
                 SEED: list(self.seeds),
             }
@@ -177,22 +182,16 @@ class Plan:
             "coupling": parted(variant.coupling)[0],
             DEADBAND: variant.deadband,
             "operator": hand(operator)[0],
-            **self._hand(operator),
-            **self._settings(variant.coupling),
+            **self._own(operator, self.operators, hand),
+            **self._own(variant.coupling, self.couplings, parted),
             LINK: {"up": up, "down": down},
         }
 
-    def _settings(self, coupling: str) -> Values:
-        """The values for this coupling of all parameters that are any coupling's own."""
-        own = parted(coupling)[1]
-        every = dict.fromkeys(name for one in self.couplings for name in parted(one)[1])
-        return {name: own.get(name, self.params.get(name)) for name in every}
-
-    def _hand(self, operator: str) -> Values:
-        """The values with this operator of all parameters that go with any operator."""
-        own = hand(operator)[1]
-        every = dict.fromkeys(name for one in self.operators for name in hand(one)[1])
-        return {name: own.get(name, self.params.get(name)) for name in every}
+    def _own(self, word: str, every: Sequence[str], read: Callable[[str], tuple[str, Mapping[str, object]]]) -> Values:
+        """The values with this coupling, or operator, of all parameters that are any's own, as `read` finds them."""
+        own = read(word)[1]
+        names = dict.fromkeys(name for one in every for name in read(one)[1])
+        return {name: own.get(name, self.params.get(name)) for name in names}
 
 
 @dataclass(frozen=True)

@@ -67,10 +67,7 @@ class Comparison:
         """A row for each case: what it was, whether it was ``passive``, every metric, and why it failed (``error``)."""
         return [
             {
-                **one.case.variant._asdict(),
-                "link": one.case.link,
-                "operator": one.case.operator,
-                "seed": one.case.seed,
+                **one.case.about,
                 "passive": None if one.measures is None else was_passive(one.measures),
                 **(one.measures or {}),
                 "error": one.error,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from math import isinf
 from typing import Any, NamedTuple
@@ -155,7 +155,7 @@ def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> 
         "headline": headline(plan, found),
         "tunings": {coupling: tunings(plan, coupling) for coupling in plan.couplings},
         "groups": [_group(group) for group in found],
-        "cases": [_case(outcome) for outcome in outcomes],
+        "cases": [{**one.case.about, "measures": one.measures, "error": one.error} for one in outcomes],
         "versions": versions(),
     }
     return {str(key): value for key, value in plain(whole).items()}
@@ -235,11 +235,3 @@ def _group(group: Group) -> dict[str, Any]:
         "hand_passive": group.hand_passive,
         "metrics": {name: asdict(spread) for name, spread in group.spreads.items()},
     }
-
-
-def _case(outcome: Outcome) -> dict[str, Any]:
-    case = outcome.case
-    about: Mapping[str, Any] = {
-        **case.variant._asdict(), "link": case.link, "operator": case.operator, "seed": case.seed
-    }  # fmt: skip
-    return {**about, "measures": outcome.measures, "error": outcome.error}
