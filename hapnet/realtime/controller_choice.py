@@ -10,7 +10,7 @@ from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.assembly.follower import is_real
 from hapnet.kernel import real_time
 from hapnet.realtime import servo_pipe
-from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedRobot, ThreadedWorld
+from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_process import ServoProcess
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
@@ -31,7 +31,7 @@ def control_of(
     if role == "world":
         session = world_session(setup, incarnation, secret=secret)
         if is_real(setup.params):
-            return ThreadedRobot(setup, session, callbacks, clock, realtime=realtime)
+            return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
     session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():

@@ -13,7 +13,6 @@ from hapnet.assembly.robot_side import robot_side
 from hapnet.assembly.user_device import is_blocking
 from hapnet.checks import Vector
 from hapnet.kernel.real_time import ends
-from hapnet.params import Params
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
 from hapnet.recording.samples import Event, Sample
@@ -75,38 +74,43 @@ class Control(Protocol):
 
 
 class ThreadedDevice:
-    """The device with its servo in a thread."""
+    """The device with its servo in a thread; with `follows` a real robot's, in the world's place."""
 
     unrecorded = 0
 
     def __init__(
-        self, setup: Setup, session: Session, callbacks: ControlCallbacks, clock: Clock, *, realtime: bool
+        self,
+        setup: Setup,
+        session: Session,
+        callbacks: ControlCallbacks,
+        clock: Clock,
+        *,
+        realtime: bool,
+        follows: bool = False,
     ) -> None:
-        endpoint = DeviceEndpoint(session)
+        endpoint, params = DeviceEndpoint(session), setup.params
         self.wire: WireHalf = endpoint
-        self.side: DeviceSide = self._made(setup, endpoint, clock, callbacks)
+        self.side: DeviceSide
+        if follows:
+            self.side = robot_side(setup, endpoint, clock, callbacks.write)
+            driver, rate_hz = params.follower.robot, params.follower.servo_hz
+        else:
+            self.side = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
+            driver, rate_hz = params.hardware, params.device.servo_hz
+        self._follows = follows
         self._coupling = setup.params.coupling
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
         self._clock = clock
         self._began = self._started = False
         self._servo = Servo(
-            round(1e9 / self._rate_hz(setup.params)),
+            round(1e9 / rate_hz),
             self._tick,
             safe=self.side.stop,
             on_error=callbacks.fail,
-            paced=not is_blocking(self._driver(setup.params)),
+            paced=not is_blocking(driver),
             realtime=realtime,
             clock=clock,
         )
-
-    def _made(self, setup: Setup, endpoint: DeviceEndpoint, clock: Clock, callbacks: ControlCallbacks) -> DeviceSide:
-        return device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
-
-    def _rate_hz(self, params: Params) -> float:
-        return params.device.servo_hz
-
-    def _driver(self, params: Params) -> str:
-        return params.hardware
 
     @property
     def origin_ns(self) -> int | None:
@@ -138,7 +142,8 @@ class ThreadedDevice:
         """Who waits for it is a process of its own."""
 
     def part(self) -> SidePart:
-        return device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
+        part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
+        return robot_summary(part, self.side) if self._follows else part
 
     def _tick(self, now_ns: int) -> None:
         message = self.side.tick(now_ns)
@@ -149,22 +154,6 @@ class ThreadedDevice:
         if not self._began and self.side.origin_ns is not None:
             self._began = True
             self._servo.count_anew()
-
-
-class ThreadedRobot(ThreadedDevice):
-    """A real robot that follows, in the world's place, with its servo in a thread."""
-
-    def _made(self, setup: Setup, endpoint: DeviceEndpoint, clock: Clock, callbacks: ControlCallbacks) -> DeviceSide:
-        return robot_side(setup, endpoint, clock, callbacks.write)
-
-    def _rate_hz(self, params: Params) -> float:
-        return params.follower.servo_hz
-
-    def _driver(self, params: Params) -> str:
-        return params.follower.robot
-
-    def part(self) -> SidePart:
-        return robot_summary(super().part(), self.side)
 
 
 class ThreadedWorld:
