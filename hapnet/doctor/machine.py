@@ -11,9 +11,9 @@ import ctypes
 import os
 import platform
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -327,11 +327,8 @@ def _ask_for_fifo() -> str | None:
 
 def _in_thread(call: Callable[[], _T]) -> _T:
     """Returns what `call` returns in a thread of its own, so that what it requests ends with that thread."""
-    results: list[_T] = []
-    thread = threading.Thread(target=lambda: results.append(call()))
-    thread.start()
-    thread.join()
-    return results[0]
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(call).result()
 
 
 def _limit(name: str) -> str:
