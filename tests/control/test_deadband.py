@@ -47,6 +47,15 @@ def test_near_zero_force_what_is_too_small_to_feel_is_not_sent() -> None:
     assert sent(Deadband(0.1), at_rest) == [0, 3]
 
 
+def test_the_minima_are_of_a_force_that_nobody_feels() -> None:
+    """5 mN: of a spring of 100 N/m, but more than a count of 55 um; of 5 Ns/m; of a wave f/sqrt(2b) with 3 Ns/m."""
+    assert MIN_N == 0.005
+    assert 55e-6 < MIN_M == pytest.approx(MIN_N / 100.0, rel=0.21)
+    assert pytest.approx(MIN_N / 5.0) == MIN_MPS
+    assert pytest.approx(MIN_N / math.sqrt(2.0 * 3.0), rel=0.03) == MIN_WAVE
+    assert Params().device.silence_after_s / 5.0 == MAX_S
+
+
 def test_just_the_fraction_or_the_minimum_is_not_felt_yet() -> None:
     """In quarters, so that nothing is rounded."""
     for first, second in ((1.0, 1.25), (0.0, MIN_M)):

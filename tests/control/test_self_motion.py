@@ -25,9 +25,11 @@ def test_y_is_the_worlds_answer_and_the_own_motion_since_as_far_as_the_proxy_fol
 
 
 def test_both_parts_follow_with_a_lag() -> None:
-    """A step of one time constant goes half of the way (implicit Euler)."""
-    motion = SelfMotion(distance=0.01, smoothing=0.02)
+    """A step of one time constant, 20 ms, goes half of the way (implicit Euler); sigma is 0.6 at 6 of 15 mm."""
+    motion = SelfMotion()
     motion.reset((0.0,))
-    motion.observe(0.02, (0.0,))
-    motion.receive((0.004,), 0.0)  # sigma 0.6
-    assert motion.step(0.02, (0.01,), (0.0,)) == pytest.approx((0.002 + 0.3 * 0.01,))
+    for k in range(21):
+        motion.observe(0.25, (0.1 * k,))
+    assert motion.own(9.0) == pytest.approx((0.1 * (20 - 8),))  # two seconds ago
+    motion.receive((2.006,), 0.0)
+    assert motion.step(0.02, (0.01,), (0.0,)) == pytest.approx(((2.006 - 0.6 * 2.0) / 2.0 + 0.3 * 0.01,))

@@ -44,6 +44,9 @@ def test_it_counts_what_was_really_held_and_what_the_device_damped() -> None:
     law.release(2 * T, (0.003,), (1.0,))
     assert law.energy == pytest.approx((0.0042 - 0.001 + 0.00015,))
     assert law.set_position == (0.003,)
+    law = bounding(2)
+    law.force(T, (0.002, 0.001), (0.0, 0.0), (-1.5, 0.5))
+    assert law.energy == pytest.approx((0.0042, 0.0003 - 0.0005))
 
 
 def test_the_force_is_clipped_to_what_the_damping_pays() -> None:
