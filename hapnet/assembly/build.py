@@ -276,7 +276,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
         device.declared.check_stiffness(
             "device.stiffness", params.device.stiffness, setup.dof, within(setup.units, "N/m")
         )
-        device.check_damping(params.device.damping)
+        device.check_damping("device.damping", params.device.damping)
         own = device.declares(params.device)
         if setup.coupling.limited and setup.harvest == "measured":
             for warning in held_torque.check(own, setup.harvest, setup.dof):

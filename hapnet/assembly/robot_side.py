@@ -59,7 +59,7 @@ def _following(
         require_contact_force(robot.robot, device)
         sensor = ContactForce(device.contact_force, setup.dof, robot.robot, clock, write)
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
-    device.check_damping(params.world.damping)
+    device.check_damping("world.damping", params.world.damping)
     own = dataclasses.replace(device.declares(robot), own_damping=0.0)
     at_robot = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own, device=servo))
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))

@@ -337,15 +337,13 @@ class UserDevice:
                 return self.read()
         return self.read()
 
-    def check_damping(self, damping: object) -> None:
+    def check_damping(self, name: str, damping: object) -> None:
         """Raise InvalidParameter if B [Ns/m] is outside of what the device renders on any axis."""
         if self.damping_range is not None:
             minimum, most = self.damping_range
-            values = checks.diagonal("device.damping", cast(ArrayLike, damping), self.dof)
+            values = checks.diagonal(name, cast(ArrayLike, damping), self.dof)
             if min(values) < minimum * (1.0 - 1e-9) or max(values) > most * (1.0 + 1e-9):
-                raise InvalidParameter(
-                    "device.damping", damping, f"{minimum:g} to {most:g} Ns/m, as the device renders"
-                )
+                raise InvalidParameter(name, damping, f"{minimum:g} to {most:g} Ns/m, as the device renders")
 
     def declares(self, section: Section) -> Section:
         """The parameters of a servo, with what this device declares of itself in their place."""

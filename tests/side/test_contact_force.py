@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from contextlib import nullcontext
 from itertools import count, cycle
 from typing import Any, ClassVar
 
@@ -71,6 +72,10 @@ class Numb(Robot):
 class Unplugged(Robot):
     def contact_force(self) -> None:
         return
+
+
+class Ranged(Robot):
+    stiffness_range, damping_range = (100.0, 2000.0), (1.0, 20.0)
 
 
 class Late(Robot):
@@ -246,3 +251,16 @@ def test_what_it_cannot_be_is_named() -> None:
         with pytest.raises(InvalidParameter) as caught:
             Pair(**changes)
         assert caught.value.name == "follower.feedback"
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"world__stiffness": 100.0, "world__damping": 20.0}, ""),
+        ({"world__stiffness": 99.0}, "world.stiffness is 99.0"),
+        ({"world__damping": 20.1}, "world.damping is 20.1; allowed: 1 to 20 Ns/m, as the device renders"),
+    ],
+)
+def test_the_worlds_spring_and_damper_are_within_what_the_robot_renders(changes: dict[str, float], says: str) -> None:
+    with pytest.raises(InvalidParameter, match=says) if says else nullcontext():
+        Pair(follower__robot=f"{HERE}:Ranged", **changes)
