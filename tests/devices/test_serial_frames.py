@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapnet.devices import serial_frames as wire
+from hapnet.devices.serial_axis import _elapsed_us
 from hapnet.devices.serial_timing import Untimely, period_us
 
 ABOUT = wire.About(2, 1000, 0, 20, 3_000_000, 1_500_000, 1000, 1000, 80_000, 2, 1)
@@ -135,3 +136,21 @@ def test_states_that_get_lost_leave_the_period() -> None:
     """Each second one: the rest still shows how fast the board is, as some come one after the other."""
     kept = [one for k, one in enumerate(arrivals(1000, 1, count=200)) if k % 5 not in (1, 3)]
     assert period_us(kept) == 1000
+
+
+@pytest.mark.parametrize(
+    ("before_us", "time_us", "elapsed_us"),
+    [
+        (None, 7, None),
+        (7, 7, None),
+        (7, 8, 1),
+        (2**32 - 3, 2, 5),
+        (0, 500_000, 500_000),
+        (0, 500_001, None),
+        (8, 7, None),
+    ],
+)
+def test_the_boards_time_between_states(before_us: int | None, time_us: int, elapsed_us: int | None) -> None:
+    """Modulo 2^32 us. In more than 0.5 s the impulse may have wrapped."""
+    state = wire.State(0, 0, time_us, 0, 0, 0)
+    assert _elapsed_us(None if before_us is None else state._replace(time_us=before_us), state) == elapsed_us
