@@ -173,7 +173,7 @@ class FreeWindows(NamedTuple):
 
 
 def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: float) -> FreeWindows | None:
-    """The windows of free motion. None: the two sides are not on one clock, or the run is shorter than a window.
+    """The windows of free motion. None: the two sides are not on one clock.
 
     A window counts if neither the device nor the proxy was in a wall in it, nor during `settling_s` seconds before it.
     """
@@ -183,8 +183,6 @@ def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: fl
     times, x = device["time_s"], device["position_m"]
     period_s = float(times[-1] - times[0]) / (len(times) - 1)
     width = max(1, round(_WINDOW_S / period_s))
-    if len(times) <= width:
-        return None
     touched = touching(device, world)
     for wall in walls:
         touched |= wall.depths(x) > 0.0

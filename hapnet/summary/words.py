@@ -43,11 +43,7 @@ def legible(value: Any) -> Any:
     """`value` with printable texts of limited length: for data from elsewhere."""
     if isinstance(value, str):
         short = value if len(value) <= _TEXT_LIMIT else value[: _TEXT_LIMIT - 1] + "…"
-        return (
-            short
-            if short.isprintable()
-            else "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
-        )
+        return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
     if isinstance(value, Mapping):
         return {legible(key): legible(item) for key, item in value.items()}
     return [legible(item) for item in value] if isinstance(value, list) else value
