@@ -25,7 +25,7 @@ from hapnet.plant.device import SimulatedDevice, TickResult
 from hapnet.recording.samples import Columns
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
-from hapnet.simulation.simulation import Result, simulate
+from hapnet.simulation.simulation import Result, Simulation, simulate
 from tests.conftest import mostly_slow
 from tests.support.paper import PAPER
 from tests.support.theorem_cases import TOLERANCE_J, diagonal, matrix, random_case, random_link, sides
@@ -47,10 +47,30 @@ def test_ticks_made_together_are_the_same_ticks(
 ) -> None:
     """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
     params = PAPER.set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%", **changes})
-    together = simulate(params, seed=3, kernel=False)
+    observed, each, rests = Simulation._observe, dict[int, tuple[float, float]](), list[tuple[int, int, Any]]()
+    made = side.rest
+
+    def rest(self: Any, now_ns: int, ticks: int, observe: Any, *, then_tick: bool) -> None:
+        first, seen = self.ticks, list[tuple[float, float]]()
+        made(self, now_ns, ticks, lambda *works: seen.append(works), then_tick=then_tick)
+        for works in seen:
+            observe(*works)
+        rests.append((first, self.ticks, seen))
+
+    def observe(self: Any, work: float, hand_work: float) -> None:
+        each[self.device.ticks] = work, hand_work
+        observed(self, work, hand_work)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(side, "rest", rest)
+        together = simulate(params, seed=3, kernel=False)
     monkeypatch.setattr(side, "skippable_ticks", DeviceSide.skippable_ticks)
     monkeypatch.setattr(side, "rest", DeviceSide.rest)  # none is left for it
+    monkeypatch.setattr(Simulation, "_observe", observe)
     singly = simulate(params, seed=3, kernel=False)
+    for first, last, seen in rests[1:]:
+        works = [each[k] for k in range(first, last + 1)]
+        assert seen == [tuple(map(min, zip(*works, strict=True))), works[-1]]
     assert together.device.ticks == singly.device.ticks > 2900
     assert {**together.summary, "wall_clock": None} == {**singly.summary, "wall_clock": None}
     for ours, theirs in ((together.recording.device, singly.recording.device),

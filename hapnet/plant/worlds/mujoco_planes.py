@@ -178,10 +178,9 @@ class SpherePlanes:
         weights = model.body_invweight0[:, 0]
         light = float(weights[self._found.body] + weights[model.geom_bodyid[touch.geom]])
         lowest, most, width, middle, power = touch.solimp[:5].tolist()
-        lowest, most = (min(max(one, 1e-4), 0.9999) for one in (lowest, most))
+        lowest, most, at = (min(max(one, 1e-4), 0.9999) for one in (lowest, most, middle))
         share = min(max(touch.depth, _PRESSED_M) / max(width, 1e-15), 1.0)
         if power > 1.0 and 0.0 < share < 1.0:
-            at = min(max(middle, 1e-4), 0.9999)
             share = share**power / at ** (power - 1.0) if share <= at else (
                 1.0 - (1.0 - share) ** power / (1.0 - at) ** (power - 1.0)
             )  # fmt: skip
