@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, overload
@@ -189,7 +190,7 @@ async def _running(call: _Call) -> AsyncIterator[SideTask]:
         raise HapnetError(f"connect_{call.role} needs asyncio's event loop, and none runs here: {hint}") from None
     call.check()
     with ExitStack() as names:
-        task = SideTask(lambda **callbacks: call.make(names, **callbacks), call.duration_s)
+        task = SideTask(partial(call.make, names), call.duration_s)
         try:
             await task.open()
             yield task
@@ -233,7 +234,7 @@ class _Call:
             checks.whole("seed", self.seed, at_least=0)
 
     def make(
-        self, names: ExitStack, *, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
+        self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
     ) -> tuple[RealtimeSide, tuple[str, ...]]:
         """The side, and what its user should be warned of. `names` : the names of what was given as an object."""
         try:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.errors import Ended
@@ -26,13 +26,9 @@ REPORT_MISSED_S = 1.0
 """What streams missed is reported at most this often [s]."""
 
 
-class MakeSide(Protocol):
-    """Makes the side, on a thread: a device may take its time to open."""
-
-    def __call__(
-        self, *, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
-    ) -> tuple[RealtimeSide, tuple[str, ...]]:
-        """The side, and what its user should be warned of."""
+MakeSide = Callable[[Callable[[Notice], None], Callable[[Sample], None]], tuple[RealtimeSide, tuple[str, ...]]]
+"""Makes the side, which calls these with its notices and samples, on a thread: a device may take its time to open. With
+what its user should be warned of."""
 
 
 class SideTask:
@@ -131,7 +127,7 @@ class SideTask:
                 await off_loop(self._made.control.stop)
 
     def _make_side(self) -> tuple[str, ...]:
-        self._made, warnings = self._make(notify=self._notify, watch=self._watch)
+        self._made, warnings = self._make(self._notify, self._watch)
         return warnings
 
     def _notify(self, notice: Notice) -> None:

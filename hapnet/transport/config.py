@@ -8,15 +8,15 @@ import socket
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import zenoh
 
+from hapnet.checks import one_of
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.transport.security import ANYBODY, ENCRYPTED, Security, is_exposed
 
 Mode = Literal["peer", "client", "router"]
-_MODES = ("peer", "client", "router")
 _LOOPBACK = "127.0.0.1"
 _ANY_PORT = f"tcp/{_LOOPBACK}:0"
 _PROTOCOLS = "tcp, udp, tls, quic, ws or unixsock-stream"
@@ -82,8 +82,8 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     scout; or the security that is asked for is not possible. TransportError: the file cannot be read, or is not a Zenoh
     configuration.
     """
-    if settings.mode is not None and settings.mode not in _MODES:
-        raise InvalidParameter("mode", settings.mode, "one of " + ", ".join(_MODES), _MODES)
+    if settings.mode is not None:
+        one_of("mode", settings.mode, get_args(Mode))
     for name, endpoints in (("connect", settings.connect), ("listen", settings.listen)):
         given: object = endpoints
         if isinstance(given, str):

@@ -16,7 +16,8 @@ from hapnet.view.controls import Controls
 from hapnet.view.history import History, Snapshot, units
 from hapnet.view.numbers import Numbers
 from hapnet.view.panel import ABOUT, ControlPanel
-from hapnet.view.player import Player, PlayerPanel
+from hapnet.view.playback import Playback
+from hapnet.view.player import PlayerPanel
 from hapnet.view.plots import Plots
 from hapnet.view.scene import Scene
 from hapnet.view.style import STYLE
@@ -39,7 +40,7 @@ class Page:
     """
 
     def __init__(
-        self, server: viser.ViserServer, history: History, controls: Controls | None, player: Player | None = None
+        self, server: viser.ViserServer, history: History, controls: Controls | None, player: Playback | None = None
     ) -> None:
         self._server = server
         self._history = history

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
 
 import viser
 
 from hapnet.view.link_form import put
+from hapnet.view.playback import Playback
 
 STEP_S = 0.05
 """The scrubber's steps [s]."""
@@ -16,27 +16,10 @@ HELD_S = 0.7
 """After a user's change the scrubber is not moved for this time [s]."""
 
 
-class Player(Protocol):
-    """What plays; see `hapnet.view.playback.Playback`."""
-
-    @property
-    def duration_s(self) -> float: ...
-
-    @property
-    def at_s(self) -> float: ...
-
-    @property
-    def paused(self) -> bool: ...
-
-    def pause(self, on: bool) -> None: ...
-
-    def seek(self, seconds: float) -> None: ...
-
-
 class PlayerPanel:
     """A scrubber and a button, in the container that is open when this is made."""
 
-    def __init__(self, gui: viser.GuiApi, player: Player) -> None:
+    def __init__(self, gui: viser.GuiApi, player: Playback) -> None:
         self._player = player
         end_s = max(player.duration_s, STEP_S)
         self._time = gui.add_slider("time [s]", 0.0, end_s, STEP_S, 0.0, hint=f"of {end_s:.1f} s; drag to go there")

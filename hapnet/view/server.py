@@ -24,7 +24,7 @@ from hapnet.view.history import History
 if TYPE_CHECKING:
     from viser import ViserServer
 
-    from hapnet.view.player import Player
+    from hapnet.view.playback import Playback
 
 FRAME_S = 1.0 / 60.0
 FRAMES_A_PLOT = 15
@@ -44,7 +44,7 @@ class PageServer:
     """The page at `url`, until `close`. See `serve`."""
 
     def __init__(
-        self, history: History, controls: Controls | None, player: Player | None, host: str, port: int, frame_s: float
+        self, history: History, controls: Controls | None, player: Playback | None, host: str, port: int, frame_s: float
     ) -> None:
         self._frame_s = frame_s
         # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
@@ -118,7 +118,7 @@ def serve(
     history: History,
     controls: Controls | None = None,
     *,
-    player: Player | None = None,
+    player: Playback | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
     frame_s: float = FRAME_S,

@@ -16,11 +16,9 @@ from hapnet.commands import complete
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.plant.worlds.registry import SCENES
-from netem import cli as netem_cli
 from netem.profile import PRESETS
 from tests.conftest import ENVIRONMENT
-
-Capture = pytest.CaptureFixture[str]
+from tests.support.commands import Capture, Tab
 
 PROFILES = list(PRESETS)
 WALL = [f"world.wall.{name}=" for name in ("stiffness", "damping", "position_m", "half_width_m", "timeline")]
@@ -36,34 +34,6 @@ def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def tab(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Tab:
     return Tab(monkeypatch, capsys)
-
-
-class Tab:
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-        self._monkeypatch, self._capsys = monkeypatch, capsys
-
-    def __call__(self, program: str, *words: str) -> list[str]:
-        """What bash is offered after `words`, the last of which is not finished."""
-        self._monkeypatch.setenv("COMP_WORDS", "\n".join((program, *words)))
-        self._monkeypatch.setenv("COMP_CWORD", str(len(words)))
-        return self.asked(program, "complete_bash").split()
-
-    def line(self, shell: str, line: str) -> str:
-        """What zsh or fish is offered after `line`."""
-        self._monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
-        self._monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
-        return self.asked(line.partition(" ")[0], f"complete_{shell}")
-
-    def asked(self, program: str, instruction: str) -> str:
-        self._monkeypatch.setenv(f"_{program.upper()}_COMPLETE", instruction)
-        main = {"hapnet": cli.main, "netem": netem_cli.main}[program]
-        try:
-            code = main([])
-        except SystemExit as ended:
-            code = 1 if ended.code else 0
-        out, err = self._capsys.readouterr()
-        assert (code, err) == (0, "")
-        return out
 
 
 @pytest.mark.parametrize(

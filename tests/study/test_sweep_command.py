@@ -26,6 +26,7 @@ from hapnet.study.spec import Spec
 from hapnet.study.task import CaseResult, Task, run
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
+from tests.support.commands import Tab
 from tests.support.processes import Program, started, without_progress
 
 Capture = pytest.CaptureFixture[str]
@@ -232,11 +233,7 @@ def test_tab(
 ) -> None:
     for name in ("study", "plan"):
         spec_file(directory, SHORT, name)
-    monkeypatch.setenv("COMP_WORDS", "\n".join(("hapnet", *words)))
-    monkeypatch.setenv("COMP_CWORD", str(len(words)))
-    monkeypatch.setenv("_HAPNET_COMPLETE", "complete_bash")
-    assert cli.main() == 0
-    assert capsys.readouterr().out.split() == offered
+    assert Tab(monkeypatch, capsys)("hapnet", *words) == offered
 
 
 def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:

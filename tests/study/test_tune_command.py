@@ -20,6 +20,7 @@ from hapnet.study.case import Measures
 from hapnet.study.figures import tuned as draw
 from tests.conftest import ROOT
 from tests.study.sweeps import spec_file
+from tests.support.commands import Tab
 from tests.support.processes import without_progress
 
 Capture = pytest.CaptureFixture[str]
@@ -301,11 +302,7 @@ def test_tab(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) 
     spec_file(directory, SPEC, "other")
     for words, offered in ((["tune", "st"], ["study.toml"]), (["tune", ""], ["other.toml", "study.toml"]),
                            (["tune", "study.toml", "--dr"], ["--dry-run"]), (["tu"], ["tune"])):  # fmt: skip
-        monkeypatch.setenv("COMP_WORDS", "\n".join(("hapnet", *words)))
-        monkeypatch.setenv("COMP_CWORD", str(len(words)))
-        monkeypatch.setenv("_HAPNET_COMPLETE", "complete_bash")
-        assert cli.main() == 0
-        assert capsys.readouterr().out.split() == offered
+        assert Tab(monkeypatch, capsys)("hapnet", *words) == offered
 
 
 @pytest.mark.slow

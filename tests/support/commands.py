@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
+from netem import cli as netem_cli
 
 QUICK = ("simulate", "--duration", "0.2", "--no-files")
 ADDRESS = "tcp/127.0.0.1:17447"
@@ -41,3 +42,33 @@ def summary_of(*argv: str) -> dict[str, Any]:
     assert cli.main([*argv, "--json", "summary.json"]) == 0
     summary: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
     return summary
+
+
+class Tab:
+    """What the shell is offered after TAB."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, program: str, *words: str) -> list[str]:
+        """What bash is offered after `words`, the last of which is not finished."""
+        self._monkeypatch.setenv("COMP_WORDS", "\n".join((program, *words)))
+        self._monkeypatch.setenv("COMP_CWORD", str(len(words)))
+        return self.asked(program, "complete_bash").split()
+
+    def line(self, shell: str, line: str) -> str:
+        """What zsh or fish is offered after `line`."""
+        self._monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
+        self._monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
+        return self.asked(line.partition(" ")[0], f"complete_{shell}")
+
+    def asked(self, program: str, instruction: str) -> str:
+        self._monkeypatch.setenv(f"_{program.upper()}_COMPLETE", instruction)
+        main = {"hapnet": cli.main, "netem": netem_cli.main}[program]
+        try:
+            code = main([])
+        except SystemExit as ended:
+            code = 1 if ended.code else 0
+        out, err = self._capsys.readouterr()
+        assert (code, err) == (0, "")
+        return out
