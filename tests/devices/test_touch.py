@@ -145,38 +145,34 @@ def test_a_force_begins_with_the_frame_after_its_reading_and_the_account_knows(d
     assert device.acted() == pytest.approx((0.5, 0.0, 0.0))
 
 
-def test_late_servos_account_for_no_less_than_the_motors_gave(device: Touch, stub: Stub) -> None:
-    """The stand-in integrates its own work; one tick in ten the servo is late by one or two."""
-    chance = random.Random(1)
+def accounts(device: Touch, stub: Stub, seed: int, count: int, late: float) -> tuple[float, float]:
+    """The work that the driver accounts for, and that the stand-in integrates itself [J], by random forces.
+
+    late : the share of the servo's ticks that come one or two frames too late.
+    """
+    chance = random.Random(seed)
     stub.tick()
     last, _ = device.read()
     before, told_J = stub.work_J, 0.0
-    for _ in range(2000):
+    for _ in range(count):
         device.apply(tuple(chance.uniform(-1.0, 1.0) for _ in range(3)))
-        ticks = 1 if chance.random() < 0.9 else chance.randint(2, 3)
-        stub.tick(ticks)
+        stub.tick(1 if chance.random() >= late else chance.randint(2, 3))
         x, _ = device.read()
         acted = device.acted()
         assert acted is not None
         told_J += sum(f * (b - a) for f, a, b in zip(acted, last, x, strict=True))
         last = x
-    assert told_J >= stub.work_J - before
+    return told_J, stub.work_J - before
+
+
+def test_late_servos_account_for_no_less_than_the_motors_gave(device: Touch, stub: Stub) -> None:
+    told_J, work_J = accounts(device, stub, 1, 2000, late=0.1)
+    assert told_J >= work_J
 
 
 def test_a_servo_on_time_accounts_to_the_microjoule(device: Touch, stub: Stub) -> None:
-    chance = random.Random(2)
-    stub.tick()
-    last, _ = device.read()
-    before, told_J = stub.work_J, 0.0
-    for _ in range(1000):
-        device.apply(tuple(chance.uniform(-1.0, 1.0) for _ in range(3)))
-        stub.tick()
-        x, _ = device.read()
-        acted = device.acted()
-        assert acted is not None
-        told_J += sum(f * (b - a) for f, a, b in zip(acted, last, x, strict=True))
-        last = x
-    assert told_J == pytest.approx(stub.work_J - before, abs=1e-9)
+    told_J, work_J = accounts(device, stub, 2, 1000, late=0.0)
+    assert told_J == pytest.approx(work_J, abs=1e-9)
     assert abs(told_J) > 1e-5
 
 
