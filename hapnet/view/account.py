@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from hapnet.recording.samples import DeviceSample, WorldSample
+from hapnet.summary.structure import SIDES
 from hapnet.summary.verdict import START_S
 from hapnet.wire.messages import Role
 
 SKEW_NS = 1_000_000_000
 """Credited energy is compared with what the other side had sent this much later [ns]: its samples may come late."""
-
-ROLES: tuple[Role, ...] = ("device", "world")
 
 _ROUNDING_nJ = 2  # a side's own total includes a fraction of a nanojoule
 
@@ -87,10 +86,10 @@ class Account:
             return None
         pairs = 2 if self._anew else 1
         sides: dict[str, dict[str, Any]] = {
-            side: {"ledger": {"slack_J": self._slack.get(side)}, "incarnations": pairs} for side in ROLES
+            side: {"ledger": {"slack_J": self._slack.get(side)}, "incarnations": pairs} for side in SIDES
         }
         sides["device"]["deficit_max_J"] = self._deficit
-        beyond = {role: round(self._beyond.get(role, 0.0) * 1e9) for role in ROLES}
+        beyond = {role: round(self._beyond.get(role, 0.0) * 1e9) for role in SIDES}
         known = not self._anew or self.min_J < 0.0
         return {
             "theorem": {
@@ -101,7 +100,7 @@ class Account:
             **sides,
             "energy": {
                 direction: {"sent_nJ": 0, "credited_nJ": beyond[role] if beyond[role] >= _ROUNDING_nJ else 0}
-                for direction, role in zip(("up", "down"), ROLES, strict=True)
+                for direction, role in zip(("up", "down"), SIDES, strict=True)
             },
             "coupling": coupling,
         }

@@ -7,6 +7,7 @@ from typing import Any
 
 from hapnet.recording.samples import Recording
 from hapnet.recording.telemetry import Status, Telemetry
+from hapnet.summary.structure import SIDES
 from hapnet.wire.messages import Role
 
 STATUS_NS = 500_000_000
@@ -14,8 +15,6 @@ STATUS_NS = 500_000_000
 
 REST_NS = 2_000_000_000
 """At its end a recording stands still for this time, and then begins again [ns]."""
-
-_ROLES: tuple[Role, Role] = ("device", "world")
 
 
 class Playback:
@@ -31,7 +30,7 @@ class Playback:
     def __init__(self, take: Callable[[Telemetry], None], recording: Recording, name: str, now_ns: int) -> None:
         self._take, self._recording, self._name = take, recording, name
         self._samples = recording.samples()
-        self._roles = [role for role in _ROLES if getattr(recording, role) is not None]
+        self._roles = [role for role in SIDES if getattr(recording, role) is not None]
         self._first_ns = self._samples[0].time_ns if self._samples else 0
         self._length_ns = self._samples[-1].time_ns - self._first_ns if self._samples else 0
         self._rounds = 0
