@@ -53,9 +53,7 @@ def test_the_arm_follows_a_leader(tmp_path: Path) -> None:
     with Bus(link, more=(*hand, "--json", account)) as emulator:
         given = ("--scene", "free", "--operator", "sine", "--dof", 3, "--duration", 3, "--json", "-", "--out", tmp_path)
         with started("run", "--follower", f"dynamixel:{link}", *given) as program:
-            code, stdout, stderr = program.end()
-        assert code == 0, stderr
-        summary = json.loads(stdout)
+            summary = program.summary()
         assert summary["verdict"]["passive"] is not False
         world = summary["world"]
         assert world["force"] == "applied"

@@ -321,9 +321,7 @@ def test_the_recorded_hand_writes_on_paper(handwriting: Path, tmp_path: Path) ->
     out = tmp_path / "run"
     argv = ["run", "--scene", "paper", "--operator", handwriting, "--json", "-", "--out", out]
     with started(*argv) as program:
-        code, stdout, stderr = program.end()
-    assert code == 0, stderr
-    summary = json.loads(stdout)
+        summary = program.summary()
     assert_passive(summary)
     assert_accounts_agree(summary)
     assert summary["motion"]["contacts"] >= 1

@@ -100,6 +100,13 @@ class Program:
             reader.join(LIMIT_S)
         return code, "".join(self.out), without_progress("".join(self.err))
 
+    def summary(self, code: int = 0) -> dict[str, Any]:
+        """What it has printed as JSON, once it has ended with this code."""
+        ended, out, err = self.end()
+        assert ended == code, err
+        summary: dict[str, Any] = json.loads(out)
+        return summary
+
     @property
     def alive(self) -> bool:
         """Does any process of its group live?"""
