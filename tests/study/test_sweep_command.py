@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import csv
-import json
 import os
 import re
 import signal
@@ -27,7 +26,7 @@ from hapnet.study.task import CaseResult, Task, run
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
 from tests.support.commands import Tab
-from tests.support.processes import Program, started, without_progress
+from tests.support.processes import Program, read_json, started, without_progress
 
 Capture = pytest.CaptureFixture[str]
 
@@ -47,8 +46,7 @@ def rows(directory: Path) -> list[dict[str, str]]:
 
 def summary(*argv: object, code: int = 0) -> dict[str, Any]:
     assert cli.main(["sweep", *map(str, argv), "--json", "summary.json"]) == code
-    reported: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
-    return reported
+    return read_json(Path("summary.json"))
 
 
 def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 import sys
 from pathlib import Path
@@ -21,7 +20,7 @@ from hapnet.study.figures import tuned as draw
 from tests.conftest import ROOT
 from tests.study.sweeps import spec_file
 from tests.support.commands import Tab
-from tests.support.processes import without_progress
+from tests.support.processes import read_json, without_progress
 
 Capture = pytest.CaptureFixture[str]
 
@@ -73,8 +72,7 @@ def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def tuned(*argv: object, code: int = 0) -> dict[str, Any]:
     assert cli.main(["tune", "study.toml", *map(str, argv), "--json", "told.json"]) == code
-    reported: dict[str, Any] = json.loads(Path("told.json").read_text("utf-8"))
-    return reported
+    return read_json(Path("told.json"))
 
 
 def trials(directory: Path) -> list[dict[str, str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ import pytest
 
 from hapnet import cli
 from netem import cli as netem_cli
+from tests.support.processes import read_json
 
 QUICK = ("simulate", "--duration", "0.2", "--no-files")
 ADDRESS = "tcp/127.0.0.1:17447"
@@ -40,8 +40,7 @@ def python(code: str, **environment: str) -> str:
 
 def summary_of(*argv: str) -> dict[str, Any]:
     assert cli.main([*argv, "--json", "summary.json"]) == 0
-    summary: dict[str, Any] = json.loads(Path("summary.json").read_text("utf-8"))
-    return summary
+    return read_json(Path("summary.json"))
 
 
 class Tab:
