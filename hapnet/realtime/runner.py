@@ -117,7 +117,7 @@ class RealtimeSide:
             role=role,
             rate_hz=max(setup.params.device.servo_hz, 1.0 / setup.params.world.step_min_s),
             stream_hz=1.0 / (setup.params.device.pspm_period_s if role == "device" else mean_step_s),
-            on_change=lambda: self._on_connection(),
+            on_change=lambda: self._housekeeping.on_connection(),
             warn=self._warn,
             also=() if page is None else (TELEMETRY,),
         )
@@ -407,9 +407,6 @@ class RealtimeSide:
         self._report(events)
         for at_ns, entry in changes:
             self._reporter.notify(Notice(link_events.KIND, link_events.text_of(entry), at_ns))
-
-    def _on_connection(self) -> None:
-        self._housekeeping.on_connection()
 
     def _status(self) -> Status:
         return self._figures.status(paused=self._paused, recording=str(self._reporter.recordings.path or ""))

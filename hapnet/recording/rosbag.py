@@ -93,7 +93,7 @@ class Messages:
         times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
         yield from self._poses(f"/{side}/pose", times, columns, "position")
         yield from self._poses(f"/{side}/set_position", times, columns, "set_position")
-        yield from self._twists(f"/{side}/twist", times, columns)
+        yield from self._pairs(f"/{side}/twist", "Twist", times, columns, "velocity_mps", "velocity_radps")
         yield from self._wrenches(f"/{side}/wrench", times, columns, force)
         if side == "world":
             yield from self._wrenches("/world/contact", times, columns, "contact_force_N")
@@ -128,9 +128,6 @@ class Messages:
             place = self._make("geometry_msgs/msg/Point", *point)
             pose = self._make("geometry_msgs/msg/Pose", place, self._make("geometry_msgs/msg/Quaternion", *turn))
             yield Message(topic, kind, time_ns, self._make(kind, self._header(time_ns), pose))
-
-    def _twists(self, topic: str, times: Array, columns: Columns) -> Iterator[Message]:
-        yield from self._pairs(topic, "Twist", times, columns, "velocity_mps", "velocity_radps")
 
     def _wrenches(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
         torque = name.replace("force_N", "torque_Nm")
