@@ -164,7 +164,7 @@ def response(rows: Sequence[tuple[float, float, float, float]]) -> Response:
     fits = [_fit(np.r_[np.zeros(late), force[: len(force) - late]], x, dt, base) for late in range(_MOST_LATE)]
     left = [fit[2] for fit in fits]
     late = int(np.argmin(left))
-    noise = left[late] / max(1, len(rows) - 7)
+    noise = left[late] / (len(rows) - 7)
     in_time = min(range(LATE_TICKS), key=left.__getitem__)
     moved = float(np.sum((x - base @ np.linalg.lstsq(base, x, rcond=None)[0]) ** 2))  # what only the force explains
     if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
@@ -182,7 +182,7 @@ def _fit(force: Array, x: Array, dt: Array, base: Array) -> tuple[float, float, 
     inverse = np.linalg.pinv(terms / scale, rcond=1e-9)
     fitted = inverse @ x
     left = float(np.sum((x - terms / scale @ fitted) ** 2))
-    blur = max(left / max(1, len(x) - terms.shape[1]), 1e-24)
+    blur = max(left / (len(x) - terms.shape[1]), 1e-24)
     return float(fitted[0] / scale[0]), math.sqrt(blur) * float(np.linalg.norm(inverse[0])) / float(scale[0]), left
 
 

@@ -45,6 +45,17 @@ def test_sine_and_rest() -> None:
     assert Rest(3, HAND).reference(12.0) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("rests_at", [None, (0.01,)])
+def test_a_hand_that_ends_blends_from_its_motion_to_rest(rests_at: tuple[float, ...] | None) -> None:
+    """By 10 s^3 - 15 s^4 + 6 s^5, which is 0.104 at a quarter of the time, and 1/2 at half."""
+    sine = Sine(1, HAND, amplitude=0.03, frequency=0.5)
+    held = HeldAtEnd(sine, 2.3, 0.4, rests_at)
+    (rest,) = rests_at or sine.reference(2.3)
+    for t, share in ((0.7, 0.0), (2.3, 0.0), (2.4, 0.103515625), (2.5, 0.5), (2.7, 1.0), (9.0, 1.0)):
+        (moving,) = sine.reference(t)
+        assert held.reference(t)[0] == pytest.approx((1.0 - share) * moving + share * rest, rel=1e-12)
+
+
 def test_recorded_hand_follows_its_samples_and_bridges_its_gaps(handwriting: Path) -> None:
     with handwriting.open() as lines:
         rows = list(csv.DictReader(lines))
