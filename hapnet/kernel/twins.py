@@ -162,14 +162,14 @@ def as_one_unit() -> Iterator[None]:
 
     By itself numba does all of that with each function and what it calls: so every function is copied and optimised
     again for its callers, for theirs, and so on, which takes five times as long. No other thread compiles meanwhile.
-    The methods changed here are numba's own, left out for the inner functions; and no more is optimised than pays,
-    since all loops are short and nothing is counted by references. What an operator makes of its arguments' types, how
-    a record is written, how large a type is, what numba knows from the start, and whether two sets of options are the
-    same is found once, not each time: that takes a third less. A version of numba that has not all of this just
-    compiles for longer.
+    The methods changed here are numba's own, left out for the inner functions; and no more is optimised than pays:
+    loops are short and are as fast if they are not unrolled, and nothing is counted by references. What an operator
+    makes of its arguments' types, how a record is written, how large a type is, what numba knows from the start, and
+    whether two sets of options are the same is found once, not each time: that takes a third less. A version of numba
+    that has not all of this just compiles for longer.
     """
-    codegen, config, options, types, cpu = (
-        importlib.import_module(f"numba.core.{name}") for name in ("codegen", "config", "targetconfig", "types", "cpu")
+    codegen, options, types, cpu = (
+        importlib.import_module(f"numba.core.{name}") for name in ("codegen", "targetconfig", "types", "cpu")
     )
     library, context = getattr(codegen, "CPUCodeLibrary", None), getattr(cpu, "CPUContext", None)
     own: dict[str, Any] = {}  # by the names below
@@ -180,8 +180,11 @@ def as_one_unit() -> Iterator[None]:
             own["_optimize_functions"](self, module)
 
     def optimize_once(self: Any) -> None:
-        passes, builder = self._codegen._module_pass_manager()  # noqa: SLF001  # numba makes cheaper ones before
-        passes.run(self._final_module, builder)
+        llvm = importlib.import_module("llvmlite.binding")
+        wanted = llvm.create_pipeline_tuning_options(speed_level=1)
+        wanted.loop_unrolling = wanted.loop_vectorization = wanted.slp_vectorization = False
+        builder = llvm.create_pass_builder(self._codegen._tm, wanted)  # noqa: SLF001
+        builder.getModulePassManager().run(self._final_module, builder)
 
     def link_all(self: Any, library: Any) -> None:
         for one in (library, *_LINKED[library]):
@@ -213,9 +216,6 @@ def as_one_unit() -> Iterator[None]:
         (library, "add_linking_library", link_all),
         (library, "finalize", finalize_entry),
         (getattr(codegen, "JITCPUCodegen", None), "set_env", set_env_of_emitted),
-        (config, "OPT", 1),
-        (config, "LOOP_VECTORIZE", 0),
-        (config, "SLP_VECTORIZE", 0),
         (types.Function, "get_call_type", resolve_once),
         (types.Record, "__repr__", cache(lambda self: own["__repr__"](self))),
         (options.TargetConfig, "__eq__", lambda self, other: self is other or own["__eq__"](self, other)),
