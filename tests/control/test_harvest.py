@@ -64,6 +64,9 @@ def test_trusted_damping_is_harvested_too() -> None:
     work = harvest.hold((0.0, 0.0), (0.0, 0.0), (1e-4, 2e-4), 1e-3)
     assert work == pytest.approx(0.3 * 5e-8 / 1e-3)
     assert harvest.take(0.0) == work
+    one = MeasuredHarvest((0.0, 0.3), resolution=5e-5)  # less one count of travel
+    assert one.hold((0.0, 0.0), (0.0, 0.0), (1e-4, 2e-4), 1e-3) == pytest.approx(0.3 * 1.5e-4**2 / 1e-3)
+    assert one.hold((0.0, 2.0), (0.0, 0.0), (0.0, 1e-4), 0.0) == pytest.approx(-2e-4)  # no time, nothing damped
 
 
 def test_damping_conditions_by_hand() -> None:

@@ -13,6 +13,10 @@ from tests.wire.test_messages import A, inf, nan, rejected
 PLANE: list[Any] = [[1.0, 0.0], 0.02, 3000.0, 10.0, 0.0]
 
 
+def proxy(planes: object, **more: object) -> list[object]:
+    return [2, 10, A, 0, 0, [0.04, 0.0], 0, [0.0, 0.0], planes, 0, 0, *([more] if more else [])]
+
+
 @pytest.mark.parametrize(
     ("kind", "planes"),
     [
@@ -24,9 +28,16 @@ PLANE: list[Any] = [[1.0, 0.0], 0.02, 3000.0, 10.0, 0.0]
     ],
 )  # fmt: skip
 def test_a_plane_is_a_unit_normal_and_four_numbers(kind: str, planes: object) -> None:
-    def proxy(planes: object) -> list[object]:
-        return [2, 10, A, 0, 0, [0.04, 0.0], 0, [0.0, 0.0], planes, 0, 0]
-
     assert rejected(proxy(planes)).kind == kind
     for fine in (None, [], [PLANE] * 4, [[*PLANE[:3], 0.0, -0.1]]):
         assert isinstance(decode(msgpack.packb(proxy(fine))), Proxy)
+
+
+@pytest.mark.parametrize(("name", "most"), [("reach", 1e6), ("level", 1.0)])
+def test_reach_and_level_are_within_their_ranges(name: str, most: float) -> None:
+    for wrong, kind in ((1, "type"), (None, "type"), (-1e-9, "range"), (1.001 * most, "range"), (nan, "range")):
+        assert rejected(proxy([], **{name: wrong})).kind == kind
+    for fine in (0.0, most):
+        message = decode(msgpack.packb(proxy([], **{name: fine})))
+        assert isinstance(message, Proxy)
+        assert message.more == {name: fine}
