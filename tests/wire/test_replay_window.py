@@ -7,7 +7,7 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapnet.wire.replay_window import WINDOW, ReplayWindow
+from hapnet.wire.replay_window import WINDOW, ReplayWindow, stale_detail
 
 
 def answers(numbers: list[int]) -> list[bool]:
@@ -72,3 +72,9 @@ def test_from_another_run_far_behind_numbers_are_seen_anew() -> None:
         assert seen.accept(newest - behind + 1)
         assert seen.accept(newest - behind - 1) is False  # behind the window, or before the run
         assert seen.accept(newest - 10) is not known
+
+
+def test_why_a_message_is_stale() -> None:
+    assert stale_detail("position", 7, False, True) == "position 7 comes after a later one"
+    assert stale_detail("wave", 7, True, False) == "wave 7 came before"
+    assert stale_detail("wave", 7, True, True) == "wave 7 came before, or comes long after later waves"
