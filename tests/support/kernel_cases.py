@@ -56,16 +56,18 @@ def _first(matrix: Any) -> float:
     return float(matrix)
 
 
-def both(params: Params, seed: int) -> tuple[Result, Result]:
-    """The results of the reference and of the kernel."""
+def both(params: Params, seed: int, why: str | None = None) -> tuple[Result, Result]:
+    """The results of the reference and of the kernel. `why` : it goes to the reference in the end; None: it must not."""
     compiled = Simulation(params, seed, kernel=True)
     assert compiled.not_compiled is None
-    return Simulation(params, seed, kernel=False).run(), compiled.run()
+    found = compiled.run()
+    assert compiled.not_compiled == why
+    return Simulation(params, seed, kernel=False).run(), found
 
 
-def differences(params: Params, seed: int) -> list[str]:
+def differences(params: Params, seed: int, why: str | None = None) -> list[str]:
     """In what bits the kernel's result differs: recorded columns, the summary, and the state at the end."""
-    expected, found = both(params, seed)
+    expected, found = both(params, seed, why)
     different = []
     for side in ("device", "world"):
         columns, others = getattr(expected.recording, side), getattr(found.recording, side)
