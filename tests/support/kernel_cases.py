@@ -57,7 +57,7 @@ def _first(matrix: Any) -> float:
 
 
 def both(params: Params, seed: int, why: str | None = None) -> tuple[Result, Result]:
-    """The results of the reference and of the kernel. `why` : it goes to the reference in the end; None: it must not."""
+    """The results of the reference and of the kernel. `why` : it falls back to the reference; None: it must not."""
     compiled = Simulation(params, seed, kernel=True)
     assert compiled.not_compiled is None
     found = compiled.run()
