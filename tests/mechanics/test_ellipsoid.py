@@ -43,6 +43,7 @@ def cases(count: int) -> list[tuple[Array, Array, float]]:
     return drawn
 
 
+@pytest.mark.long
 def test_agrees_with_bisection_on_the_multiplier() -> None:
     active = 0
     for K, e, radius in cases(300):

@@ -140,6 +140,7 @@ def test_against_bisection(faces: int) -> None:
 
 
 @pytest.mark.parametrize("faces", [1, 2])
+@pytest.mark.long
 def test_work_is_never_positive_over_a_closed_visit(faces: int) -> None:
     rng = np.random.default_rng([12, faces])
     visits = 0
@@ -266,6 +267,7 @@ def oblique_walls(rng: np.random.Generator, n: int) -> list[Wall]:
 
 
 @pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.long
 def test_walls_that_act_on_one_another_are_solved_together(n: int) -> None:
     """Each wall's own law holds at the velocity that all of them give, and they store no more than they get."""
     rng = np.random.default_rng(27 + n)

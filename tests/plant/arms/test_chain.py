@@ -28,6 +28,7 @@ def of(matrix: Any, n: int) -> Array:
 
 
 @pytest.mark.parametrize("table", arms(), ids=lambda table: table.name)
+@pytest.mark.long
 def test_a_thousand_states_are_mujocos(table: ArmTable) -> None:
     """M, ``C q' + g``, tip and Jacobian agree within 1e-9 (kg m^2, Nm, m); with a mass at the tip too."""
     import mujoco
