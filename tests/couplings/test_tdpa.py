@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.control.coupling import Port
+from hapnet.control.prediction import MotionPredictor
 from hapnet.couplings.tdpa_world import PassivityObserver
 from hapnet.params import Params
 from hapnet.study.case import measure
@@ -280,3 +281,10 @@ def test_the_rule_damps_critically_and_what_the_user_gives_overrides_it() -> Non
         Params().set({"coupling": "tdpa", "tdpa.stiffness": 50.0, "tdpa.damping": 1.0, "tdpa.damping_cap": 2.0})
     ).tuning
     assert (own.stiffness_N_m, own.damping_Ns_m, own.damping_cap_Ns_m) == (50.0, 1.0, 2.0)
+
+
+def test_the_age_that_counts_is_that_of_the_newest_position() -> None:
+    far = world(predictor=MotionPredictor())
+    for sent_s, age_s, counts_s in ((0.01, 0.05, 0.05), (0.03, 0.04, 0.04), (0.02, 0.07, 0.04), (0.04, 0.06, 0.06)):
+        far.stamped(reported(device()), sent_s, age_s)
+        assert far.newest_age == counts_s

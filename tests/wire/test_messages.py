@@ -315,6 +315,7 @@ HELLO: list[Any] = [2, 3, A, 1, "device", 3, "pen", {}]
         ("range", [*HELLO[:7], {str(k): k for k in range(33)}]),
         ("type", [*HELLO[:7], {"a": msgpack.Timestamp(1, 1)}]),
         ("type", [2, 5, A, B, msgpack.ExtType(5, b"xx")]),
+        *[("type", [*HELLO, {"key": key}]) for key in (b"k" * 31, b"k" * 33, "k" * 32)],
     ],
 )
 def test_rejected_with_its_kind(kind: str, frame: object) -> None:
