@@ -28,7 +28,9 @@ PLAY_S = 0.01
 def view(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[FILE]", help="A recording to play back, or the device's and the world's."),
+        typer.Argument(
+            metavar="[FILE]", help="A recording to play back, or the device's and the world's; or a run's directory."
+        ),
     ] = None,
     *,
     session: Annotated[str | None, typer.Option(help="Name of the session.", show_default="the first heard")] = None,

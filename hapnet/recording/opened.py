@@ -14,6 +14,8 @@ from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 
 ROLES = ("device", "world")
+WHOLE = "run.mcap"
+"""The recording of both sides, as a simulation writes it."""
 
 
 class HasRecording(Protocol):
@@ -69,6 +71,8 @@ def opened(what: Recorded) -> Opened:
 def _recordings_in(directory: Path) -> list[Path]:
     """The recordings in a run's directory. One that was cut off before its first samples counts if it is alone."""
     there = [file for role in ROLES if (file := directory / f"{role}.mcap").exists()]
+    if not there and (whole := directory / WHOLE).exists():
+        return [whole]
     found = []
     for file in there:
         with suppress(RecordingError):
@@ -76,5 +80,6 @@ def _recordings_in(directory: Path) -> list[Path]:
             if recording.device is not None or recording.world is not None:
                 found.append(file)
     if not there:
-        raise InvalidParameter("FILE", str(directory), "a recording, or a directory with device.mcap or world.mcap")
+        allowed = f"a recording, or a directory with {WHOLE}, device.mcap or world.mcap"
+        raise InvalidParameter("FILE", str(directory), allowed)
     return found or there[:1]

@@ -96,7 +96,7 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
         page = f"{'-'.join(file.stem for file in there)}.html"
         if not there:  # nothing was recorded yet
             assert (code, stdout) == (2, "")
-            assert "allowed: a recording, or a directory with device.mcap or world.mcap" in stderr
+            assert "allowed: a recording, or a directory with run.mcap, device.mcap or world.mcap" in stderr
             return
         assert (code, stderr) == (0, "")
         young = moment.since != "ended" and moment.after_s < DURATION_S - 1.0

@@ -38,6 +38,7 @@ def test_the_command_writes_the_same(result: Result, tmp_path: Path) -> None:
     file, to = tmp_path / "run.mcap", tmp_path / "told.json"
     save(result.recording, file)
     made = hapnet.report(file)
+    assert hapnet.report(tmp_path).summary == made.summary  # as the directory of a simulation
     assert cli.main(["report", str(file), "--json", str(to)]) == 0
     assert json.loads(to.read_text("utf-8")) == json.loads(json.dumps(made.summary))
     assert (tmp_path / "run.html").read_text("utf-8") == made.page
