@@ -28,6 +28,7 @@ from tests.support.paper import PAPER
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLED = Params().set({"device.servo": "sampled", "duration_s": 2.0})
+LEAVES = "it leaves the range that messages can carry"
 
 
 def test_numba_is_there() -> None:
@@ -71,7 +72,8 @@ def test_at_the_edges_several_axes_give_the_same_bits(edge: str) -> None:
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
 @pytest.mark.parametrize("seed", range(1000, 1025))
 def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
-    assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed)
+    diverges = seed == 1018  # a plain coupling, 400 ms late
+    assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed, LEAVES if diverges else None)
 
 
 LAWS = sorted(set(COUPLINGS) - {"pspm", "zoh"})
@@ -136,7 +138,7 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
         "device.own_damping": 0.0, "operator_hand.damping": 0.0, "operator_hand.mass": 0.0,
     }  # fmt: skip
     params = SAMPLED.set({**changes, "rendering": "paper"})
-    assert not differences(params, 1, "it leaves the range that messages can carry")
+    assert not differences(params, 1, LEAVES)
 
 
 @pytest.mark.parametrize("where", ["link.up", "link.down"])
@@ -147,7 +149,7 @@ def test_a_run_with_more_on_a_link_than_the_kernel_has_room_for_goes_to_the_refe
     ideal = {"coupling": "zoh", "duration_s": 3.0, "link.up": "", "link.down": ""}
     simulation = Simulation(SAMPLED.set({**often, **ideal, where: words}), 1, kernel=True)
     simulation.run()
-    assert simulation.not_compiled == "it leaves the range that messages can carry"
+    assert simulation.not_compiled == LEAVES
 
 
 @pytest.mark.parametrize(
