@@ -19,9 +19,9 @@ def installed_bytes() -> float:
 
 
 def bytes_a_second(params: Params, dof: int) -> float:
-    """The size of a recording in memory per simulated second. Measured: 1.7 kB a sample for one axis, 2.6 for three."""
+    """The size of a recording in memory per simulated second. Measured: 2.2 kB a sample for one axis, 3.2 for three."""
     steps_hz = 2.0 / (params.world.step_min_s + params.world.step_max_s)
-    return (min(params.record_hz, params.device.servo_hz) + steps_hz) * (1300.0 + 420.0 * dof)
+    return (min(params.record_hz, params.device.servo_hz) + steps_hz) * (1700.0 + 510.0 * dof)
 
 
 def require_room(name: str, value: object, amount: float, each_bytes: float, unit: str) -> None:
