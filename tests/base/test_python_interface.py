@@ -92,12 +92,10 @@ def test_from_a_file_to_a_table_in_three_lines(result: Result, tmp_path: Path) -
     file = tmp_path / "run.mcap"
     save(result.recording, file)
     table = read_recording(file).to_pandas()
-    assert result.recording.device is not None
     np.testing.assert_array_equal(table["position_m_y"], result.recording.device["position_m"][:, 1])
     np.testing.assert_array_equal(table.index, result.recording.device["time_s"])
     assert table.index.name == "time_s"
     world = result.to_pandas("world")
-    assert result.recording.world is not None
     assert len(world) == len(result.recording.world["time_s"])
     with pytest.raises(InvalidParameter, match="device or world"):
         result.to_pandas("robot")

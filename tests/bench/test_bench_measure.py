@@ -69,7 +69,6 @@ def test_busy_processes_end_with_a_benchmark_that_is_killed() -> None:
     code = "import time; from hapnet.processes.child import busy\nwith busy(2): print(flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", code], start_new_session=True, stdout=subprocess.PIPE) as bench:
         try:
-            assert bench.stdout is not None
             bench.stdout.readline()
             assert len(processes_of(bench.pid)) == 3
             bench.kill()
@@ -101,8 +100,6 @@ def test_cost_rows(name: str) -> None:
     row = ROWS[name](SHORT)
     assert row.name == name
     assert row.unit == "us"
-    assert row.figures is not None
-    assert row.reference is not None
     assert 0.0 < row.figures.minimum <= row.figures.median <= row.figures.p99
     assert row.ratio == row.figures.median / row.reference.median
     assert row.against
@@ -118,7 +115,6 @@ def test_a_side_whose_ticks_are_timed_is_paired_and_compiled() -> None:
     assert isinstance(servo, CompiledServo)
     assert isinstance(paired.side.device, CompiledHandle)
     assert paired.side.ticks > 150
-    assert servo.model is not None
     assert servo.model.has_earlier  # the world has answered
     assert any(servo.model.earlier)  # and moves
 
@@ -248,7 +244,6 @@ def test_batch_counts_scenario_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulation, "simulate", lambda params, seed: None)
     row = simulation.batch_1000(SHORT)
     assert asked == [1000]
-    assert row.figures is not None
     assert row.figures.median == 1000 * 30.0 / 0.5
     assert row.ratio == 1000.0
 

@@ -91,7 +91,6 @@ def test_a_knob_that_the_keyboard_turns_rests_in_the_wall(tmp_path: Path) -> Non
             run.wait()
         assert termios.tcgetattr(typed.theirs) == before
     device = read_recording(tmp_path / "run" / "device.mcap").device
-    assert device is not None
     at_rest = device["time_s"] > 3.0
     x, p = np.linalg.solve([[K_h + K, -K], [K_v, -K_v - K_w]], [K_h * hand, -K_w * wall])
     assert np.median(device["position_m"][at_rest]) == pytest.approx(x, abs=2e-4)

@@ -88,7 +88,6 @@ async def test_what_the_page_asks_reaches_the_running_pair(tmp_path: Path) -> No
         stage = play.stage
         await play.until(lambda: play.coupled("pspm"))
         first = play.device
-        assert first is not None
         stage.lead((0.035,))
         await play.until(lambda: play.handle_m > 0.015)
         stage.link("up", "delay 70ms")
@@ -137,7 +136,6 @@ async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tm
         begun = time.monotonic()
         await shake(lambda margin: time.monotonic() > begun + 4.0)
         minimum = play.history.snapshot().min_margin_J
-        assert minimum is not None
         assert minimum >= 0.0
         play.stage.coupling("zoh", "paper")
         await play.until(lambda: play.coupled("zoh"))
@@ -171,12 +169,10 @@ async def test_the_hand_stays_where_it_is_when_the_coupling_changes(tmp_path: Pa
         play.stage.coupling("popc", "auto")
         await play.until(lambda: play.coupled("popc") and (d := play.device) is not None and bool(d.recording))
         track = play.history.snapshot().device
-        assert track is not None
         assert track.position_m[0, 0] == pytest.approx(pressed, abs=3e-3)
     first, second = (read_recording(tmp_path / f"{number}-device.mcap") for number in ("01", "02"))
     assert [one.meta["coupling"] for one in (first, second)] == ["pspm", "popc"]
     assert first.meta["params"]["rendering"] == "hapnet"
-    assert second.device is not None
     assert second.device["position_m"].min() > 0.02
 
 
@@ -188,7 +184,6 @@ async def test_the_next_pair_is_one_of_processes_that_wait_for_it(tmp_path: Path
         waiting = {role: standby.child.pid for role, standby in play.stage.reserve.processes.items()}
         play.stage.coupling("zoh", "paper")
         await play.until(lambda: play.coupled("zoh"))
-        assert play.stage._pair is not None
         assert {role: child.pid for role, child in play.stage._pair._children.items()} == waiting
         await play.until(lambda: len(play.stage.reserve.processes) == 2)
         left = {standby.child.pid for standby in play.stage.reserve.processes.values()}
@@ -211,7 +206,6 @@ async def test_another_scene_begins_where_it_begins(tmp_path: Path) -> None:
         await play.until(lambda: (d := play.device) is not None and d.about["scene"].startswith("sphere"))
         await play.until(lambda: (t := play.history.snapshot().device) is not None and t.position_m.shape[1] == 3)
         track = play.history.snapshot().device
-        assert track is not None
         assert abs(track.position_m[0]).max() < 0.012
         play.stage.mesh("mine.OBJ", (ROOT / "examples" / "ring.obj").read_bytes())
         await play.until(lambda: (d := play.device) is not None and d.about["scene"].startswith("mesh"))
@@ -223,7 +217,6 @@ async def test_another_scene_begins_where_it_begins(tmp_path: Path) -> None:
 async def test_a_process_that_fails_ends_it_with_its_own_words(tmp_path: Path) -> None:
     play = Playing(tmp_path)
     await play.until(lambda: play.coupled("pspm"))
-    assert play.stage._pair is not None
     play.stage._pair._children["world"].kill()
     with pytest.raises(HapnetError, match="world"):
         await asyncio.wait_for(play.task, WAIT_S)
@@ -249,7 +242,6 @@ async def test_what_is_asked_while_the_processes_start_is_not_lost(
         await play.until(lambda: (s := play.history.snapshot().world_status) is not None and s.paired)
         await play.until(lambda: (d := play.device) is not None and d.recording.endswith("01-device.mcap"))
         world = play.history.snapshot().world_status
-        assert world is not None
         assert world.link["profile"] == "delay 33ms"
     finally:
         play.stop.set()

@@ -41,7 +41,6 @@ def test_the_command_writes_all_and_compares_in_words(tmp_path: Path, capsys: Ca
     assert summary["replay"].keys() >= {"hand", "max_position_difference_m", "rms_position_difference_m"}
     assert summary["replay"]["original"].keys() == summary["replay"]["replay"].keys()
     kept = read_recording(tmp_path / "other" / "run.mcap").summary
-    assert kept is not None
     assert kept["replay"] == summary["replay"]
     assert kept["motion"] == summary["motion"]
 
@@ -50,8 +49,6 @@ def test_a_recording_is_an_operator_everywhere(tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap")
     assert run("simulate", "--operator", "a.mcap", "--duration", "1", "--out", "b") == 0
     first, second = read_recording("a.mcap").device, read_recording("b/run.mcap").device
-    assert first is not None
-    assert second is not None
     n = len(second["time_ns"])
     assert second["operator_target_m"] == pytest.approx(first["operator_target_m"][:n], abs=1e-12)
     hand = recorded_hand("a.mcap", 1, Impedance())

@@ -22,7 +22,6 @@ def test_the_walls_force_is_divided_by_the_ratio_of_the_run(changes: dict[str, o
     recording = simulate(params, 1).recording
     axes = profiles(recording, params).axes[1]
     (curve,) = (line for line in axes.get_lines() if str(line.get_label()).endswith(f"divided by K'/K = {ratio:g}"))
-    assert recording.world is not None
     force = recording.world["contact_force_N"][:, 0]
     assert np.abs(force).max() > 0.1
     np.testing.assert_allclose(curve.get_ydata(), -force / ratio, rtol=1e-12)

@@ -73,7 +73,6 @@ def test_it_agrees_with_the_summary_of_a_simulation(name: str, servo: str, tmp_p
     result = simulate(BASE.set({**scene(name, tmp_path), "device.servo": servo}), seed=1)
     device, world = result.recording.device, result.recording.world
     assert device is not None
-    assert world is not None
     save(result.recording, tmp_path / "run.mcap")
     verdict = judge([str(tmp_path / "run.mcap")])
     said = capsys.readouterr().out
@@ -214,8 +213,6 @@ def test_it_disagrees_with_what_was_tampered_with(
     run: Recording, tamper: Callable[[Columns, Columns], None], says: str, tmp_path: Path
 ) -> None:
     """In one file, and in two of one clock, where both ports are the sum of their halves."""
-    assert run.device is not None
-    assert run.world is not None
     device, world = ({name: column.copy() for name, column in side.items()} for side in (run.device, run.world))
     assert run.device["sent_J"][-1] > 1e-3
     assert run.world["credited_J"][-1] > 1e-3
@@ -230,7 +227,6 @@ def test_it_disagrees_with_what_was_tampered_with(
 
 def test_of_two_hosts_only_what_was_credited_in_all_can_be_compared(run: Recording, tmp_path: Path) -> None:
     assert run.device is not None
-    assert run.world is not None
     world = {name: column.copy() for name, column in run.world.items()}
     files = [str(tmp_path / f"{name}.mcap") for name in ("device", "world")]
     save(dataclasses.replace(run, world=None), files[0])

@@ -280,7 +280,6 @@ def test_a_peer_of_before_feels_smooth_planes() -> None:
         PositionStream(1).proxy(3, still, 4, still, (face(0.5), Plane.of_ball(still, (0.05, 0.0, 0.0), 0.03, 1.0)))
     )
     assert isinstance(both, ProxyMessage)
-    assert both.more is not None
     assert set(both.more) == {"curvatures", "friction"}
     assert both.more["friction"] == (0.5, 0.0)
 

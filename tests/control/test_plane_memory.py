@@ -191,7 +191,6 @@ def test_a_wall_that_vanished_while_the_hand_was_away_is_not_felt_any_more(remem
         seed=7,
     )  # fmt: skip
     device = result.recording.device
-    assert device is not None
     assert result.summary["verdict"]["passive"]
     x, force = device["position_m"][:, 0], np.abs(device["force_N"][:, 0])
     deep = (device["time_s"] > 3.2) & (x > 0.03)

@@ -35,7 +35,6 @@ def test_a_wall_is_felt_at_once_however_long_the_link(name: str) -> None:
     off = {}
     for rendering in ("hapnet", "paper"):
         found = simulate({**TOUCHING, "coupling": name, "rendering": rendering}, seed=1).recording.device
-        assert found is not None
         depth, force = found["position_m"][:, 0] - 0.02, found["force_N"][:, 0]
         inside = (depth > 2e-3) & (found["time_s"] < 2.0)  # it goes in, and rests
         own = K * 3000.0 / (K_world + 3000.0) * depth[inside]

@@ -112,5 +112,4 @@ def test_a_reservoir_below_its_reserve_fills_again_by_what_the_hand_pays() -> No
         modulator.energy = energy
     result = simulation.run()
     device = result.recording.device
-    assert device is not None
     assert device["reservoir_J"][-1] > 0.044

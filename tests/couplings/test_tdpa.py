@@ -256,8 +256,6 @@ def test_a_fast_world_renders_as_stiff_a_wall_as_a_slow_one() -> None:
         measure(case.set({"world.step_min_s": minimum, "world.step_max_s": most}), 0)["stiffness_percent"]
         for minimum, most in ((0.010, 0.050), (0.001, 0.002))
     )
-    assert slow is not None
-    assert fast is not None
     assert fast > 0.95 * slow > 60.0
 
 

@@ -156,6 +156,5 @@ def test_the_ends_drift_apart_less(coupling: str, share: float) -> None:
         result = simulation.run()
         assert simulation.two_port.lowest >= -TOLERANCE_J
         slope = drift(result.recording, simulation.setup.scene.walls)
-        assert slope is not None
         found.append(abs(slope))
     assert found[0] < share * found[1]

@@ -152,7 +152,6 @@ LATER_US = 3_000_000_000
 
 def acted_N(axis: SerialAxis) -> float:
     acted = axis.acted()
-    assert acted is not None
     return acted[0]
 
 

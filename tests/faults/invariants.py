@@ -29,7 +29,6 @@ def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> 
     not be the next tick.
     """
     columns, params = recording.device, recording.meta["params"]["device"]
-    assert columns is not None
     force_limit = params["force_limit_N"]
     assert lengths(columns["force_N"]).max() <= force_limit * (1.0 + 1e-15)
     watchdog_s = params["watchdog_s"] or math.inf
@@ -49,7 +48,6 @@ def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> 
 def assert_world_within_limits(recording: Recording) -> None:
     """Steps of the virtual coupling's set-position, at every step of the recording."""
     columns, params = recording.world, recording.meta["params"]["world"]
-    assert columns is not None
     steps = lengths(np.diff(columns["set_position_m"], axis=0))
     assert steps.max(initial=0.0) * params["stiffness"] <= params["step_limit_N"] + 1e-9
 

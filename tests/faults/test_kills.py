@@ -97,7 +97,6 @@ def assert_pressed(left: Recording, recordings: list[Recording], role: Role, kil
     """Before each kill the hand felt the coupling, and the wall unless the world had already been killed before."""
     for recording, killed_ns in zip(recordings, kills_ns, strict=False):
         device, world = (recording, left) if role == "device" else (left, recording)
-        assert device.device is not None
         assert world.world is not None
         force = lengths(device.device["force_N"][device.device["time_ns"] <= killed_ns])
         assert force.max() > 0.0  # who starts again has next to no energy, and a hand that rests adds none

@@ -116,8 +116,6 @@ def assert_joint(end: dict[str, Any], ends: dict[Role, dict[str, Any]], role: Ro
 def assert_felt(directory: Path) -> None:
     """The proxy is in the wall, and the hand is pushed back by the coupling."""
     world, device = read_recording(directory / "world.mcap").world, read_recording(directory / "device.mcap").device
-    assert world is not None
-    assert device is not None
     assert world["penetration_m"].max() > 0.0
     assert np.quantile(device["force_N"][:, 0], 0.1) < -0.3
 

@@ -186,8 +186,6 @@ def test_bisection_ends_where_the_cycles_begin() -> None:
         return stiffness <= 1234.0
 
     low, high = maximum(free, 10.0, 1e5, 1.02)
-    assert low is not None
-    assert high is not None
     assert low <= 1234.0 < high <= 1.02 * low
     assert len(tried) == 2 + math.ceil(math.log2(math.log(1e4) / math.log(1.02)))
     assert maximum(lambda k: True, 10.0, 1e5, 1.02) == ZWidth(1e5, None)
@@ -204,8 +202,6 @@ def test_a_held_spring_swings_from_a_stiffness_on_that_falls_with_the_delay() ->
     for delay in ("5ms", "20ms"):
         link = {"link.up": f"delay {delay}", "link.down": f"delay {delay}"}
         found = z_width(PAPER.set({**RELAXED_HAND, **link, "coupling": "zoh"}), (1,), ratio=1.2)
-        assert found.free is not None
-        assert found.cycles is not None
         assert found.free < found.cycles <= 1.2 * found.free * 1.0001
         widths.append(found.free)
     assert widths[0] > 1.5 * widths[1]

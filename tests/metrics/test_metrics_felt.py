@@ -319,10 +319,8 @@ def test_a_nearly_ideal_coupling_is_nearly_the_true_environment() -> None:
         found[name] for name in ("drag_N", "contact_to_drag", "true_force_error_percent", "first_contact_ms")
     )
     assert drag_N == pytest.approx(0.04, abs=0.02)
-    assert ratio is not None
     assert ratio > 20.0
     assert error == pytest.approx(0.0, abs=4.0)
-    assert late is not None
     assert late < 60.0  # 0.1 N are 1.2 mm deep
     assert found["first_contact_missed"] == found["later_contacts"] == 0.0
     assert found["swing_N"] == pytest.approx(0.0, abs=0.01)
@@ -333,7 +331,6 @@ def test_a_wall_that_moved_is_true_where_it_is_then() -> None:
     moved = Params().set({**SLOW, "scene": "moving", "world.wall.timeline": "at 2.5s: gone", "duration_s": 3.5})
     found = case.measure(moved, 1)
     error = found["true_force_error_percent"]
-    assert error is not None
     assert error < 15.0
     assert found["stiffness_percent"] is None  # of walls at rest only
 

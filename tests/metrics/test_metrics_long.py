@@ -47,7 +47,6 @@ def test_the_greatest_drag_is_that_of_the_worst_twentieth_near_67_mm_per_s() -> 
     x, v = circling(0.07)
     damping = np.where(np.arange(len(x)) < 0.8 * len(x), 2.0, 9.0)[:, None]
     found = free_windows(sampled(x, -damping * v), [], 0.05)
-    assert found is not None
     assert found.greatest_drag() == pytest.approx(9.0 * 0.07, rel=1e-3)
     assert found.greatest_drag(0.5) == pytest.approx(2.0 * 0.07, rel=1e-3)
     early = found.during(Span(0.0, 3.0))
@@ -56,7 +55,6 @@ def test_the_greatest_drag_is_that_of_the_worst_twentieth_near_67_mm_per_s() -> 
     for speed in (0.04, 0.1):
         x, v = circling(speed)
         other = free_windows(sampled(x, -2.0 * v), [], 0.05)
-        assert other is not None
         assert other.greatest_drag() is None
         assert other.drag() == pytest.approx(2.0 * 0.067, rel=1e-3)
 
@@ -156,7 +154,6 @@ def long_run() -> tuple[Measured, case.Measures]:
 def test_the_windows_of_a_long_run_again_in_other_words(long_run: tuple[Measured, case.Measures]) -> None:
     run, found = long_run
     t, x = run.device["time_s"], run.device["position_m"][:, 0]
-    assert run.world is not None
     proxy = np.interp(t, run.world["time_s"], run.world["position_m"][:, 0])
     depth = np.maximum(x - 0.02, 0.0)
     for name, since_s, until_s in (("free_first_mm", 0.0, 10.0), ("free_last_mm", 57.0, 117.0)):
@@ -175,7 +172,6 @@ def test_the_windows_of_a_long_run_again_in_other_words(long_run: tuple[Measured
 def test_the_worlds_figures_of_a_long_run_again_in_other_words(long_run: tuple[Measured, case.Measures]) -> None:
     """The force on a proxy at rest is K'/(K' + K_w) of K_w times the device's depth; the port's work is that of f."""
     run, found = long_run
-    assert run.world is not None
     t, x = run.device["time_s"], run.device["position_m"][:, 0]
     world, step_s = run.world, run.world["step_s"]
     middle_s = world["time_s"] - 0.5 * step_s
@@ -200,8 +196,6 @@ def test_without_reservoirs_nothing_is_modulated_and_the_energy_still_counts() -
     found = case.measures(run)
     assert found["modulated_percent"] is found["world_reservoir_min_J"] is found["device_reservoir_min_J"] is None
     world_J, both_J = found["world_energy_out_J"], found["energy_out_J"]
-    assert world_J is not None
-    assert both_J is not None
     assert world_J >= both_J > 0.0
     bound = run.sides[1]["ledger"]["bound_J"]
     assert run.world is not None
@@ -220,5 +214,4 @@ def test_where_walls_rub_the_force_is_compared_with_that_of_an_ideal_link_and_a_
     assert found["true_force_error_N"] == pytest.approx(rms_difference(run.device, wanted)[0])
     assert run.wanted is not None
     by_springs = rms_difference(run.device, run.wanted)[0]
-    assert by_springs is not None
     assert (found["true_force_error_N"] or math.inf) < 0.3 * by_springs

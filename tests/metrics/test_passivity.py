@@ -26,7 +26,6 @@ WORLD = columns((0.5, 5), (1.5, 8), (3.5, -1))
 
 def test_each_side_counts_with_its_last_sample_as_far_as_both_go() -> None:
     total = total_margin(recording(DEVICE, WORLD))
-    assert total is not None
     assert total["time_s"].tolist() == [0.5, 1, 1.5, 2, 3, 3.5]
     assert total["margin_J"].tolist() == [10, 1, 4, 11, 10, 1]
 

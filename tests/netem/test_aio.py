@@ -176,7 +176,6 @@ async def test_another_clock_and_a_live_change() -> None:
     await fired(done)
     assert arrived[0] >= before + 3 * MS
     link.send(2)
-    assert link.timer.due_ns is not None
     assert link.timer.due_ns > time.monotonic_ns() + 3000 * 10**9
     link.close()
 

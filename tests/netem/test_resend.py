@@ -304,7 +304,6 @@ def test_named_profiles_that_resend_lose_what_their_comments_say(name: str) -> N
     profile = LinkProfile.preset(name)
     assert isinstance(profile.loss, RandomLoss)
     assert profile.loss.probability == 0.1
-    assert profile.resend is not None
     assert profile.resend.ordered
     assert expect(profile).loss == pytest.approx(stays, rel=0.1)
     out = drive(Link(profile, 1), 5000, MS)

@@ -207,7 +207,6 @@ def test_the_scene_of_a_scaled_robot_is_drawn_as_its_leader_has_it() -> None:
     mass = scene.proxy(0.045, 1.0, 100.0)
     mass.place((0.01, 0.0, 0.0, *(0.0,) * 9))
     picture = scene.picture()
-    assert picture is not None
     tool, ball = picture.parts
     assert np.ptp(tool.vertices[:, 0]) == pytest.approx(0.08)
     assert ball.vertices.mean(axis=0) == pytest.approx((0.01, 0.0, -0.12), abs=2e-3)
@@ -275,7 +274,6 @@ def test_an_arm_leads_its_twin_joint_by_joint() -> None:
     assert summary["verdict"]["passive"]
     assert (summary["motion"]["free_rms_m"] or 1.0) < 0.015  # of a sine of 0.3 rad
     for part in (summary["device"], summary["world"]):
-        assert part is not None
         assert (part["ledger"]["slack_J"] or 0.0) >= -1e-12
 
 
@@ -310,12 +308,9 @@ def test_an_arm_of_an_engine_follows_by_its_tip(scales: tuple[float, float], tmp
     })  # fmt: skip
     summary = result.summary
     world, device = summary["world"], summary["device"]
-    assert world is not None
-    assert device is not None
     assert summary["verdict"]["passive"]
     assert min(world["ledger"]["slack_J"] or 0.0, device["ledger"]["slack_J"] or 0.0) >= -1e-12
     own = summary["environment"]["env_slack_J"]
-    assert own is not None
     assert own >= -1e-12
     assert (summary["motion"]["free_rms_m"] or 1.0) < 0.01
 

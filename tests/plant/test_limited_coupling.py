@@ -165,7 +165,6 @@ def test_what_was_dissipated_before_the_limit_acted_counts_too(K: object) -> Non
         work += device.advance()
         if limited_at is None and math.hypot(*device.actuator_force) >= 1.0 - 1e-6:
             limited_at = tick
-    assert limited_at is not None
     assert 5 <= limited_at < 50
     stored = device.kinetic + spring.between(start, device.position)
     assert device.passage()[2] == pytest.approx(work - stored, abs=1e-14)
@@ -252,7 +251,6 @@ def test_a_run_at_its_limit_keeps_force_and_bound(changes: dict[str, object]) ->
     """What is recorded is what acted: at the limit, never above. Without own damping, (10) would break the bound."""
     result = simulate(Params().set({**SHAKEN, **changes}), 3)
     device = result.recording.device
-    assert device is not None
     forces = np.linalg.norm(device["force_N"], axis=1)
     assert forces.max() <= OVER
     assert (forces > 1.0 - 1e-6).mean() > 0.2

@@ -54,7 +54,6 @@ def test_the_defaults_feel_right_at_once() -> None:
     """Over the default link: free motion is free, the wall is the wall, and nothing swings."""
     result = simulation(Mouse((0.0,), IMPEDANCE), 9.0).run()
     device = result.recording.device
-    assert device is not None
     t, force = device["time_s"], device["force_N"][:, 0]
 
     def between(since_s: float, until_s: float) -> np.ndarray:
@@ -81,8 +80,6 @@ def test_another_pair_begins_where_the_handle_is_without_force(label: str) -> No
     hand.lead((GOAL_M,))
     result = begun.run()
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     assert device["position_m"][0, 0] == pytest.approx(x, abs=1e-5)
     assert world["position_m"][0, 0] == pytest.approx(WALL_M, abs=1e-4)
     force = device["force_N"][:, 0]

@@ -39,7 +39,6 @@ def test_delays_are_drawn_in_bars_of_one_width() -> None:
     """Uniform between 30 and 50 ms: a hundred a ms. In a bar are 70 or so: 5 standard deviations are 60 %."""
     up, down = measured("delay 40ms 10ms"), measured("delay 5ms loss 50%")
     fig = link_histogram({"links": {"up": up, "down": down}})
-    assert fig is not None
     first, second = fig.axes
     heights, edges = drawn(first)
     assert heights.sum() == pytest.approx(2000, rel=1e-9)
@@ -61,18 +60,15 @@ def test_delays_are_drawn_in_bars_of_one_width() -> None:
 def test_a_link_in_words_does_not_reach_into_the_legend(words: str) -> None:
     link = {**measured("delay 40ms 10ms", 100), "profile": words}
     fig = link_histogram({"links": {"up": link, "down": link}})
-    assert fig is not None
     fig.canvas.draw()
     for panel in fig.axes:
         legend = panel.get_legend()
-        assert legend is not None
         assert panel._left_title.get_window_extent().x1 < legend.get_window_extent().x0  # type: ignore[attr-defined]
 
 
 def test_those_sent_ahead_do_not_hide_the_others() -> None:
     link = measured("delay 40ms 10ms reorder 20%")
     fig = link_histogram({"links": {"up": link}})
-    assert fig is not None
     heights, edges = drawn(fig.axes[0])
     assert heights[0] == pytest.approx(link["sent_ahead"])
     assert heights[edges[:-1] > 25.0].sum() == pytest.approx(link["delivered"] - link["sent_ahead"])
@@ -82,7 +78,6 @@ def test_those_sent_ahead_do_not_hide_the_others() -> None:
 def test_a_long_tail_gets_a_logarithmic_axis_on_which_bins_are_counts() -> None:
     up = {"profile": "", "delay_histogram_ms": [[0.0, 0], [0.001, 5], [10.0, 0], [11.0, 90], [990.0, 0], [999.0, 2]]}
     fig = link_histogram({"links": {"up": up, "down": None}})
-    assert fig is not None
     (panel,) = fig.axes
     assert panel.get_xscale() == "log"
     assert panel.get_title(loc="left") == "uplink: nothing emulated"
@@ -100,7 +95,6 @@ def test_lateness_counts_every_tick_once_and_where_it_was() -> None:
         counted.add(value)
     servo = {"late_histogram_us": [[edge / 1e3, count] for edge, count in counted.bins()], "late_p99_us": 700.0}
     fig = lateness_histogram({"device": {"servo": servo}})
-    assert fig is not None
     heights, edges = drawn(fig.axes[0])
     expected, _ = np.histogram(np.array(late) * 1e-3, bins=edges)
     assert heights.tolist() == expected.tolist()

@@ -73,7 +73,6 @@ def test_print_size_and_legends_clear_of_the_data(tmp_path: Path) -> None:
     fig.canvas.draw()
     for panel in fig.axes:
         legend = panel.get_legend()
-        assert legend is not None
         box, frame = legend.get_window_extent(), panel.get_window_extent()
         assert box.y0 >= frame.y1
         assert box.x1 <= fig.bbox.x1
@@ -100,13 +99,11 @@ def test_the_axis_of_contact_and_the_path_across_it() -> None:
     assert set(lines(fig.axes[4])) == {"device", "proxy"}
     ink = lines(figure(run(3, scene="paper")).axes[4])["proxy, where it touched"].get_ydata()
     world = run(3).world
-    assert world is not None
     np.testing.assert_array_equal(np.isnan(ink), world["penetration_m"] <= 0)
 
 
 def test_a_long_run_keeps_its_extremes() -> None:
     recording = run(seconds=300)
-    assert recording.device is not None
     recording.device["force_N"][7001] = 99.0
     drawn = lines(figure(recording).axes[1])["coupling on the device"]
     assert len(drawn.get_ydata()) <= 20_002 < len(recording.device["time_s"])
@@ -136,19 +133,16 @@ def test_silences_are_shaded_each_from_its_notice_to_its_end() -> None:
     recording = run()
     recording.events.extend(Event(round(at * 1e9), kind, text) for at, kind, text in texts)
     fig = figure(recording)
-    assert recording.device is not None
     end = recording.device["time_s"][-1]
     for panel in fig.axes:
         assert shaded(panel) == [pytest.approx(s) for s in ((1.0, 1.5), (1.2, 1.9), (3.0, end))]
     legend = fig.axes[0].get_legend()
-    assert legend is not None
     assert [text.get_text() for text in legend.get_texts()].count("silence") == 1
     assert not shaded(figure(run()).axes[0])
 
 
 def test_gaps_do_not_hide_extremes_and_a_single_sample_shows() -> None:
     recording = run(seconds=60)
-    assert recording.device is not None
     recording.device["force_N"][7001] = 99.0
     recording.device["force_N"][7002] = math.nan
     drawn = lines(figure(recording).axes[1])["coupling on the device"]
@@ -222,7 +216,6 @@ def test_a_path_that_nobody_moved_along_is_not_drawn() -> None:
     """The scene `paper` has its path across z in any case, but for a hand that only presses."""
     recording = run(3, scene="paper")
     for columns in (recording.device, recording.world):
-        assert columns is not None
         columns["position_m"][:, :2] = 0.0
     assert len(figure(recording).axes) == 4
 

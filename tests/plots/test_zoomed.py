@@ -38,8 +38,6 @@ def test_its_lines_are_the_samples(made: Report, result: Result) -> None:
     drawn = json.loads(made.pictures["run"].zoomed)
     lines: dict[tuple[str, str], Any] = {(one["yaxis"], one.get("name", "")): one for one in drawn["data"]}
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     position, force = lines["y", "device"], lines["y2", "coupling on the device"]
     np.testing.assert_allclose(position["x"], device["time_s"], rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(position["y"], 1e3 * device["position_m"][:, 0], rtol=1e-5, atol=1e-9)
@@ -60,9 +58,7 @@ def test_the_page_runs_these_scripts_and_no_others(made: Report) -> None:
     scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
     assert [script == zoomed.library() for script in scripts] == [True, False]
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
-    assert policy is not None
     asked = re.search(r"script-src ([^;]*)", unescape(policy[1]))
-    assert asked is not None
     digests = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
     assert asked[1].split() == [f"'sha256-{one}'" for one in digests]
     assert "<noscript><div" in page
@@ -91,7 +87,6 @@ def test_a_drag_zooms_all_panels_to_the_same_seconds(made: Report, tmp_path: Pat
         page.goto((tmp_path / "page.html").as_uri())
         page.wait_for_selector(".zoom .nsewdrag")
         panel = page.locator(".zoom .nsewdrag").first.bounding_box()
-        assert panel is not None
         first, last = page.evaluate("document.querySelector('.zoom').layout.xaxis.range")
         y = panel["y"] + 0.3 * panel["height"]
         page.mouse.move(panel["x"] + 0.25 * panel["width"], y)

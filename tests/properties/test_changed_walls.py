@@ -15,7 +15,6 @@ def assert_mended(change: str, one: Denied) -> None:
     assert one.margin >= 0.0
     assert one.step <= STEP_N * (1.0 + 1e-9)
     if one.wrong is not None:
-        assert one.right is not None
         assert one.wrong <= 0.1 * one.right + (LEAD_N if change in ("vanishes", "comes") else 0.005)
 
 

@@ -79,7 +79,6 @@ def test_a_world_without_delay_is_the_wall_of_the_equation() -> None:
 
 
 def position(recording: Recording) -> Array:
-    assert recording.device is not None
     return recording.device["position_m"]
 
 
@@ -158,7 +157,6 @@ def test_an_hour_in_virtual_time_is_as_its_first_minute() -> None:
     assert result.summary["verdict"]["passive"]
     assert min(result.summary[side]["ledger"]["slack_J"] or 0.0 for side in ("device", "world")) >= -1e-9
     world = result.recording.world
-    assert world is not None
     away = np.abs(world["set_position_m"] - world["target_m"])[:, 0] > 1e-9
     begun, ended = (away[part].mean() for part in (world["time_s"] < 60.0, world["time_s"] > 3540.0))
     assert ended <= begun + 0.01

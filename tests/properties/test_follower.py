@@ -63,15 +63,11 @@ def check(case: int, make: Callable[[int], dict[str, object]] = drawn) -> None:
     summary, mass = result.summary, result.world.mass
     device, world = summary["device"], summary["world"]
     assert device is not None
-    assert world is not None
     for side in (device, world):
         slack = side["ledger"]["slack_J"]
-        assert slack is not None
         assert slack >= -1e-12, params
     margin, own = summary["theorem"]["margin_J"], summary["environment"]["env_slack_J"]
-    assert margin is not None
     assert margin >= -1e-9, params
-    assert own is not None
     assert own >= -1e-12, params
     assert summary["verdict"]["passive"] is not False, params  # coarse encoders may leave it unknown
     if (blur := world.get("quantisation_J")) is not None:  # what its encoders hide of what its motor really did

@@ -55,7 +55,6 @@ def survey(cases: range, compared: range) -> tuple[int, int]:
         summary = outcome.result.summary
         shuffled += min(summary["device"]["sent_nJ"], summary["world"]["sent_nJ"]) > 0
         spring, recording = outcome.result.device.coupling.spring, outcome.result.recording.device
-        assert recording is not None
         saturated += bool(recording["potential_J"].max() > 0.5 * spring.knee**2)
     halves = whole = 0
     for case in compared:
@@ -181,8 +180,6 @@ def test_the_ledgers_agree_with_an_independent_account(seed: int) -> None:
     params, make_hand, n = audited(seed)
     result = simulate(params, seed)
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
 
     W, kinetic, dx2 = hands_work(params, make_hand(), device)
     K = spd("", params.device.stiffness, n)
@@ -212,8 +209,6 @@ def test_the_ledgers_agree_with_an_independent_account(seed: int) -> None:
 def assert_two_port(result: Result, W_device: Array, W_world: Array) -> None:
     """Theorem 1 as written: for every tick T the world's steps that have begun by then, with or without the last."""
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     ended = np.searchsorted(world["time_ns"], device["time_ns"], side="right")
     before = np.concatenate([[0.0], W_world])
     begun = before[np.minimum(ended + 1, len(W_world))]

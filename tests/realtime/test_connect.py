@@ -72,16 +72,12 @@ async def test_what_both_sides_tell_while_they_run_and_after(address: str) -> No
         reported = [await anext(places) for _ in range(3)]
         assert reported == [SetPosition(each.time_ns, each.target_m, each.set_position_m) for each in seen]
         assert isinstance(await anext(world.samples()), WorldSample)
-        assert device.sample is not None
         assert device.sample.time_ns >= seen[2].time_ns
-        assert device.set_position is not None
         assert device.set_position.time_ns >= seen[2].time_ns
         assert device.sample.margin_J > 0.0
         while (part := device.summary()["device"]) is None or part["sent_nJ"] == 0:
             await anext(of_device)
     sent, credited = device.summary()["device"], world.summary()["world"]
-    assert sent is not None
-    assert credited is not None
     assert sent["sent_nJ"] == credited["credited_nJ"] + sent["in_flight_nJ"] + sent["abandoned_nJ"] > 0
     for side in (world, device):
         kinds = [event.kind async for event in side.events()]
@@ -279,7 +275,6 @@ async def test_a_side_may_end_by_itself(address: str, tmp_path: Path) -> None:
         connect_device(SETTINGS, connect=address, duration_s=0.2, record=file) as device,
     ):
         duration_s = (await device.wait_ended())["duration_s"]
-        assert duration_s is not None
         assert 0.2 <= duration_s < WAIT_S
         await world.wait_ended()
         with pytest.raises(Ended):
@@ -328,7 +323,6 @@ async def test_a_servo_in_a_process_of_its_own_is_read_alike(address: str) -> No
         assert first.time_ns < second.time_ns
     assert children() <= before
     part = device.summary()["device"]
-    assert part is not None
     assert part["servo"]["ticks"] > 0
 
 

@@ -87,17 +87,14 @@ def test_the_first_of_a_kind_is_told_at_once_and_others_wait() -> None:
     drops = Drops()
     assert drops.look(0, {}, {}) is None
     first = drops.look(SECOND, {"range": 1}, {"range": "4 J at once"})
-    assert first is not None
     assert (first.kind, first.level, first.at_ns) == ("dropped", "warning", SECOND)
     assert first.text == "dropped 1 message: 1 range (4 J at once)"
     assert first.values == {"range": 1}
     assert drops.look(2 * SECOND, {"range": 50}, {"range": "x"}) is None
     new = drops.look(3 * SECOND, {"range": 60, "size": 2}, {"range": "x", "size": "5000 bytes"})
-    assert new is not None
     assert new.text == "dropped 61 messages in the last 2 s: 59 range (x), 2 size (5000 bytes)"
     assert drops.look(3 * SECOND + REPORT_EVERY_NS - 1, {"range": 61, "size": 2}, {}) is None
     later = drops.look(3 * SECOND + REPORT_EVERY_NS, {"range": 61, "size": 2}, {"range": "y"})
-    assert later is not None
     assert later.text == "dropped 1 message in the last 10 s: 1 range (y)"
 
 
@@ -133,7 +130,6 @@ def test_whatever_arrives_the_rate_is_bounded_and_nothing_is_counted_twice(
             notices.append(notice)
             seen.update({name: int(value) for name, value in notice.values.items()})
             said = re.match(r"dropped (\d+) message", notice.text)
-            assert said is not None
             assert int(said[1]) == sum(int(value) for value in notice.values.values())
         assert all(seen[kind] for kind in dropped if kind not in ROUTINE)  # the first of a kind does not wait
     assert len(notices) <= now // REPORT_EVERY_NS + 1 + len(KINDS)

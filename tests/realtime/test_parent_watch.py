@@ -177,7 +177,6 @@ def test_a_servo_whose_parent_stands_still_renders_no_force_until_it_goes_on(
 
     with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
         try:
-            assert parent.stdout is not None
             servo = int(parent.stdout.readline())
             until(lambda: told()[0] > 0.3)
             parent.send_signal(signal.SIGSTOP)
@@ -215,7 +214,6 @@ if fork:
 threading.Event().wait(30.0)
 """
     parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
     child, copy = map(int, parent.stdout.readline().split())
     until(lambda: diary.exists() and float(diary.read_text() or 0.0) > 0.3)
     parent.kill()

@@ -57,8 +57,6 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
         "device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "params.toml", "log.jsonl",
     }  # fmt: skip
     device, world = (read_recording(out / f"{side}.mcap") for side in ("device", "world"))
-    assert device.device is not None
-    assert world.world is not None
     assert not device.torn
     assert not world.torn
     assert device.device["time_s"][-1] == pytest.approx(3.0, abs=0.5)
@@ -295,7 +293,6 @@ def test_a_killed_process_leaves_a_recording_that_report_repairs(tmp_path: Path)
         assert world.end()[0] == 143
     torn = read_recording(file)
     assert torn.torn
-    assert torn.device is not None
     before = file.read_bytes()
     with started("report", file, "--json", tmp_path / "r.json") as program:
         code, stdout, stderr = program.end()
@@ -304,7 +301,6 @@ def test_a_killed_process_leaves_a_recording_that_report_repairs(tmp_path: Path)
     assert file.read_bytes() == before
     copy = read_recording(tmp_path / "device.repaired.mcap")
     assert not copy.torn
-    assert copy.device is not None
     assert (copy.device["time_ns"] == torn.device["time_ns"]).all()
     report = read_json(tmp_path / "r.json")
     page = (tmp_path / "device.html").read_text("utf-8")
@@ -326,7 +322,6 @@ def test_the_recorded_hand_writes_on_paper(handwriting: Path, tmp_path: Path) ->
     assert_accounts_agree(summary)
     assert summary["motion"]["contacts"] >= 1
     recording = read_recording(out / "world.mcap")
-    assert recording.world is not None
     touching = recording.world["penetration_m"] > 0.0
     path = recording.world["position_m"][touching, :2]
     assert (path.max(axis=0) - path.min(axis=0)).min() > 0.005  # it wrote, in both directions of the surface
@@ -337,8 +332,6 @@ def test_a_reader_that_leaves_early_does_not_end_the_run(tmp_path: Path) -> None
     """`hapnet run | head -1`: no traceback, and everything is written."""
     command = [sys.executable, "-m", "hapnet", "run", "--duration", "1", "--out", str(tmp_path / "out")]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert child.stdout is not None
-    assert child.stderr is not None
     child.stdout.readline()
     child.stdout.close()
     said = child.stderr.read()

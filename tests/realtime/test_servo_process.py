@@ -89,7 +89,6 @@ class Running:
     @property
     def pid(self) -> int:
         process = self.servo._process
-        assert process is not None
         return process.pid
 
     def paired(self) -> None:
@@ -267,7 +266,6 @@ def test_one_that_is_killed_as_it_is_asked_to_end_has_failed_too(running: Runnin
     """Then it has not reported its account: a run of such a verdict must not end as if all were well."""
     running.paired()
     process = running.servo._process
-    assert process is not None
     os.kill(process.pid, signal.SIGSTOP)  # so that it cannot have answered
     process.send_signal = lambda number: os.kill(process.pid, signal.SIGKILL)  # type: ignore[method-assign]
     running.servo.stop()
@@ -313,7 +311,6 @@ def test_a_stop_while_it_starts_leaves_no_process(running: Running) -> None:
     starting.start()
     until(lambda: running.servo._process is not None)
     process = running.servo._process
-    assert process is not None
     running.servo.stop()
     starting.join()
     assert process.poll() == 0

@@ -29,7 +29,6 @@ AHEAD = Clock(123_456.789, 40e-6)
 
 def errors_s(found: ClockDifference | None, seen: Traffic, clock: Clock) -> np.ndarray:
     """By how much the world's steps are put too late on the device's clock [s]."""
-    assert found is not None
     world_ns = np.array([clock(at) for at in seen.steps_ns.tolist()], dtype=np.int64)
     return np.asarray((found.on_device(world_ns) - seen.steps_ns) / SECOND)
 
@@ -41,7 +40,6 @@ def test_clocks_are_aligned_to_better_than_half_the_jitter(profile: str, seed: i
     seen = traffic((profile, profile), seed, AHEAD, 10.0)
     found = clock_difference(seen.device, seen.world)
     assert np.abs(errors_s(found, seen, AHEAD)).max() < seen.delays_s.std() / 2.0
-    assert found is not None
     low = np.quantile(seen.delays_s, 0.1)  # of in both directions together
     assert found.error_s == pytest.approx(low, rel=0.05)
 
@@ -60,7 +58,6 @@ def test_a_silence_does_not_spoil_what_is_around_it(silence_s: tuple[float, floa
     found = clock_difference(without(seen.device, None), without(seen.world, AHEAD))
     error = np.abs(errors_s(found, seen, AHEAD)).max()
     assert error < seen.delays_s.std() / 2.0
-    assert found is not None
     assert error < found.error_s
     assert found.drift == pytest.approx(40e-6, abs=2e-6)
 
@@ -79,7 +76,6 @@ def test_of_unequal_ways_the_error_is_half_their_difference_and_within_its_bound
     seen = traffic(("delay 30ms", "delay 10ms"), 1, AHEAD, 2.0)
     found = clock_difference(seen.device, seen.world)
     np.testing.assert_allclose(errors_s(found, seen, AHEAD), -0.01, rtol=0.0, atol=2e-6)
-    assert found is not None
     assert found.error_s == pytest.approx(0.02, abs=2e-6)
 
 
@@ -120,9 +116,7 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def test_the_files_of_two_hosts_are_joined_on_one_clock(hosts: tuple[Path, Path]) -> None:
     device, world = map(read_recording, hosts)
     assert device.world is None
-    assert world.world is not None
     joined = join(device, world)
-    assert joined.world is not None
     truth = np.array([AHEAD.device_ns(at) for at in world.world["time_ns"].tolist()])
     error = np.abs(joined.world["time_ns"] - truth) / SECOND
     assert error.max() < 0.5e-3  # the profile's jitter is 1.5 ms, and more than 1.2 ms as measured above
@@ -143,7 +137,6 @@ def test_what_export_and_report_do_with_the_files_of_two_hosts(hosts: tuple[Path
     with (tmp_path / "world.csv").open(newline="", encoding="utf-8") as lines:
         of_world = list(csv.DictReader(lines))
     recorded = read_recording(world).world
-    assert recorded is not None
     truth = np.array([AHEAD.device_ns(at) for at in recorded["time_ns"].tolist()])
     found = np.array([int(row["time_ns"]) for row in of_world])
     assert np.abs(found - truth).max() < 500_000

@@ -39,7 +39,6 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, n: int) -> None:
     write(tmp_path / "a.mcap", run(n))
     recording = read_recording(tmp_path / "a.mcap")
     assert not recording.torn
-    assert recording.device is not None
     assert recording.device["position_m"].shape == (300, n)
     assert recording.device["position_m"][7].tolist() == list(device_sample(7, n).position_m)
     assert recording.device["time_ns"][1] == ORIGIN + 1_000_000
@@ -61,7 +60,6 @@ def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
     writer.write(sample)
     writer.close({"min": -math.inf, "x": np.float64(2.0), "path": tmp_path})
     recording = read_recording(tmp_path / "a.mcap")
-    assert recording.device is not None
     assert recording.device["margin_J"][0] == math.inf
     np.testing.assert_array_equal(recording.device["target_m"][0], [math.nan, 1.0])
     assert recording.meta["limit"] is None
@@ -108,7 +106,6 @@ def test_viewers_find_topics_schemas_units_and_times_in_order(tmp_path: Path) ->
     times: dict[str, list[int]] = {}
     with (tmp_path / "a.mcap").open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
             times.setdefault(channel.topic, []).append(message.log_time)
             if channel.topic in FOR_VIEWERS:
@@ -156,8 +153,6 @@ def test_viewers_find_indexes_and_small_chunks(tmp_path: Path) -> None:
     write(tmp_path / "a.mcap", samples)
     with (tmp_path / "a.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
         shown = {channel.id for channel in summary.channels.values() if channel.topic in FOR_VIEWERS}
         counts = summary.statistics.channel_message_counts
         assert sum(count for channel, count in counts.items() if channel not in shown) == len(samples)
@@ -218,7 +213,6 @@ def test_what_a_newer_version_adds_is_passed_over_and_what_is_missing_is_unknown
         writer.add_message(channel, ORIGIN, packed(values), ORIGIN)
         writer.finish()
     columns = read_recording(tmp_path / "new.mcap").device
-    assert columns is not None
     assert columns["position_m"].tolist() == [[2.0, 3.0]]
     assert columns["force_N"].tolist() == [[4.0, 5.0]]
     assert columns["margin_J"].tolist() == [6.0]
@@ -270,7 +264,6 @@ def test_a_zero_is_written_and_nothing_is_loaded_before_it_is_needed(tmp_path: P
     write(tmp_path / "a.mcap", [device_sample(0)._replace(margin_J=0.0, position_m=(0.0, -0.0))])
     with (tmp_path / "a.mcap").open("rb") as file:
         [(schema, _, message)] = make_reader(file).iter_messages(topics="/device/state")
-    assert schema is not None
     values = decoded(schema.data, message.data)
     assert values["margin_J"] == 0.0
     assert math.copysign(1.0, values["position_y_m"]) == -1.0

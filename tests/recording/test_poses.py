@@ -80,8 +80,6 @@ def test_a_pose_and_twelve_axes_refuse_each_other() -> None:
 
 def test_the_summary_has_angles_and_torques(result: Result) -> None:
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     moved = result.summary["motion"]
     torque = np.linalg.norm(torques(device["position_m"], device["force_N"]), axis=1)
     assert moved["peak_torque_Nm"] == pytest.approx(torque.max(), rel=1e-12)
@@ -113,9 +111,6 @@ def test_the_text_says_degrees_and_newton_metres(result: Result) -> None:
 
 def test_what_turns_is_rotation_vectors_and_torques(result: Result) -> None:
     turning, whole = of_turning(result.recording), result.recording.device
-    assert turning is not None
-    assert turning.device is not None
-    assert whole is not None
     x = whole["position_m"]
     assert turning.device["position_m"] == pytest.approx(rotations(x).as_rotvec(), abs=1e-9)
     assert turning.device["force_N"] == pytest.approx(torques(x, whole["force_N"]), abs=1e-12)
@@ -132,7 +127,6 @@ def test_tables_and_viewers_have_positions_quaternions_forces_and_torques(result
         writer.write(sample)
     writer.close(result.summary)
     whole: Recording = read_recording(path)
-    assert whole.device is not None
     expected = rotations(whole.device["position_m"]).as_quat(canonical=True, scalar_first=True)
     with export(whole, tmp_path, format="csv")[0].open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -161,7 +155,6 @@ def test_the_figure_has_rotation_and_torque(result: Result) -> None:
 
 def test_the_scene_is_drawn_and_a_free_tool_feels_no_wall(result: Result) -> None:
     drawn = scene_figure(result.recording)
-    assert drawn is not None
     assert drawn.axes[0].get_zlabel() == "z [mm]"
     assert prepare(params(scene="tool:stick")).felt["stiffness_N_m"] is None
     assert prepare(params(scene="tool:stick + plane?at=0,0,-60mm&stiffness=2000")).felt["stiffness_N_m"] == 2000.0
@@ -172,7 +165,6 @@ def test_a_case_has_angles_and_the_errors_of_the_torque() -> None:
     for name in ("free_rms_mm", "free_rms_deg", "true_force_error_percent", "true_torque_error_percent",
                  "torque_step_Nm", "peak_torque_Nm"):  # fmt: skip
         value = found[name]
-        assert value is not None
         assert value > 0.0
     flat = measure(Params().set({"scene": "wall", "duration_s": 0.5}), 3)
     assert flat["free_rms_deg"] is flat["torque_step_Nm"] is flat["true_torque_error_percent"] is None

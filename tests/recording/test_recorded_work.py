@@ -144,7 +144,6 @@ def test_of_an_engine_it_is_force_times_way_in_every_substep(timestep_s: float, 
 
     scene.account.substep = witness
     world = simulation.run().recording.world
-    assert world is not None
     assert len(seen) == substeps * len(world["work_J"]) + 1
     np.testing.assert_allclose(world["work_J"], seen[substeps::substeps], rtol=0.0, atol=ROUNDING_J)
     of_means = running(world["contact_force_N"], world["position_m"])

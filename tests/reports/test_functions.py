@@ -53,7 +53,6 @@ def test_tables_are_written_beside_the_file_or_where_they_are_wanted(result: Res
     assert [each.relative_to(tmp_path) for each in beside] == [Path("run-device.csv"), Path("run-world.csv")]
     assert [each.read_text("utf-8") for each in wanted] == [each.read_text("utf-8") for each in beside]
     device = result.recording.device
-    assert device is not None
     with wanted[0].open(newline="", encoding="utf-8") as text:
         rows = list(csv.DictReader(text))
     assert [float(row["position_m_x"]) for row in rows] == device["position_m"][:, 0].tolist()

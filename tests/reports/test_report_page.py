@@ -100,7 +100,6 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
         "", "What was run", "What happened", "Summary", "Path", "Links", "Energy account", "Silences and events",
         "How to make it again", "Settings", "Versions", "Files",
     ]  # fmt: skip
-    assert simulated.summary is not None
     theorem = simulated.summary["theorem"]
     assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 150 mJ ever came out" in found.sections[""]
     assert f"margin {theorem['margin_end_J'] * 1e3:.4g} mJ at the end" in found.sections[""]

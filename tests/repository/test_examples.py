@@ -92,7 +92,6 @@ def test_own_device(tmp_path: Path) -> None:
     said = run("own_device", "--out", tmp_path, "--duration", 2, *busy, cwd=ROOT)
     assert "passive: at most" in said
     device = read_recording(tmp_path / "device.mcap").device
-    assert device is not None
     at_rest = device["time_s"] > 1.5
     weight, K, K_v, wall, K_w = 1.0, 100.0, 500.0, 0.02, 3000.0
     p = wall + K_v / K * weight / K_w
@@ -108,7 +107,6 @@ def test_pantograph(tmp_path: Path) -> None:
     said = run("pantograph", "--out", tmp_path, "--duration", 4, *busy, cwd=ROOT)
     assert "passive: at most" in said
     device = read_recording(tmp_path / "device.mcap").device
-    assert device is not None
     at_rest = device["time_s"] > 3.0
     hand, K, K_v, wall, K_w = 40.0, 100.0, 500.0, 0.02, 3000.0
     felt = (0.03 - wall) / (1.0 / hand + 1.0 / K + K_v / K / K_w)

@@ -73,5 +73,4 @@ def test_the_version_is_the_newest_of_the_changelog() -> None:
     version = tomllib.loads(text("pyproject.toml"))["project"]["version"]
     cited = re.search(r"(?m)^version: (.+)$", text("CITATION.cff"))
     assert re.findall(r"(?m)^## (.+)$", text("CHANGELOG.md"))[0] == version
-    assert cited is not None
     assert cited[1] == version

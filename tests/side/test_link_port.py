@@ -126,7 +126,6 @@ def test_a_change_comes_before_all_else_that_is_due_then() -> None:
     assert here.next_due_ns == MS  # its first hello leaves the link; the next is due at a whole number of periods
     here.pump(MS)
     due_ns = here.next_due_ns
-    assert due_ns is not None
     here.play(Timeline.parse("at 0s: delay 5ms; at 1ms: up"), due_ns)
     packets, _, [(at_ns, _)] = here.pump(due_ns)
     assert (packets, at_ns) == ([], due_ns)

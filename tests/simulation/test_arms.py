@@ -38,14 +38,12 @@ def test_runs_over_4g(changes: dict[str, Any]) -> None:
     assert simulation.not_compiled == "the device omni"
     result = simulation.run()
     assert isinstance(result.device.device, SimulatedArm)
-    assert result.recording.device is not None
     assert result.recording.device["position_m"].shape[1] == 3
     summary = result.summary
     if changes.get("coupling", "pspm") == "pspm":
         assert summary["verdict"]["passive"] is True
         assert summary["theorem"]["margin_J"] > 0.0
         true_slack = result.device.true_slack
-        assert true_slack is not None
         assert true_slack >= -1e-13 - (result.device.quantisation or 0.0)
 
 
@@ -59,7 +57,6 @@ def test_runs_joint_by_joint_over_4g(joints: int, rendering: str, tmp_path: Path
     changes = {"hardware": name, "scene": "joints", "rendering": rendering, "device.stiffness": K}
     result = Simulation(Params().set(OVER_4G | changes), 3).run()
     summary = result.summary
-    assert result.recording.device is not None
     assert result.recording.device["position_m"].shape[1] == joints
     assert summary["units"] == result.recording.meta["params"]["units"] == "rad"
     assert summary["verdict"]["passive"] is True

@@ -95,7 +95,6 @@ def test_a_recording_that_begins_in_the_middle_is_replayed_from_its_beginning(tm
         assert hand.reference(t)[0] == pytest.approx(0.4 + 0.01 * t, abs=1e-12)
     result = simulate(params, original.seed)
     target = result.recording.device
-    assert target is not None
     assert target["operator_target_m"][-1, 0] == pytest.approx(0.42, abs=1e-4)
     compared = compare(original, result.recording, result.summary)
     assert compared["max_position_difference_m"] is not None
@@ -134,7 +133,6 @@ def test_samples_that_are_missing_are_no_pause(tmp_path: Path) -> None:
     path = session(tmp_path, "device", ends_s=3.0)
 
     def lossy(whole: Recording) -> Recording:
-        assert whole.device is not None
         kept = (whole.device["time_s"] < 1.0) | (whole.device["time_s"] > 2.0)
         reported = [Event(7_500_000_000, "pause", "paused"), Event(7_500_100_000, "pause", "goes on")]
         return dataclasses.replace(whole, device={k: v[kept] for k, v in whole.device.items()}, events=reported)

@@ -75,8 +75,6 @@ def test_ticks_made_together_are_the_same_ticks(
     assert {**together.summary, "wall_clock": None} == {**singly.summary, "wall_clock": None}
     for ours, theirs in ((together.recording.device, singly.recording.device),
                          (together.recording.world, singly.recording.world)):  # fmt: skip
-        assert ours is not None
-        assert theirs is not None
         assert all(np.array_equal(ours[name], theirs[name], equal_nan=True) for name in theirs)
 
 
@@ -107,7 +105,6 @@ def test_the_measured_harvest_closes_the_account_at_the_actuators_port(seeds: ra
     for seed in seeds:
         result = simulate(sampled_case(seed, {"device.shuffle": "all"}), seed)  # nothing discarded: no slack but error
         device, recording = result.summary["device"], result.recording.device
-        assert recording is not None
         assert device["quantisation_J"] == 0.0
         assert np.abs(recording["slack_J"]).max() <= TOLERANCE_J, seed
         assert -TOLERANCE_J <= device["true_slack_J"] <= TOLERANCE_J, seed
@@ -287,7 +284,6 @@ def test_a_partition_leaves_both_sides_passive_and_heals(up: str, down: str, pol
         else:
             assert outages == {"count": 0, "longest_s": 0.0, "total_s": 0.0, "recovery_max_s": 0.0}
     device = result.recording.device
-    assert device is not None
     held = device["force_N"][(device["time_s"] > 4.0) & (device["time_s"] < 4.9), 0]
     moved = device["position_m"][(device["time_s"] > 4.0) & (device["time_s"] < 4.9), 0]
     if down:  # the device hears nothing: its spring is held where it was, or follows the hand

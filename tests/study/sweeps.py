@@ -70,7 +70,6 @@ def done(directory: Path) -> int:
 def _end_it_all(directory: Path) -> None:
     """Once some results are on the disk, kill the sweep, the first time: its process, or its group as WHOM says."""
     sweep = multiprocessing.parent_process()
-    assert sweep is not None
     assert sweep.pid is not None
     try:
         Path("killing").touch(exist_ok=False)  # by one worker: to the next one another process is the parent

@@ -72,7 +72,6 @@ def test_every_metric_and_no_other() -> None:
     assert up > 200.0  # PSPM's period of 5 ms alone
     assert both == pytest.approx(up + down)
     slack = found["slack_J"]
-    assert slack is not None
     assert slack >= -1e-9
 
 
@@ -85,8 +84,6 @@ def test_the_whole_run_is_measured() -> None:
     found = measure(given, 4)
     run = simulated(given, 4)
     device, world = run.recording.device, run.recording.world
-    assert device is not None
-    assert world is not None
     assert device["time_s"].tolist() == pytest.approx([k * 1e-3 for k in range(1, 5001)], abs=0.021)
     assert world["time_s"][0] < 0.1
     assert world["time_s"][-1] > 4.9
@@ -109,7 +106,6 @@ def test_the_whole_run_is_measured() -> None:
         assert len(parts) > 500
         assert found[name] == pytest.approx(1e3 * math.sqrt(np.mean(np.square(parts))), rel=1e-6)
     ideal = simulated(params("", duration_s=5.0, operator_hand__wait_s=2.5, operator_hand__hold_s=2.0), 4)
-    assert ideal.recording.device is not None
     apart = force - ideal.recording.device["force_N"][:, 0]
     assert found["force_error_N"] == pytest.approx(math.sqrt(np.mean(apart**2)), rel=1e-2)
     f, spectrum = signal.welch(force, 1000.0, "hann", nperseg=1000, noverlap=750)
@@ -139,8 +135,6 @@ def test_what_is_not_passive_is_seen_and_what_is_passive_too() -> None:
     held, passive = (measure(params("4g", coupling=name, rendering="paper", **LIGHT), 0) for name in ("zoh", "pspm"))
     for name in ("margin_J", "hand_margin_J", "actuator_margin_J"):
         below, above = held[name], passive[name]
-        assert below is not None
-        assert above is not None
         assert below < -0.05
         assert above > 0.0
     assert held["slack_J"] is None
@@ -152,8 +146,6 @@ def test_the_hands_work_is_the_actuators_and_the_devices_motion(harvest: str, mo
     monkeypatch.setattr(held_torque, "check", lambda *args: [])  # which refuses to harvest a range with no damping
     run = simulated(params("delay 10ms", device__own_damping=0.0, device__harvest=harvest), 2)
     side, device = run.result.device, run.recording.device
-    assert device is not None
-    assert side.ledger is not None
     x = device["position_m"][:, 0]
     held = np.concatenate([[0.0], device["force_N"][:, 0]])
     work = -float(held[:-1] @ np.diff(np.concatenate([[0.0], x])))  # the press begins at 0
@@ -165,8 +157,6 @@ def test_the_hands_work_is_the_actuators_and_the_devices_motion(harvest: str, mo
 def test_the_devices_own_damping_is_on_the_hands_side_of_the_actuator() -> None:
     run = simulated(params("delay 10ms", device__own_damping=2.0), 2)
     side, device = run.result.device, run.recording.device
-    assert side.ledger is not None
-    assert device is not None
     steps = np.diff(device["position_m"][:, 0])
     dissipated = 2.0 * float(steps @ steps) / 1e-3
     _, (v,) = side.device.read()

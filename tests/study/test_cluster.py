@@ -36,7 +36,6 @@ def dask(workers: int) -> Iterator[tuple[str, Program, list[Program]]]:
         stack.callback(scheduler.kill)
         scheduler.until_line("Scheduler at:")
         words = re.search(r"tcp://[\d.]+:\d+", "".join(scheduler.out + scheduler.err))
-        assert words is not None
         started = []
         for _ in range(workers):
             worker = Program("worker", words[0], "--nthreads", "1", "--no-dashboard", command=DASK)

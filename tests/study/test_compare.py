@@ -122,7 +122,6 @@ def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
         found = asked.outcomes(rows)
         assert len(cases) == len(found) == 3 * 2 * len(operators) * 2
         for one in found:
-            assert one.measures is not None
             case = cases[int(one.measures["margin_J"] or 0.0)]
             assert params_of(fixed, json.loads(json.dumps(case.values))) == one.case.params
             assert case.seed == one.case.seed
@@ -413,6 +412,5 @@ def test_pspm_is_passive_in_the_whole_default_set(tmp_path: Path) -> None:
     asked = Plan(plans.BASE, ("pspm",), plans.links_of(QUICK.links, ()), QUICK.operators, (0, 1, 2))
     for one in compared(asked, tmp_path, local_workers(usable_cores())):
         assert one.error is None
-        assert one.measures is not None
         margins = [one.measures[name] for name in ("margin_J", "hand_margin_J", "actuator_margin_J")]
         assert all(margin is not None and margin > 0.0 for margin in margins), one.case

@@ -148,7 +148,6 @@ def test_a_tuning_finds_what_the_formula_asks_for(monkeypatch: pytest.MonkeyPatc
         "score": {"link": ["wifi"]},
     }
     found = hapnet.tune(spec)
-    assert found.found is not None
     assert found.found["contact_model.lead"] == pytest.approx(0.4, abs=0.05)
     assert found.params().contact_model.lead == found.found["contact_model.lead"] >= 0.4
     rows = found.rows()

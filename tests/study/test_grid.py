@@ -43,7 +43,6 @@ def test_cells_hold_their_runs(tmp_path: Path) -> None:
     journal = filled(tmp_path)
     found = grid(journal, "device.stiffness", "link", "gap_m", {"coupling": "pspm"}, {"device.stiffness": "N/m"})
     assert found.x.values == pytest.approx((50.0, 100.0, 200.0, 400.0))
-    assert found.y is not None
     assert found.y.values == ("4g", "lan")
     assert found.over == ("5 seeds",)
     assert found.x.label == "device.stiffness [N/m], log scale"

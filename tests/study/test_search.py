@@ -80,8 +80,6 @@ def test_it_finds_the_least_that_is_allowed(tmp_path: Path) -> None:
     assert found.measures[0]["free_rms_mm"] == pytest.approx(0.04, abs=0.05)
     assert (found.values["device.substeps"], found.values["wave.missing"]) == (4, "hold")
     scores = search.scores
-    assert scores is not None
-    assert scores[1].found is not None
     assert [(row.case.values["link"], row.case.seed) for row in scores[1].found.rows] == [("wifi", 7)]
     assert scores[1].found.values == found.values
 
@@ -118,7 +116,6 @@ def test_what_breaks_a_constraint_is_never_chosen(
             allowed[i] = sum(one["free_rms_mm"] for one in reported) / 2  # the median of two
     assert search.best == (min(allowed, key=lambda i: (allowed[i], i)) if allowed else None)
     scores = search.scores
-    assert scores is not None
     assert (scores[1].found is None) == (not allowed)
 
 
@@ -198,7 +195,6 @@ def test_defaults_outside_of_the_ranges_are_no_trial(tmp_path: Path) -> None:
     text = SPEC.replace("wave.missing", "wave.impedance = {{ from = 1.0, to = 9.0 }}\nwave.missing")
     spec = read(tmp_path, text, trials=4)
     search = searched(tmp_path, spec, bowl)
-    assert search.defaults is not None
     assert search.defaults[0].values["wave.impedance"] == 0.0
     assert all(1.0 <= trial.values["wave.impedance"] <= 9.0 for trial in search.trials)
     assert len(rows(tmp_path)) <= most_cases(search.spec) == (1 + 4) * 2 + 2

@@ -238,7 +238,6 @@ def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
     found = re.search(
         r"```toml\n(# study.toml.*?)```", (ROOT / "hapnet" / "study" / "README.md").read_text("utf-8"), re.DOTALL
     )
-    assert found is not None
     spec_file(directory, found[1])
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
     *warnings, first = capsys.readouterr().out.partition(", into runs/sweep-study")[0].splitlines()

@@ -290,7 +290,6 @@ def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
     found = re.search(
         r"```toml\n(# pd.toml.*?)```", (ROOT / "hapnet" / "study" / "README.md").read_text("utf-8"), re.DOTALL
     )
-    assert found is not None
     spec_file(directory, found[1], "pd")
     assert cli.main(["tune", "pd.toml", "--dry-run"]) == 0
     assert "64 trials of 8 cases, scored on 12 others, into runs/tune-pd" in capsys.readouterr().out

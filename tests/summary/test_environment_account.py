@@ -26,14 +26,12 @@ STIFFNESS, DAMPING, AT = 3000.0, 10.0, 0.02
 def put_in(recording: Recording) -> np.ndarray[Any, np.dtype[np.float64]]:
     """The work that the proxy has done on the environment by the end of each step [J]."""
     world = recording.world
-    assert world is not None
     start = np.zeros((1, world["position_m"].shape[1]))
     moved = np.diff(np.concatenate([start, world["position_m"]]), axis=0)
     return -np.cumsum(np.einsum("ij,ij->i", world["contact_force_N"], moved))
 
 
 def stored(recording: Recording) -> np.ndarray[Any, np.dtype[np.float64]]:
-    assert recording.world is not None
     return 0.5 * STIFFNESS * np.maximum(recording.world["position_m"][:, 0] - AT, 0.0) ** 2
 
 
@@ -48,7 +46,6 @@ def test_a_wall_that_rests_dissipates_what_its_damper_takes() -> None:
     assert slack[-1] > 1e-5  # a damper was at work: the account is not idle
     assert stored(result.recording).max() > 1e-3
     hand = result.summary["hand"]["work_J"]
-    assert hand is not None
     assert result.summary["verdict"]["reason"].endswith(f"energy came from the hand ({hand * 1e3:.4g} mJ)")
 
 
@@ -56,7 +53,6 @@ def test_a_wall_that_rests_dissipates_what_its_damper_takes() -> None:
 def test_flat_walls_give_nothing_over_any_link(index: int) -> None:
     params = random_case(index).set({"duration_s": 3.0})
     slack = simulate(params, index).summary["environment"]["env_slack_J"]
-    assert slack is not None
     assert -1e-14 <= slack <= 0.1
 
 
@@ -66,7 +62,6 @@ def test_what_moves_a_wall_is_counted_and_told() -> None:
     changes = {"scene": "moving", "world.wall.timeline": words, "world.wall.damping": 0.0, "duration_s": 5.0}
     result = simulate(Params().set(changes), seed=3)
     world = result.recording.world
-    assert world is not None
     reported = result.summary["environment"]
     x, t = world["position_m"][:, 0], np.cumsum(world["step_s"])
     supplied = 0.0

@@ -42,7 +42,6 @@ def test_what_is_said_is_what_a_hand_that_holds_still_feels(changes: dict[str, o
     params = Params().set({**PRESSED, **changes})
     result = simulate(params, 1)
     device = result.recording.device
-    assert device is not None
     last = device["time_s"] > 3.5
     depth = float(np.mean(device["position_m"][last, 0])) - params.world.wall.position_m
     rendered = -float(np.mean(device["force_N"][last, 0])) / depth

@@ -225,7 +225,6 @@ def test_a_recording_tells_what_its_samples_tell(simulated: Any) -> None:
     summary = simulated.summary
     assert recording.device is not None
     for name, columns in (("device", recording.device), ("world", recording.world)):
-        assert columns is not None
         assert reported[name]["ledger"]["margin_J"] == columns["margin_J"].min() >= summary[name]["ledger"]["margin_J"]
         assert reported[name]["sent_nJ"] <= summary[name]["sent_nJ"] + 1  # the ledger counts what makes no whole nJ yet
     assert reported["duration_s"] == pytest.approx(summary["duration_s"], abs=0.06)

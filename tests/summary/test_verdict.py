@@ -139,7 +139,6 @@ def test_what_held_forces_put_out_while_the_servo_was_away_is_the_servos() -> No
     assert "coupling" not in found["reason"]
     assert not broken(but({**HELD, **AWAY}))
     line = overloaded(but({**HELD, **AWAY}))
-    assert line is not None
     assert line.startswith("not passive, because of the servo and not of the coupling: the servo was away")
 
 

@@ -79,13 +79,11 @@ def denied(
     source.receive = listen
     result = run.run()
     device, summary = result.recording.device, result.summary
-    assert device is not None
     force, x = device["force_N"], device["position_m"]
     slack = min(summary[side]["ledger"]["slack_J"] for side in ("device", "world"))  # type: ignore[literal-required]
     step = float(np.linalg.norm(np.diff(force, axis=0), axis=1).max())
     right = wrong = None
     if words:
-        assert run.world.origin_ns is not None
         since = run.world.origin_ns + round(at_s * 1e9)  # the wall's clock begins with the world's first step
         before = [planes for now, planes in heard if now < since][-1]
         word_ns = next((now for now, planes in heard if now >= since and planes != before), None)

@@ -81,7 +81,6 @@ def error_N(
     result = run.run()
     assert result.summary["verdict"]["passive"]
     device = result.recording.device
-    assert device is not None
     sliding = slice(1500, round(seconds * 1000) - 100)
     x = device["position_m"][sliding]
     spring = device["force_N"][sliding] + params.device.damping * np.gradient(x, 1e-3, axis=0)

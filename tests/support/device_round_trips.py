@@ -72,7 +72,6 @@ def driven_serial(path: str) -> Measured:
             axis.read()
         except DeviceSilent:  # a busy machine
             return
-        assert axis._last is not None
         if axis._last.command == axis._number and sent_s:
             took.append((time.perf_counter() - sent_s) * 1e6)
             sent_s = 0.0

@@ -287,7 +287,6 @@ def _disagreement(witness: Witness, counted: Account, result: Result) -> Iterato
         ("device", counted.device, recording.device),
         ("world", counted.world, recording.world),
     ):
-        assert columns is not None
         reported = columns["margin_J"]
         if series is not None and len(series) != len(reported):
             yield f"samples of the {name}: {len(reported)} of {len(series)}"

@@ -44,7 +44,6 @@ def run(link: str, seed: int, changes: Mapping[str, object]) -> Result:
 
 def apart_mm(recording: Recording, since_s: float = 1.0, until_s: float = np.inf) -> float:
     """How far the two were apart at the same time (rms) [mm]."""
-    assert recording.device is not None
     assert recording.world is not None
     error, known = position_error(recording.device, recording.world)
     at = recording.device["time_s"][known]
@@ -54,7 +53,6 @@ def apart_mm(recording: Recording, since_s: float = 1.0, until_s: float = np.inf
 
 def drag_N(recording: Recording) -> float:
     """The force on the leader's hand in free motion (rms) [N]."""
-    assert recording.device is not None
     force = recording.device["force_N"][recording.device["time_s"] > 1.0]
     return float(np.sqrt(np.mean(np.sum(force * force, axis=1))))
 

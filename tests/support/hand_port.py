@@ -38,5 +38,4 @@ def lowest_energies(params: Params, seed: int) -> tuple[float, float, float]:
     with patch.object(device, "advance", counted):
         simulation.run()
     ledger = simulation.device.ledger
-    assert ledger is not None
     return lowest, ledger.margin_min - ledger.bound, simulation.two_port.lowest

@@ -71,7 +71,6 @@ def insert(number: int, link: str = "") -> Insertion:
     setup = prepare({"scene": SCENE, "duration_s": LASTS_S, "record_hz": 1000.0, **over}, "continuous")
     result = Simulation(setup.params, number, setup=replace(setup, hand=Inserting(number))).run()
     device, summary = result.recording.device, result.summary
-    assert device is not None
     pairs = [wrench(x, f) for x, f in zip(device["position_m"], device["force_N"], strict=True)]
     forces, torques = (np.array([pair[k] for pair in pairs]) for k in (0, 1))
     return Insertion(

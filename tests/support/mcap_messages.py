@@ -14,7 +14,6 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     read: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as content:
         for schema, channel, message in make_reader(content).iter_messages():
-            assert schema is not None
             pool = descriptor_pool.DescriptorPool()
             for described in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
                 pool.Add(described)

@@ -114,8 +114,6 @@ def felt(
     """
     result, account = _run(scene, path, steps_s, link, seconds, more)
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     x = device["position_m"]
     force = device["force_N"] + Params().device.damping * np.gradient(x, 1e-3, axis=0)
     sliding = slice(1000, len(x) - 50)
@@ -140,7 +138,6 @@ def pressed(scene: str, speed: float, steps_s: tuple[float, float], aside: Seque
 
     result, account = _run(scene, path, steps_s, "4g", 1.4 + 2.0 * way, {})
     device = result.recording.device
-    assert device is not None
     held = np.linalg.norm(device["force_N"], axis=1)[round(1000 * (way + 0.5)) : round(1000 * (way + 0.6))]
     sizes = np.linalg.norm(account.forces, axis=1)
     return Pressed(float(held.mean()), float(sizes.max()), float(sizes[-1]))

@@ -52,7 +52,6 @@ def felt(name: str, planes: str, *, round_: bool = False, operator: str = "press
         })  # fmt: skip
         result = Simulation(params, seed).run()
     device = result.recording.device
-    assert device is not None
     x, force = device["position_m"], device["force_N"]
     spring = force + params.device.damping * np.gradient(x, 1e-3, axis=0)
     away = x - np.array((0.05, 0.0, 0.0))

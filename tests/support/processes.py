@@ -132,7 +132,6 @@ class Program:
         self.end()
         assert not any(reader.is_alive() for reader in self._readers), "what it had started has not ended"
         for stream in (self.process.stdout, self.process.stderr):
-            assert stream is not None
             stream.close()  # while it is read, this would wait for ever
 
 

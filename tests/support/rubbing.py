@@ -91,7 +91,6 @@ def run(
         watch(simulation)
     result = simulation.run()
     device = result.recording.device
-    assert device is not None
     x = device["position_m"]
     v = np.gradient(x, 1e-3, axis=0)
     return Felt(x, v, device["force_N"] + params.device.damping * v, result.summary)

@@ -125,7 +125,6 @@ def run(
     mass.step = witness  # type: ignore[method-assign]
     result = simulation.run()
     world = result.recording.world
-    assert world is not None
     force = np.array(account.forces)
     touched = np.any(force[1:] != 0.0, axis=1) & np.any(force[:-1] != 0.0, axis=1)
     jumps = np.linalg.norm(np.diff(force, axis=0), axis=1)[touched]

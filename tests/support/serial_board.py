@@ -85,7 +85,6 @@ class SketchBoard:
         self._pty.close()
 
     def _copy(self) -> None:
-        assert self._process.stdout is not None
         waiting, since_s = b"", 0.0
         os.set_blocking(self._pty.board, False)
         while came := self._process.stdout.read(20):

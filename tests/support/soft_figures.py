@@ -118,7 +118,6 @@ def felt(
         names = {"scene": scene, "operator": operator, "duration_s": seconds, "link.up": up, "link.down": down}
         result = simulate({**names, **given}, seed=1)
         device, summary = result.recording.device, result.summary
-        assert device is not None
         slack = min(float(summary[side]["ledger"]["slack_J"] or 0.0) for side in ("device", "world"))
         assert float(summary["environment"]["env_slack_J"] or 0.0) >= -1e-12
         return (device["time_ns"] - device["time_ns"][0]) * 1e-9, device["force_N"], slack

@@ -153,8 +153,6 @@ def run_case(params: Params, seed: int) -> Outcome:
     simulation = Watched(params, seed)
     result = simulation.run()
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     summary = result.summary
     minima = [float(device["reservoir_J"].min()), float(world["reservoir_J"].min())]
     minima += [side["reservoir_min_J"] for side in sides(summary) if side["reservoir_min_J"] is not None]

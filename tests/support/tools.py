@@ -78,7 +78,6 @@ def run(changes: Mapping[str, object], seed: int = 1) -> Result:
 
 def felt(result: Result) -> Felt:
     device = result.recording.device
-    assert device is not None
     K, K_world = result.summary["environment"]["springs_N_m"]
     rows = slice(0, None, EVERY)
     places, forces = device["position_m"][rows], device["force_N"][rows]
@@ -112,8 +111,6 @@ class Window:
 
 def window(result: Result, begin_s: float, end_s: float) -> Window:
     device, world = result.recording.device, result.recording.world
-    assert device is not None
-    assert world is not None
     K, K_world = result.summary["environment"]["springs_N_m"]
     rows = np.flatnonzero((device["time_s"] >= begin_s) & (device["time_s"] < end_s))[::EVERY]
     times, x, f = (device[name][rows] for name in ("time_s", "position_m", "force_N"))

@@ -44,7 +44,6 @@ def undelayed(
     given = recording.meta["params"]
     soft = given["scene"].startswith("soft")
     device = recording.device
-    assert device is not None
     t, x = device["time_s"], device["position_m"]
     limit = given["device"]["force_limit_N"] * given["device"]["spring_share"] or np.inf
     touching, force, known = np.zeros(len(t), dtype=bool), np.zeros_like(x), np.zeros(len(t), dtype=bool)

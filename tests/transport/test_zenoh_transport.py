@@ -177,7 +177,6 @@ async def test_a_session_that_is_lost_is_opened_again() -> None:
         for lost in (dialler, listener):
             await paired(dialler, listener)
             session = lost.transport._session
-            assert session is not None
             await asyncio.to_thread(session.close)
             went = lost.transport.put("position", b"nowhere")
             assert not went or lost.transport.reopened  # another session may be open by now

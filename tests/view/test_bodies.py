@@ -89,7 +89,6 @@ def test_the_same_drawing_is_unpacked_once_and_another_scene_forgets_it() -> Non
     history.take(Drawing(1, pack(PARTS)))
     history.take(reported([]))
     parts = history.snapshot().parts
-    assert parts is not None
     assert len(parts) == 4
     history.take(Drawing(9, pack(PARTS)))
     history.take(status(2, "sphere"))

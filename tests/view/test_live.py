@@ -54,7 +54,6 @@ class Playing:
     def spot(self, x_m: float) -> tuple[float, float]:
         """Where a point of the first axis is on the screen: 24 units of 10 mm away, seen at 30 degrees."""
         box = self.page.locator("canvas[data-engine]").bounding_box()
-        assert box is not None
         per_m = box["height"] / 2.0 / (0.24 * math.tan(math.radians(15.0)))
         return box["x"] + box["width"] / 2.0 + x_m * per_m, box["y"] + box["height"] / 2.0
 
@@ -115,7 +114,6 @@ def test_the_mouse_feels_the_wall(playing: Playing, tmp_path: Path) -> None:
     playing.until("held", lambda now: handle_m(now) > WALL_M + 0.006)
     now = playing.history.snapshot()
     assert proxy_m(now) < WALL_M + 0.004
-    assert now.device is not None
     assert now.device.force_N[-1, 0] < -0.3  # pushed back
     keep(page, tmp_path, "play-in-the-wall")
     page.get_by_role("slider").first.press("End")  # of the delay, in both directions
@@ -145,7 +143,6 @@ def test_without_pspm_the_margin_falls_below_zero(playing: Playing, tmp_path: Pa
     begun = time.monotonic()
     shake("8 s with PSPM", lambda now: time.monotonic() > begun + 8.0)
     minimum = playing.history.snapshot().min_margin_J
-    assert minimum is not None
     assert minimum >= 0.0
     expect(page.locator(".hapnet-passive")).to_have_text("passive")
     playing.choose("zoh")

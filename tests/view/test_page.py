@@ -55,7 +55,6 @@ class Open:
     def scene_point(self, x_m: float, y_m: float = 0.0) -> tuple[float, float]:
         """Where a point of the plane of motion is on the screen: 24 units of 10 mm away, seen at 30 degrees."""
         box = self.page.locator("canvas[data-engine]").bounding_box()
-        assert box is not None
         per_m = box["height"] / 2.0 / (0.24 * math.tan(math.radians(15.0)))
         return box["x"] + box["width"] / 2.0 + x_m * per_m, box["y"] + box["height"] / 2.0 - y_m * per_m
 
@@ -188,8 +187,6 @@ def test_the_scene_has_more_than_half_of_a_telephones_height(browser: Browser) -
     with opened(browser, (390, 844)) as shown:
         box = shown.page.locator("canvas[data-engine]").bounding_box()
         sheet = shown.page.locator('[style*="max-height: 60%"]').bounding_box()
-        assert box is not None
-        assert sheet is not None
         assert box["height"] > 844 / 2
         assert sheet["y"] >= box["y"] + box["height"] - 8.0
 

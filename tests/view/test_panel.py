@@ -64,7 +64,6 @@ def test_the_scene_shown_is_the_one_that_runs_and_a_users_own_is_offered_too(ser
     panel = ControlPanel(server.gui, controls, lambda position: None, lambda starting: None)
     for number, (words, label) in enumerate((("box", "box"), (SCENES["mesh"], "mesh"), ("mine:pillow", "mine:pillow"))):
         shown = snapshot("pspm", "hapnet")
-        assert shown.device_status is not None
         about = {**shown.device_status.about, "params": {"scene": words}}
         panel.update(replace(shown, device_status=replace(shown.device_status, about=about, incarnation=number)))
         assert panel._scene.value == label
@@ -106,7 +105,6 @@ def test_every_coupling_can_be_chosen_and_is_said_in_words() -> None:
 
 def test_the_page_says_how_stiff_the_wall_is_felt(server: viser.ViserServer) -> None:
     shown = snapshot("pspm", "hapnet")
-    assert shown.device_status is not None
     numbers = Numbers(server.gui)
     numbers.update(shown, "running")
     assert "felt" not in numbers._html.content

@@ -66,9 +66,7 @@ def test_the_page_knows_of_it_what_it_knows_of_a_pair(recording: Recording) -> N
     assert shown.aligned
     assert shown.past == ()
     kept = verdict(shown)
-    assert kept is not None
     assert kept["passive"] is True
-    assert shown.device_status is not None
     assert shown.device_status.path["round_trip_p50_ms"] > 60.0
     assert shown.device_status.about["name"] == "mine"
 

@@ -103,7 +103,6 @@ def test_an_arms_links_are_drawn_where_they_are(by_joints: bool) -> None:
     device = Track(none, at, at, np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 4, 3)), none, none, none)
     posture = (0.4, 0.1, -0.3)
     scene.update(replace(still, device=device, posture=() if by_joints else posture))
-    assert scene._links is not None
     poses = arm.poses([a + b for a, b in zip(omni().home, at[0].tolist(), strict=True)] if by_joints else posture)
     for body, frame in scene._links._frames.items():
         np.testing.assert_allclose(frame.position, UNIT * poses[body, :3], atol=1e-9)

@@ -40,7 +40,6 @@ def test_of_a_pose_the_page_plots_its_point() -> None:
     whole = history("pose").snapshot()
     assert whole.device is not None
     point = of_point(whole).device
-    assert point is not None
     assert point.position_m.tolist() == [list(PLACE)]
     assert point.parts_N.shape == (1, 4, 3)
     assert force_now(point)[0] == ("force on the hand", "0.50 N")

@@ -55,7 +55,6 @@ def test_planes_before_it_touches_are_those_of_its_corners(table: str) -> None:
     engine = MujocoToolEngine(table, box((0.04, 0.03, 0.02)))
     engine.substep(0.001, (0.0,) * AXES)
     planes = engine.planes(engine.position(), 0.03)
-    assert planes is not None
     assert len(planes) == 4
     assert [plane.depth(engine.position()) < 0.0 for plane in planes] == [True] * 4
     stiffness = min(plane.stiffness for plane in planes)

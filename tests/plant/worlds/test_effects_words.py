@@ -30,7 +30,6 @@ def test_a_recorded_grain_is_read(tmp_path: Path) -> None:
     grain = read_grain(written(tmp_path / "g.csv", rows), (0.0, 0.0, 3.0))
     assert grain == Grain.of([0.0, 2e-4, -1e-4, 0.0], 0.004, (0.0, 0.0, 1.0))
     (solid,) = rigid(f"plane?grain={tmp_path}/g.csv").contacts.solids
-    assert solid.effects is not None
     assert solid.effects.grain == grain._replace(wave=(0.0, grain.wave[2], 0.0))
 
 

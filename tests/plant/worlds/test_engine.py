@@ -30,12 +30,10 @@ def check(result: Result) -> None:
     summary = result.summary
     assert summary["theorem"]["margin_J"] >= -1e-9
     for part in (summary["device"], summary["world"]):
-        assert part is not None
         assert part["ledger"]["slack_J"] >= -1e-12
         assert part["reservoir_min_J"] >= 0.0
         assert part["deficit_max_J"] == 0.0
     slack = summary["environment"]["env_slack_J"]
-    assert slack is not None
     assert slack >= -1e-12
     assert summary["verdict"]["passive"] is True
 
@@ -305,7 +303,6 @@ def test_its_planes_forces_and_pictures_are_those_of_the_world() -> None:
     assert world.contact_force == pytest.approx((done.force[0],), rel=1e-3)
     assert done.penetration_m == world.penetration(done.position) == pytest.approx(done.position[0] - AT)
     picture = world.picture()
-    assert picture is not None
     assert picture.poses()[0, 0] == done.position[0]
     (touch,) = picture.touches(done.position, done.force)
     assert touch.point == pytest.approx((AT, 0.0, 0.0))

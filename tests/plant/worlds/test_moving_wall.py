@@ -42,19 +42,16 @@ def test_the_timeline_is_what_it_says() -> None:
     assert schedule.at(1.999) == WALL
     assert schedule.at(2.0) == Wall((1.0, 0.0), 0.023, 3000.0, 10.0)
     turned = schedule.at(3.0)
-    assert turned is not None
     angle = math.radians(20.0)
     assert turned.normal == pytest.approx((math.cos(angle), math.sin(angle)))
     # Shifted by 3 mm along its normal from the line through (20 mm, 0): that is where the pivot is now.
     pivot = np.array([0.02, 0.0]) + 0.003 * np.array(turned.normal)
     assert turned.penetration(pivot.tolist()) == pytest.approx(0.0, abs=1e-15)
     softer = schedule.at(4.0)
-    assert softer is not None
     assert (softer.stiffness, softer.damping) == (1000.0, 10.0)
     assert schedule.at(5.0) is schedule.at(5.999) is None
     assert schedule.at(6.0) == softer
     last = schedule.at(7.0)
-    assert last is not None
     assert last.damping == 5.0
 
 
@@ -66,7 +63,6 @@ def test_a_change_that_takes_time_is_a_minimum_jerk_move() -> None:
     assert schedule.velocity_mps(1.1, (0.0, 0.0)) == pytest.approx(-0.004 / 0.2 * 15.0 / 8.0)
     assert schedule.velocity_mps(1.0, (0.0, 0.0)) == schedule.velocity_mps(1.3, (0.0, 0.0)) == 0.0
     half = schedule.at(3.5)
-    assert half is not None
     assert (half.offset, half.stiffness, half.damping) == pytest.approx((0.017, 1500.0, 5.0))
     assert schedule.at(4.0) is None
 
@@ -75,8 +71,6 @@ def test_the_speed_of_the_surface_is_that_of_its_penetration() -> None:
     schedule = Schedule(WALL, "at 0s: shift 5mm over 1s; at 0s: turn 90deg over 2s")
     place, t, h = (0.025, 0.013), 0.4, 1e-6
     before, after = schedule.at(t - h), schedule.at(t + h)
-    assert before is not None
-    assert after is not None
     speed = -(after.penetration(place) - before.penetration(place)) / (2.0 * h)
     assert schedule.velocity_mps(t, place) == pytest.approx(speed, rel=1e-6)
 
@@ -85,8 +79,6 @@ def test_without_a_timeline_it_is_the_scene_wall() -> None:
     """The same steps to the last bit."""
     still = Params().set({"duration_s": 2.0, "link.up": "", "link.down": ""})
     one, other = (Simulation(still.set({"scene": name}), 3).run().recording.world for name in ("wall", "moving"))
-    assert one is not None
-    assert other is not None
     assert np.array_equal(one["position_m"], other["position_m"])
     assert one["penetration_m"].max() > 0.0
     assert moving().walls == (Wall((1.0,), 0.02, 3000.0, 10.0),)
@@ -103,7 +95,6 @@ def test_it_changes_at_the_onset_of_the_step_that_begins_then() -> None:
     stepped(world, 2.0, 0.0)
     assert world.time_s == pytest.approx(2.0)
     plane = world.plane((0.0,))
-    assert plane is not None
     assert plane.normal == (1.0,)
     assert plane.offset_m == pytest.approx(-0.005)
 
@@ -196,7 +187,6 @@ def test_a_run_with_a_moved_wall_keeps_both_accounts() -> None:
     world = simulation.setup.scene
     assert isinstance(world, MovingWall)
     assert result.world.coupling.ledger.slack >= -1e-9
-    assert result.device.ledger is not None
     assert result.device.ledger.slack >= -1e-9
     assert world.supplied_J != 0.0
     left = -simulation.world.coupling.ledger.work + world.supplied_J - world.stored_J(simulation.world.mass.position)

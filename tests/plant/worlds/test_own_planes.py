@@ -99,7 +99,6 @@ def test_a_press_is_felt_and_passive_over_a_bad_link() -> None:
     scene = {"scene": "tests.plant.worlds.test_own_planes:press", "operator": "rest", "duration_s": 2.0}
     result = simulate(Params().set({**scene, "link.up": "4g", "link.down": "4g"}), seed=1)
     device = result.recording.device
-    assert device is not None
     assert device["force_N"].min() < -0.3
     assert result.summary["verdict"]["passive"]
     assert result.summary["device"]["ledger"]["slack_J"] >= -1e-12
@@ -108,5 +107,4 @@ def test_a_press_is_felt_and_passive_over_a_bad_link() -> None:
 @pytest.mark.parametrize("name", [*SCENES, "sphere", "cuboid", "cylinder", "plane"])
 def test_every_scene_of_the_registry_tells_its_planes(name: str) -> None:
     planes = make_scene(name, dof=3).contacts.planes((0.0, 0.0, 0.0), 0.05)
-    assert planes is not None
     assert len(planes) >= (name != "free")

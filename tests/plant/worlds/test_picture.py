@@ -50,8 +50,6 @@ def recording() -> Recording:
 
 
 def test_an_obstacle_that_moves_is_recorded_where_its_script_puts_it(recording: Recording) -> None:
-    assert recording.drawing is not None
-    assert recording.world is not None
     skippable_ticks, moving = unpack(recording.drawing.data)
     assert (skippable_ticks.body, moving.body) == (RESTS, 0)
     assert np.linalg.norm(moving.vertices, axis=1) == pytest.approx(0.01, rel=1e-5)

@@ -148,7 +148,6 @@ def run_pressed(scene: str, link: str, steps_s: tuple[float, float], seconds: fl
     assert result.summary["device"]["ledger"]["slack_J"] >= -1e-9
     account.close()
     world = result.recording.world
-    assert world is not None
     assert np.linalg.norm(world["contact_force_N"][-1]) <= 1e-12
     depths: Array = world["penetration_m"]
     return depths
