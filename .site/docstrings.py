@@ -29,13 +29,13 @@ def markdown(text: str) -> str:
     first, *sections = _TITLE.split(text)
     parts = [_blocks(first)]
     for title, body in zip(sections[::2], sections[1::2], strict=True):
-        parts.append(f"**{title}**\n\n{_entries(body)}")
+        parts.append(f"**{title}**\n\n{_blocks(body)}")
     return "\n\n".join(parts)
 
 
 def _blocks(text: str) -> str:
     made: list[str] = []
-    for part in re.split(r"\n{2,}", text):
+    for part in re.split(r"\n{2,}", text.strip("\n")):
         if part.startswith(">>>"):
             made.append(f"```pycon\n{part}\n```")
         elif part.strip() and all(line.startswith("    ") for line in part.splitlines()):

@@ -15,8 +15,6 @@ class HapnetError(Exception):
 class InvalidParameter(HapnetError, ValueError):
     """A parameter has a value that is not allowed.
 
-    Parameters
-    ----------
     name : the parameter by the user's name (``"stiffness"``, ``"world.wall.stiffness"``).
     value : the given value.
     allowed : what is accepted, as text.

@@ -31,10 +31,8 @@ def published(group: str) -> Mapping[str, tuple[str, str]]:
 def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> Any:
     """The object that ``module:Name`` names. Importing it runs the user's code, which may raise anything.
 
-    Raises
-    ------
-    InvalidParameter : `name` has no colon, or the import failed; it names `parameter`, and says what is `allowed`, or
-        which of the `known` names may be meant.
+    Raises InvalidParameter: `name` has no colon, or the import failed; it names `parameter`, and says what is
+    `allowed`, or which of the `known` names may be meant.
     """
     if name in _lent:
         return _lent[name]
@@ -88,9 +86,7 @@ def failure(error: BaseException) -> str:
     program without a word, a GeneratorExit or a CancelledError would pass for somebody else's. No task is cancelled
     inside such a call.
 
-    Raises
-    ------
-    KeyboardInterrupt : `error` is one. Ctrl-C is no failure, and goes on from here.
+    Raises KeyboardInterrupt: `error` is one. Ctrl-C is no failure, and goes on from here.
     """
     if isinstance(error, KeyboardInterrupt):
         raise error

@@ -173,9 +173,7 @@ class Params:
     def set(self, changes: Mapping[str, object]) -> Params:
         """A copy with these parameters changed. Names are dotted; values are as TOML has them, or text from `--set`.
 
-        Raises
-        ------
-        InvalidParameter : there is no such parameter, or the value is not of its type, or is not allowed.
+        Raises InvalidParameter: there is no such parameter, or the value is not of its type, or is not allowed.
         """
         tree: dict[str, Any] = {}
         if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
@@ -199,9 +197,7 @@ class Params:
     def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
         """The values that `set` would use: each is of its parameter's type, but it may be out of range.
 
-        Raises
-        ------
-        InvalidParameter : there is no such parameter, or the value is not of its type.
+        Raises InvalidParameter: there is no such parameter, or the value is not of its type.
         """
         changes = {RENAMED.get(name, name): value for name, value in changes.items()}
         known = {name: (value, spec) for name, value, spec in leaves(self)}
@@ -230,9 +226,7 @@ class Params:
 
         Those of a law that is not installed here are left out.
 
-        Raises
-        ------
-        InvalidParameter : as `set`.
+        Raises InvalidParameter: as `set`.
         """
         plain = cls().set({"coupling": flat.get("coupling", cls.coupling)})
         sections = {name.partition(".")[0] for name in plain.flat()}

@@ -140,8 +140,6 @@ class _LoopTimer:
 class AsyncLink(Generic[T]):
     """A `Link` on an asyncio loop: it passes each item to `deliver` when it is due, in the order of release.
 
-    Parameters
-    ----------
     link : the link to run; nobody else may poll it.
     deliver : called on the loop with each item. It may send. Its exceptions go to the loop's exception handler.
     clock : returns ns and advances as ``time.monotonic_ns`` does.
@@ -188,9 +186,7 @@ class AsyncLink(Generic[T]):
     def faults(self, timeline: Timeline | str) -> Iterator[None]:
         """Change the link by a timeline that starts now; at the end of the block it is as it was before.
 
-        Raises
-        ------
-        ProfileError : the timeline's text is malformed.
+        Raises ProfileError: the timeline's text is malformed.
         """
         before, was_up = self.link.profile, self.link.is_up
         self.play(Timeline.parse(timeline) if isinstance(timeline, str) else timeline)

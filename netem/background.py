@@ -26,8 +26,6 @@ class BackgroundRelay:
         with relay.faults("at 0s: down; at 1s: up"):
             ...
 
-    Parameters
-    ----------
     to : ``HOST:PORT`` or ``[IPV6]:PORT`` of the target.
     up, down : words or a profile's name, from clients to target and back; None: `down` is as `up`.
     protocol : what is relayed. listen : where clients send to; port 0: any free one.
@@ -35,9 +33,7 @@ class BackgroundRelay:
 
     Its methods may be called from any thread while it runs.
 
-    Raises
-    ------
-    NetemError : words, an address or the timeline is wrong, or it cannot listen.
+    Raises NetemError: words, an address or the timeline is wrong, or it cannot listen.
     """
 
     def __init__(

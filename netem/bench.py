@@ -75,9 +75,7 @@ class Lateness:
 def lateness(runs: int = 5, seconds: float = 3.0) -> Lateness:
     """Measure in alternate runs of the link, the bare loop and the bare thread, all on the same schedule.
 
-    Raises
-    ------
-    NetemError : there is no timerfd here.
+    Raises NetemError: there is no timerfd here.
     """
     late = [[_percentiles(values) for values in run] for run in lateness_runs(runs, seconds)]
     directions = zip(*late, strict=True)
@@ -88,9 +86,7 @@ def lateness(runs: int = 5, seconds: float = 3.0) -> Lateness:
 def lateness_runs(runs: int, seconds: float) -> list[tuple[list[int], list[int], list[int]]]:
     """The raw data of `lateness`: in every run, each release's lateness [ns] by link, bare loop and bare thread.
 
-    Raises
-    ------
-    NetemError : there is no timerfd here.
+    Raises NetemError: there is no timerfd here.
     """
     if not hasattr(_libc, "timerfd_create"):
         raise NetemError("lateness: there is no timerfd here to compare with")

@@ -93,9 +93,7 @@ class Effects:
     def compose(self, words: list[str] | None) -> LinkProfile:
         """These options, and what is given as text or as a profile's name.
 
-        Raises
-        ------
-        NetemError : one is not valid, or something is given twice.
+        Raises NetemError: one is not valid, or something is given twice.
         """
         text, profile, *effects = " ".join(words) if words else None, *astuple(self)
         if text is not None and (text in PRESETS or text in ALIASES) and profile is None:

@@ -27,8 +27,6 @@ def unknown(what: str, value: object, known: Iterable[str]) -> str:
 class ProfileError(NetemError):
     """A value in a link profile is not allowed.
 
-    Parameters
-    ----------
     word : the word of the profile, as its user knows it (``"delay"``, ``"loss gemodel"``).
     value : the value given.
     allowed : a text that says what is allowed.

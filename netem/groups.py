@@ -39,9 +39,7 @@ class Without:
 def grouped(command: Callable[..., T]) -> Callable[..., T]:
     """The command in the form that typer needs: each parameter that is a group is replaced by the group's fields.
 
-    Raises
-    ------
-    TypeError : `Without` names a field that the group does not have. ValueError : two flags have the same name.
+    Raises TypeError: `Without` names a field that the group does not have. ValueError: two flags have the same name.
     """
     hints = get_type_hints(command, include_extras=True)
     flags: list[inspect.Parameter] = []

@@ -138,9 +138,7 @@ class Link(Generic[T]):
     def send(self, now_ns: int, item: T, size: int | None = None) -> None:
         """Offer an item at `now_ns`. A rate, a trace or a slot uses its `size` in bytes; None: ``len(item)``.
 
-        Raises
-        ------
-        NetemError : the profile needs a size, and the item has none or it is negative.
+        Raises NetemError: the profile needs a size, and the item has none or it is negative.
         """
         if self._needs_size and (size is None or size < 0):
             size = _size_of(item, size)

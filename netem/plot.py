@@ -36,9 +36,7 @@ def figure(survey: Survey, interval_ns: int) -> Figure:
 def save(survey: Survey, interval_ns: int, path: str) -> None:
     """Write the figure as PNG.
 
-    Raises
-    ------
-    NetemError : the file cannot be written.
+    Raises NetemError: the file cannot be written.
     """
     try:
         with Path(path).open("wb") as file:

@@ -29,9 +29,7 @@ class LinkProfile:
     replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files. `others`
     are of `netem.impairments`. More than twenty attributes: all that a profile's words can say.
 
-    Raises
-    ------
-    ProfileError : a value is out of range, or two values exclude each other; also from `parse` and `replace`.
+    Raises ProfileError: a value is out of range, or two values exclude each other; also from `parse` and `replace`.
     """
 
     delay_ns: int = 0
@@ -166,9 +164,7 @@ def compose(
     Options override a preset. With `words`, they may only set what the words leave out. Without words and preset they
     change `base` (by default a link that does nothing).
 
-    Raises
-    ------
-    ProfileError : a value is malformed, or two options set the same thing.
+    Raises ProfileError: a value is malformed, or two options set the same thing.
     """
     if text is not None and preset is not None:
         raise ProfileError("profile name", preset, "either the profile's name or its words, not both")

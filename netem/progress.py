@@ -14,8 +14,6 @@ _REDRAW_S = 1.0  # rarely, so as not to disturb a measurement
 class Progress:
     """Shows a command's progress during the ``with`` block; nothing if it takes less than a second.
 
-    Parameters
-    ----------
     out : where to write.
     doing : says what the command does.
     expected_s : expected duration, if known [s].

@@ -63,9 +63,7 @@ class RelayStats:
 def parse_address(name: str, text: str) -> tuple[str, int]:
     """Host and port of ``HOST:PORT`` or ``[IPV6]:PORT``.
 
-    Raises
-    ------
-    NetemError : `text` is not such an address; the message calls it `name`.
+    Raises NetemError: `text` is not such an address; the message calls it `name`.
     """
     match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^\[\]:\s]+)):(\d{1,5})", text, re.ASCII)
     if match is None or int(match[3]) > 65_535:
@@ -81,8 +79,6 @@ def format_address(address: SocketAddress) -> str:
 class UdpRelay:
     """Relays datagrams between clients of the listening address and a target.
 
-    Parameters
-    ----------
     listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; with port 0 it listens on any free port. Names are resolved once.
     up, down : the profiles from clients to target, and back.
     seed : of both links, whose streams are independent.
@@ -91,9 +87,7 @@ class UdpRelay:
 
     Must be made on a running loop, and used on its thread. ``async with UdpRelay(...)`` closes it at the end.
 
-    Raises
-    ------
-    NetemError : an address is malformed, unknown, in use or not of this machine, or both addresses are the same.
+    Raises NetemError: an address is malformed, unknown, in use or not of this machine, or both addresses are the same.
     """
 
     def __init__(
@@ -280,9 +274,7 @@ def _udp_socket(family: int) -> socket.socket:
 def resolve(name: str, text: str) -> tuple[int, SocketAddress]:
     """Family and address of ``HOST:PORT``; `name` is the option for messages.
 
-    Raises
-    ------
-    NetemError : `text` is no address, or its host is not known.
+    Raises NetemError: `text` is no address, or its host is not known.
     """
     host, port = parse_address(name, text)
     if name == "to" and port == 0:

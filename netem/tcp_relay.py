@@ -71,8 +71,6 @@ class TcpRelayStats:
 class TcpRelay:
     """Relays TCP connections between clients of the listening address and a target.
 
-    Parameters
-    ----------
     listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; with port 0 it listens on any free port. Names are resolved once.
     up, down : the profiles from clients to target, and back.
     seed : of both links, whose streams are independent.
@@ -80,9 +78,7 @@ class TcpRelay:
 
     Must be made on a running loop, and used on its thread, by ``async with TcpRelay(...) as relay`` or `open`, `close`.
 
-    Raises
-    ------
-    NetemError : an address is malformed or unknown, or both are the same; a profile corrupts, which TCP hides.
+    Raises NetemError: an address is malformed or unknown, or both are the same; a profile corrupts, which TCP hides.
     """
 
     def __init__(
@@ -106,9 +102,7 @@ class TcpRelay:
     async def open(self) -> None:
         """Listen.
 
-        Raises
-        ------
-        NetemError : the address is in use or not of this machine.
+        Raises NetemError: the address is in use or not of this machine.
         """
         try:
             self._server = await asyncio.start_server(self._accept, *self._listen, limit=WINDOW)

@@ -36,9 +36,7 @@ class Timeline:
 
     `parse` and `load` read it and `str` writes it; ``parse(str(t)) == t``.
 
-    Raises
-    ------
-    ProfileError : the entries' times decrease, or the repetition is at 0 or before the last entry.
+    Raises ProfileError: the entries' times decrease, or the repetition is at 0 or before the last entry.
     """
 
     entries: tuple[Entry, ...]
@@ -66,9 +64,7 @@ class Timeline:
         WHAT is a whole profile in its words (words left out mean the default, not the previous value), a named profile,
         ``down``, ``up``, or, in the last entry, ``repeat``.
 
-        Raises
-        ------
-        ProfileError : an entry is malformed; it names the entry and the word.
+        Raises ProfileError: an entry is malformed; it names the entry and the word.
         """
         entries: list[Entry] = []
         repeat_ns = 0
@@ -93,9 +89,7 @@ class Timeline:
     def load(cls, path: str) -> Timeline:
         """Read a file of entries.
 
-        Raises
-        ------
-        ProfileError : the file cannot be read, or an entry is malformed.
+        Raises ProfileError: the file cannot be read, or an entry is malformed.
         """
         with units.open_file("timeline", path, f"{_FORM}, or ") as file:
             return cls.parse(file.read())
@@ -111,8 +105,6 @@ class TimelinePlayer:
 
     A change is applied with its due time, even if the caller is late. Messages in flight stay in flight.
 
-    Parameters
-    ----------
     link : the link to change.
     timeline : its changes.
     start_ns : the timeline's time 0 on the link's clock.

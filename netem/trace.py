@@ -69,9 +69,7 @@ class CapacityTrace:
     def load(cls, path: str) -> CapacityTrace:
         """Read a file in mahimahi's format.
 
-        Raises
-        ------
-        ProfileError : the file cannot be read, or a line is not a time in milliseconds; it names the line.
+        Raises ProfileError: the file cannot be read, or a line is not a time in milliseconds; it names the line.
         """
         return _capacity(path)
 
@@ -84,8 +82,6 @@ class TraceLine:
     opportunity, is lost. A message that becomes ready at the instant of an opportunity waits for the next one.
     (mahimahi counts 1504 bytes, four of them for its tunnel's header per packet; here only the message's bytes count.)
 
-    Parameters
-    ----------
     trace : the opportunities.
     start_ns : when the trace starts; it also repeats backwards from there.
     free_ns : when the line is free; until then it carries earlier messages.
@@ -170,9 +166,7 @@ class ConditionTrace:
     def load(cls, path: str) -> ConditionTrace:
         """Read such a file.
 
-        Raises
-        ------
-        ProfileError : the file cannot be read, or the heading or a line is malformed; it names the line.
+        Raises ProfileError: the file cannot be read, or the heading or a line is malformed; it names the line.
         """
         return _condition(path)
 

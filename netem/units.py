@@ -95,9 +95,7 @@ def parse_int(word: str, text: str, low: int, high: int = 2**63 - 1) -> int:
 def split_words(text: str) -> list[str]:
     """The words of a text. A word in double quotes may contain spaces; it is returned without the quotes.
 
-    Raises
-    ------
-    ProfileError : a quote has no partner, or is inside a word.
+    Raises ProfileError: a quote has no partner, or is inside a word.
     """
     words = _WORD.findall(text)
     for word in words:
@@ -121,9 +119,7 @@ def check_path(word: str, path: str) -> None:
 def open_file(word: str, path: str, allowed: str = "") -> Iterator[TextIO]:
     """Open a text file for reading. A pipe or a device is refused, because reading it may never end.
 
-    Raises
-    ------
-    ProfileError : it cannot be read, or is not text. `allowed` says what else could have been given.
+    Raises ProfileError: it cannot be read, or is not text. `allowed` says what else could have been given.
     """
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):

@@ -93,17 +93,13 @@ def _flip(message: _Message, corrupted: Callable[[bytes], bytes]) -> _Message:
 class ZenohRelay:
     """Relays between two Zenoh networks; make it and call `open` on a running loop.
 
-    Parameters
-    ----------
     listen, connect : Zenoh endpoints, such as ``tcp/127.0.0.1:17448``: one session listens, the other dials.
     up, down : the profiles from the listening side to the dialling side, and back.
     seed : of both links, whose streams are independent.
     key : the key expression to relay.
     mode : of the dialling session; ``client`` if it dials a router.
 
-    Raises
-    ------
-    NetemError : an endpoint or a key expression is malformed, or both endpoints are the same.
+    Raises NetemError: an endpoint or a key expression is malformed, or both endpoints are the same.
     """
 
     def __init__(
@@ -159,9 +155,7 @@ class ZenohRelay:
     async def open(self) -> None:
         """Open both sessions and relay from now on, even if no other node is there yet.
 
-        Raises
-        ------
-        NetemError : a session cannot be opened: the address is in use, or a client finds no router.
+        Raises NetemError: a session cannot be opened: the address is in use, or a client finds no router.
         """
         await asyncio.to_thread(self._open)
 

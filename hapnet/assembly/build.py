@@ -125,9 +125,7 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 
     params : a `Params`, or changes to the defaults by dotted names.
 
-    Raises
-    ------
-    InvalidParameter : names the parameter that does not fit.
+    Raises InvalidParameter: names the parameter that does not fit.
     """
     params = as_params(params)
     with named_failures(params):

@@ -55,8 +55,6 @@ class ContactModel(ContactState):
 
     More than twenty attributes: what was received, what follows from it, and three filters each change on their own.
 
-    Parameters
-    ----------
     position : the device's at the start [m].
     compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N].
     lead : g K^-1 (B + b), (n, n) [s]: y leads the position by this times the velocity, in free motion.

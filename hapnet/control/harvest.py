@@ -15,8 +15,6 @@ from hapnet.records.record import OfAxes, Reals, Record
 def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: float, resolution: float = 0.0) -> float:
     """D_min of (10) [J]: ``sum_i b_ii (x_i^max - x_i^min)^2 / interval``.
 
-    Parameters
-    ----------
     damping : b_ii [Ns/m].
     low, high : extremes of the position over the interval [m], both ends included.
     interval : its length or an upper bound of it [s]; over an interval of 0 nothing was dissipated.

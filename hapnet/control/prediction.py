@@ -45,8 +45,6 @@ def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: f
     Behind the plane a travel v t shrinks to v t / (1 + t/tau), in both directions; in front of it nothing changes. Also
     compiled for the kernel, as it stands.
 
-    Parameters
-    ----------
     depth : of the newest position [m]. free : as predicted without the plane [m]; one of the two must be above 0.
     speed : into the plane, at the newest position [m/s]. ahead : how far ahead [s], above 0 if depth is not.
     stop_s : tau [s].

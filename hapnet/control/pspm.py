@@ -87,9 +87,7 @@ class SetPositionModulator(Record):
     held_m, drag_N : of a torque that is held, as `hapnet.control.reserve.spendable`; 0: none is held.
     lends : does the energy in the spring come back by itself? See `hapnet.control.reservoir_level`.
 
-    Raises
-    ------
-    InvalidParameter : a value is not allowed, or the dimensions do not agree.
+    Raises InvalidParameter: a value is not allowed, or the dimensions do not agree.
 
     Attributes
     ----------
@@ -192,8 +190,6 @@ class SetPositionModulator(Record):
     ) -> Update:
         """Run Algorithm 1 once.
 
-        Parameters
-        ----------
         set_position : y(k) [m], shape (n,): as received, or after filters and predictors.
         position : x(t_k) [m], shape (n,).
         dissipated : D(k-1) [J]; may be negative if it was measured.
@@ -201,9 +197,7 @@ class SetPositionModulator(Record):
         extremes, interval : in place of `dissipated`: smallest and largest position on each axis since the last update
             [m], both ends included, and an upper bound of the time since then [s]. D is then computed by (10).
 
-        Raises
-        ------
-        InvalidParameter : a dimension or a value is not allowed. The state is then unchanged.
+        Raises InvalidParameter: a dimension or a value is not allowed. The state is then unchanged.
         """
         y = checks.vector("set_position", set_position, self.dof)
         x = checks.vector("position", position, self.dof)

@@ -134,8 +134,6 @@ class ForceGuard(Record):
     def admit(self, wanted: Vector, held: Vector, v: Vector, energy: float) -> Vector:
         """The force to hold from now on [N].
 
-        Parameters
-        ----------
         wanted : force of spring and damper [N]. held : the last force admitted [N].
         v : velocity [m/s]. energy : P, the energy in spring and reservoir [J].
         """
@@ -245,8 +243,6 @@ class HoldTime:
     A servo that was away may next be away for as long: for the longest absence of the last `FORGET_S`, and after that
     for half of it in each further `FORGET_S`, so that a force does not come back at once.
 
-    Parameters
-    ----------
     allowed : so long a torque may be held without any of this [s].
     most : a longer absence costs no more than this one [s].
     """
@@ -300,8 +296,6 @@ class Holding(NamedTuple):
 def spendable(at_hand: float, reserve: float, held_m: float, drag_N: float, stiffness: float) -> float:
     """The most energy that the spring may hold [J], of all in spring and reservoir; also compiled as it stands.
 
-    Parameters
-    ----------
     at_hand : P [J]. reserve : as above [J]. held_m : v h + r [m]; 0: no force is held. drag_N : B v [N].
     stiffness : the largest of K [N/m].
     """
@@ -347,8 +341,6 @@ def reserve(
 ) -> float:
     """The energy that the reservoir must keep [J]; infinite if no energy is enough.
 
-    Parameters
-    ----------
     stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : maximum speed [m/s].
     period : T [s]. hold : how long a torque may be held before it is dropped, h [s]. rounding : r [m].
     limit, step : of the force [N], as in `ForceGuard`.

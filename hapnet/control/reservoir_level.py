@@ -38,8 +38,6 @@ MARGIN = 0.1
 def level(energy: float, injected: float, reserve: float, ceiling: float, modulated: bool) -> float:
     """L. A reservoir that can hold nothing above its reserve needs nothing: 1.
 
-    Parameters
-    ----------
     energy, injected, reserve, ceiling : [J]. modulated : did the energy not suffice for the last set-position?
     """
     room = ceiling - reserve
@@ -54,8 +52,6 @@ def level(energy: float, injected: float, reserve: float, ceiling: float, modula
 def gift(dt: float, own: float, peer: float, room: float, spare: float) -> float:
     """The energy to send now [J].
 
-    Parameters
-    ----------
     dt : time since the last update [s]. own, peer : levels; the peer's below 0: not known.
     room : ceiling less reserve [J]. spare : what must not stay here [J].
     """

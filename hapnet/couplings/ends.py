@@ -29,8 +29,6 @@ def held_law(
 ) -> Callable[[CouplingStart[T]], DeviceCoupling]:
     """Makes the device's end of a coupling from a law that holds its force.
 
-    Parameters
-    ----------
     law : makes it. takes : what the law is given as a set-position, where that is not just the vector.
     springs : says what its spring is, where that is not `device`'s; the stages choose set-positions for that spring.
     """

@@ -60,8 +60,6 @@ def damping_cap(mass: float, period: float, rendered: float) -> float:
 class PassivityController(VirtualCoupling):
     """A held virtual coupling with one observer and one controller on each axis.
 
-    Parameters
-    ----------
     spring, damping, position : of the coupling.
     velocity_floor : no damping below this speed [m/s]. damping_cap : largest alpha [Ns/m]. reset : of the observer.
     """

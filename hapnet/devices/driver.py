@@ -77,9 +77,7 @@ class Driver(ABC):
     def home(self) -> None:
         """Calibrate the device, before its first reading. It may take its time, and ask the user for something.
 
-        Raises
-        ------
-        HapnetError : says what the user has to do first.
+        Raises HapnetError: says what the user has to do first.
         """
         return
 
@@ -91,18 +89,14 @@ class Driver(ABC):
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] now, `dof` finite numbers each.
 
-        Raises
-        ------
-        DeviceSilent : there is no reading now. Anything else ends the run.
+        Raises DeviceSilent: there is no reading now. Anything else ends the run.
         """
 
     @abstractmethod
     def apply(self, force: Vector) -> Vector | None:
         """Hold this force [N] until the next call; returns the one that is really applied, or None if it is not known.
 
-        Raises
-        ------
-        DeviceSilent : the command did not go out. Anything else ends the run.
+        Raises DeviceSilent: the command did not go out. Anything else ends the run.
         """
 
     def acted(self) -> Vector | None:

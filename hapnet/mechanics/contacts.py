@@ -53,8 +53,6 @@ class Surroundings(Protocol):
     ) -> tuple[Sequence[float], list[float]]:
         """Make one step. Returns the force f (n,) [N] and vhat (n,) [m/s], with ``A vhat = c + f``.
 
-        Parameters
-        ----------
         dt : T [s], also the length of the surroundings' own step. position : x_k [m] at the step's start.
         velocity : ``A^-1 c`` [m/s]. inverse : applies A^-1.
         """

@@ -39,9 +39,7 @@ class Spring(Record):
     ----------
     rows : K. ellipsoid : its norm. knee : s0. u : room for an offset, while a function of this module runs.
 
-    Raises
-    ------
-    InvalidParameter : K is not symmetric positive definite, or has another dimension.
+    Raises InvalidParameter: K is not symmetric positive definite, or has another dimension.
     """
 
     dof: int

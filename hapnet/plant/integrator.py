@@ -162,8 +162,6 @@ class PassiveIntegrator(Record, Mass):
     ) -> Step:
         """Advance by `dt`.
 
-        Parameters
-        ----------
         dt : T_k [s], positive; may differ from step to step.
         set_position : (n,) ybar_k [m], held over the step.
         contacts : the surroundings of the mass; their force is solved together with the step.
@@ -195,8 +193,6 @@ class PassiveIntegrator(Record, Mass):
         ``(2M/T + drag) vhat = 2M/T v_k + push + f``. The step's `dissipated_J` is 0, because the law accounts for its
         own damping.
 
-        Parameters
-        ----------
         dt : T_k [s], positive. drag : [Ns/m], 0 or above, on all axes. push : (n,) [N].
         contacts : the surroundings of the mass.
 

@@ -103,8 +103,6 @@ def connect_device(
     and no thread, task, socket or file remains. When it is left in order, it waits for energy in flight: 2 s
     at most, and what the link takes. A cancellation does not wait for that.
 
-    Parameters
-    ----------
     params : a `Params`, or changes to the defaults by dotted names, such as ``{"device.stiffness": 200}``.
     role : "follower": this device is a robot that follows a leader elsewhere, in the place of a virtual world. `device`
         is then instead of the parameter `follower.robot`, and simulated by default.
@@ -122,13 +120,10 @@ def connect_device(
     realtime : run the servo in a process of its own, with SCHED_FIFO and locked memory where that is allowed.
     once : end with the first peer; do not wait for another one.
 
-    Raises
-    ------
-    InvalidParameter : an argument, or a parameter, is not allowed.
-    TransportError : the connection cannot be opened, for example because an address is in use.
-    RecordingError : the recording cannot be written.
-    HapnetError : the device cannot be made, or fails, or the world does not fit. All are raised as the block begins or,
-        later, when it is left; streams and `wait_paired` raise them too.
+    Raises InvalidParameter: an argument, or a parameter, is not allowed. TransportError: the connection cannot be
+    opened, for example because an address is in use. RecordingError: the recording cannot be written. HapnetError: the
+    device cannot be made, or fails, or the world does not fit. All are raised as the block begins or, later, when it is
+    left; streams and `wait_paired` raise them too.
     """
     checks.one_of("role", role, ("leader", "follower"))
     follows = role == "follower"

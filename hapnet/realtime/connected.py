@@ -142,9 +142,7 @@ class ConnectedDevice(ConnectedSide[DeviceSample]):
     def lead(self, position: Sequence[float]) -> None:
         """Lead the simulated hand to `position` [m], shape (n,), if the parameter `operator` is ``mouse``.
 
-        Raises
-        ------
-        InvalidParameter : this device has no such hand, or `position` is not valid.
+        Raises InvalidParameter: this device has no such hand, or `position` is not valid.
         """
         self._task.require_running()
         self._task.side.lead(tuple(position))

@@ -64,8 +64,6 @@ _ORDINARY = (PositionReceived, SampleReceived, EnergyCredited)
 class RealtimeSide:
     """One side, running.
 
-    Parameters
-    ----------
     setup : checked parameters. role : "device" or "world".
     zenoh : how to reach the other side. session, name : of the key expressions.
     seed : of this side's link and the world's steps; None: a random one.
@@ -223,9 +221,7 @@ class RealtimeSide:
         However this ends, there is no force any more then, and no thread, task, socket or file is left. Cancelled, it
         ends as soon as that is so, without a word to the peer; to end in order, set `stop`.
 
-        Raises
-        ------
-        HapnetError : the peer does not fit, the transport cannot be opened, or the control thread failed.
+        Raises HapnetError: the peer does not fit, the transport cannot be opened, or the control thread failed.
         """
         self._loop, self._stop = asyncio.get_running_loop(), stop
         self._link_driver.open(self._loop, self._pump)
@@ -307,9 +303,7 @@ class RealtimeSide:
     def change_link(self, text: str) -> None:
         """From now on send through this link: tc-netem's syntax, or a profile's name.
 
-        Raises
-        ------
-        NetemError, InvalidParameter : there is no such link.
+        Raises NetemError, InvalidParameter: there is no such link.
         """
         profile = link_profile(f"link.{self._figures.direction}", text)
         self._link_driver.change(profile)
@@ -324,9 +318,7 @@ class RealtimeSide:
     def lead(self, position: Vector) -> None:
         """Lead the hand of the operator ``mouse`` to `position` [m], shape (n,); of a tool that turns (3,).
 
-        Raises
-        ------
-        InvalidParameter : this side has no such hand, or `position` is not valid.
+        Raises InvalidParameter: this side has no such hand, or `position` is not valid.
         """
         self._require_live_hand()
         axes = 3 if self.setup.units == POSE else self.setup.dof
@@ -335,9 +327,7 @@ class RealtimeSide:
     def place(self, position: Vector) -> None:
         """Begin at `position` [m], shape (n,), not where the scene and the hand begin; before `run`.
 
-        Raises
-        ------
-        InvalidParameter : this device has no live hand, or `position` is not valid.
+        Raises InvalidParameter: this device has no live hand, or `position` is not valid.
         """
         if self.role == "device":
             self._require_live_hand()
@@ -351,9 +341,7 @@ class RealtimeSide:
     def report(self, name: str, value: Signal) -> None:
         """Send the other side a small value beside the stream: its scene, device or program gets it as a signal.
 
-        Raises
-        ------
-        InvalidParameter : it is no number, text, boolean, None or tuple of numbers, or there are too many.
+        Raises InvalidParameter: it is no number, text, boolean, None or tuple of numbers, or there are too many.
         """
         with self._link_driver.lock:
             self.wire.session.signals.report(name, value)
@@ -374,9 +362,7 @@ class RealtimeSide:
     def record(self, path: Path | None) -> None:
         """End the running recording, if there is one, and begin another at `path`; None: only end it.
 
-        Raises
-        ------
-        RecordingError : it cannot be written.
+        Raises RecordingError: it cannot be written.
         """
         self._housekeeping.drain()
         recordings = self._reporter.recordings

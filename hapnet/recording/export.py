@@ -50,10 +50,8 @@ def export(what: Recorded, directory: str | PathLike[str] | None = None, *, form
     directory : where they go; None: beside the file. format : csv, parquet, both, or auto: both where pyarrow is there;
         or rosbag2, one directory for both sides (`hapnet.recording.rosbag`).
 
-    Raises
-    ------
-    InvalidParameter : there are no samples, or no directory where nothing is a file. MissingLibrary : pyarrow is asked
-        for and missing. RecordingError : a recording cannot be read, or a table cannot be written.
+    Raises InvalidParameter: there are no samples, or no directory where nothing is a file. MissingLibrary: pyarrow is
+    asked for and missing. RecordingError: a recording cannot be read, or a table cannot be written.
     """
     endings = () if format == ROSBAG else formats(format, ROSBAG)
     found = opened(what)

@@ -222,9 +222,7 @@ def is_mcap(path: str | os.PathLike[str]) -> bool:
 def read_recording(path: str | os.PathLike[str]) -> Recording:
     """Read a recording, complete or torn; a torn one up to its last whole chunk.
 
-    Raises
-    ------
-    RecordingError : the file cannot be read, or is not a recording. InvalidParameter : `path` is no path.
+    Raises RecordingError: the file cannot be read, or is not a recording. InvalidParameter: `path` is no path.
     """
     require("record", "reading a recording")
     from google.protobuf.message import DecodeError

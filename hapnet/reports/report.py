@@ -77,10 +77,8 @@ def report(what: Recorded, directory: str | PathLike[str] | None = None) -> Repo
 
     ``report(simulate(), "runs")``; or what was recorded: a file, the device's and the world's, a run's directory.
 
-    Raises
-    ------
-    InvalidParameter, RecordingError : these are not the recordings of a run, or nothing can be written.
-    MissingLibrary : there is nothing that draws (extra `report`).
+    Raises InvalidParameter, RecordingError: these are not the recordings of a run, or nothing can be written.
+    MissingLibrary: there is nothing that draws (extra `report`).
     """
     found = opened(what)
     summary = found.whole.summary if not found.files else None

@@ -69,11 +69,8 @@ def simulate_batch(
     -------
     One run for each pair; seeds vary fastest.
 
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : the parameters are not valid for a run, or there are more runs than this
-        machine can hold.
-    HapnetError : in some scenario the two sides did not find each other.
+    Raises InvalidParameter, netem.NetemError: the parameters are not valid for a run, or there are more runs than this
+    machine can hold. HapnetError: in some scenario the two sides did not find each other.
     """
     if workers < 1:
         raise InvalidParameter("workers", workers, "1 or more processes")

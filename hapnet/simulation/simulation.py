@@ -412,9 +412,7 @@ def simulate(
 
     params : a `Params`, or changes to the defaults by dotted names, such as ``{"link.up": "4g", "link.down": "4g"}``.
 
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : `params` is neither, or not valid for a run; `seed` is below 0.
+    Raises InvalidParameter, netem.NetemError: `params` is neither, or not valid for a run; `seed` is below 0.
     """
     chosen = Params() if params is None else as_params(params)
     return Simulation(chosen, checks.whole("seed", seed, at_least=0), kernel=kernel).run()

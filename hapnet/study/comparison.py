@@ -38,9 +38,7 @@ class Comparison:
     def of(cls, plan: Plan, journal: Journal) -> Comparison:
         """From a journal in which all cases of the plan were run.
 
-        Raises
-        ------
-        InvalidParameter : no case ran; it says why the first did not.
+        Raises InvalidParameter: no case ran; it says why the first did not.
         """
         outcomes = plan.outcomes(journal.rows())
         if all(one.error is not None for one in outcomes):
@@ -111,8 +109,6 @@ def compare(
 
     ``compare(["pspm", "zoh"], ["4g", "leo"])`` runs four cases of 10 s.
 
-    Parameters
-    ----------
     couplings : names; parameters of its own stand behind one (``"pspm:rendering=paper"``). None: all of hapnet's.
     links : profiles' names, or names and tc-netem's syntax, one text or up and down. None: ideal, lan, 4g and
         intercontinental.
@@ -122,10 +118,8 @@ def compare(
     directory : keeps the results of all cases; the same comparison goes on there. None: they are kept in the result.
     workers : processes; 0: one per core. With more than 1 the program needs ``if __name__ == "__main__":``.
 
-    Raises
-    ------
-    InvalidParameter, netem.NetemError : in one line, what is wrong and what is allowed. HapnetError : a case's process
-        died again and again, or nothing can be written.
+    Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed. HapnetError: a case's
+    process died again and again, or nothing can be written.
     """
     (plan,) = plans(
         BASE if params is None else params if isinstance(params, Params) else BASE.set(params),

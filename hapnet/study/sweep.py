@@ -91,17 +91,13 @@ def sweep(
 
     ``sweep({"fixed": {"duration_s": 5}, "vary": {"link": ["lan", "4g"], "seed": "0:10"}})`` runs 20 cases.
 
-    Parameters
-    ----------
     spec : a TOML file, or its tables. changes : override what it fixes.
     directory : keeps the results of all cases; the same sweep goes on there, unless it is to begin `fresh`. None: they
         are kept in the result.
     workers : processes; 0: one per core. With more than 1 the program needs ``if __name__ == "__main__":``.
 
-    Raises
-    ------
-    InvalidParameter : an entry of the spec is not allowed. HapnetError : nothing can be written, or the journal in
-        `directory` is another sweep's.
+    Raises InvalidParameter: an entry of the spec is not allowed. HapnetError: nothing can be written, or the journal
+    in `directory` is another sweep's.
     """
     with tables_in(spec, "sweep") as (name, tables):
         wanted = Spec.of_tables(name, tables, changes)

@@ -74,16 +74,12 @@ def tune(
 ) -> Tuning:
     """Search the parameters that are best for an objective and break no constraint, as `hapnet tune` does.
 
-    Parameters
-    ----------
     spec : a TOML file, or its tables: ``tune``, ``search``, ``fixed``, ``vary`` and ``score``; `examples/tune/` has
         some. changes : override what it fixes.
     directory, fresh, workers, progress : as for `sweep`.
 
-    Raises
-    ------
-    InvalidParameter : an entry of the spec is not allowed. MissingLibrary : optuna is not installed (extra `tune`).
-    HapnetError : nothing can be written, or the journal in `directory` is another tuning's.
+    Raises InvalidParameter: an entry of the spec is not allowed. MissingLibrary: optuna is not installed (extra
+    `tune`). HapnetError: nothing can be written, or the journal in `directory` is another tuning's.
     """
     with tables_in(spec, "tune") as (name, tables):
         wanted = TuneSpec.of_tables(name, tables, changes)

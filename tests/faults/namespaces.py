@@ -71,9 +71,7 @@ def two_hosts(words: str | None = None, seed: int = 0) -> Iterator[tuple[Host, H
 
     words : the cable is a link of the emulator's, with that profile, packet by packet; None: a perfect one.
 
-    Raises
-    ------
-    Unavailable : they cannot be made here.
+    Raises Unavailable: they cannot be made here.
     """
     missing = [tool for tool in _TOOLS if shutil.which(tool) is None]
     if missing:

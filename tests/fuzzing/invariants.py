@@ -73,8 +73,6 @@ ROUNDING = 1e-12
 class Watch:
     """The wire half of a side under attack; `receive` and `poll` check all that a session promises.
 
-    Parameters
-    ----------
     endpoint : of the side.
     power_W, burst_J : of its admission.
     accept_stale : does it take positions in any order?

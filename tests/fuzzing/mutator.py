@@ -34,8 +34,6 @@ ODD_VALUES: tuple[object, ...] = (
 class Mutator:
     """An endless stream of frames.
 
-    Parameters
-    ----------
     rng : of everything; the same state and the same calls give the same frames.
     seeds : frames to begin with.
     own : incarnation of the side under attack.

@@ -44,8 +44,6 @@ class Lie:
 class Attacked(Simulation):
     """A run under attack.
 
-    Parameters
-    ----------
     lie : what the forger does; None: nothing.
     foreseen : what an honest other side had sent at a time [ns] in all [nJ].
     towards : the side that he speaks to, in the other's name.

@@ -84,14 +84,10 @@ class FieldShape:
 class DistanceFunction(FieldShape):
     """The solid where a function of the position (3,) [m] is below 0.
 
-    Parameters
-    ----------
     function : gives a finite number. name : of it, for messages. at : (3,) where the function's origin is [m].
 
-    Raises
-    ------
-    InvalidParameter : it raises something or gives no finite number, or there is no solid within `REACH_M` of the
-        function's origin.
+    Raises InvalidParameter: it raises something or gives no finite number, or there is no solid within `REACH_M` of the
+    function's origin.
     """
 
     def __init__(self, function: Callable[[Vector], float], name: str, at: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
@@ -152,8 +148,6 @@ class DistanceFunction(FieldShape):
 class VoxelGrid(FieldShape):
     """The solid where a grid of distances is below 0; between its points they are interpolated (trilinear).
 
-    Parameters
-    ----------
     distances : (nx, ny, nz) [m], two or more along each axis. spacing : (3,) [m]. low : (3,) of the first point [m].
     """
 

@@ -32,8 +32,6 @@ from hapnet.records.vectors import added
 class ForceWorld(ObservedWorld):
     """Obstacles of the user's own around the proxy.
 
-    Parameters
-    ----------
     force : a function of position (n,) [m], velocity (n,) [m/s] and time [s] that gives the force on the proxy [N]; or
         obstacles, each with a force of its own.
     others : those of `ObservedWorld`.

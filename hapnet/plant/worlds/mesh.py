@@ -52,14 +52,10 @@ class Foot(NamedTuple):
 class Mesh:
     """A solid that a closed mesh bounds.
 
-    Parameters
-    ----------
     vertices : (V, 3) [m]. triangles : (F, 3) indices of vertices, anticlockwise as seen from outside. sharp_deg :
         triangles that meet at a larger angle meet at an edge, others stand for a curved surface; 0: all are facets.
 
-    Raises
-    ------
-    InvalidParameter : the mesh is empty or not closed. MissingLibrary : the extra `mesh` is not installed.
+    Raises InvalidParameter: the mesh is empty or not closed. MissingLibrary: the extra `mesh` is not installed.
     """
 
     slope: float = 1.0

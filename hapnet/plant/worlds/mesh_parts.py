@@ -66,10 +66,8 @@ class Part(NamedTuple):
 def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str]:
     """Vertices and triangles of a mesh that may have parts, as one solid; and what was done, in words.
 
-    Raises
-    ------
-    InvalidParameter : it is not closed, has no volume, or cannot be joined. MissingLibrary : there are parts to be
-        joined, and manifold3d is not installed; or libigl is not.
+    Raises InvalidParameter: it is not closed, has no volume, or cannot be joined. MissingLibrary: there are parts to
+    be joined, and manifold3d is not installed; or libigl is not.
     """
     vertices, triangles = _apart(vertices, triangles)
     require_closed(triangles)

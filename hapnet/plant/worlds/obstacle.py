@@ -47,8 +47,6 @@ _RULE = tuple(zip((0.5 + 0.5 * _points).tolist(), (0.5 * _weights).tolist(), str
 class Obstacle:
     """What acts on the proxy.
 
-    Parameters
-    ----------
     force : the force on the proxy, a `Law` of its position and velocity as seen from the obstacle.
     motion : the obstacle's position, by a script; None: it rests at the origin, or is driven.
     mass : of a driven obstacle [kg], which starts at rest at the origin; 0: it is not driven.

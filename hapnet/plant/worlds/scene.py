@@ -23,8 +23,6 @@ STEP_MIN_S, STEP_MAX_S = _WORLD.step_min_s, _WORLD.step_max_s
 class Scene(WorldDefaults):
     """Walls around a virtual mass of `dof` degrees of freedom, and the duration of this world's steps.
 
-    Parameters
-    ----------
     name : the scene's name in summaries and figures.
     dof : n, 1 to 64.
     walls : see `hapnet.plant.worlds.walls`; none for free space.

@@ -53,8 +53,6 @@ _SEPARATE = 1e-12
 class Wall:
     """A plane with a one-sided spring and damper behind it.
 
-    Parameters
-    ----------
     normal : (n,) direction pointing into the wall; any length, stored as a unit vector.
     offset : position of the surface along the unit normal [m]: ``p = normal . x - offset``, free where p <= 0.
     stiffness : K_w [N/m], positive.
