@@ -310,8 +310,6 @@ async def _forward(rate: int, seconds: float, profile: LinkProfile) -> Forwardin
         stats = relay.stats
     finally:
         relay.close()
-        for end in ends:
-            end.kill()
     (up, down_arrived, client_drops), (down, up_arrived, server_drops) = counts
     return Forwarding(rate, seconds, (up, down), (up_arrived, down_arrived), client_drops + server_drops, stats)
 

@@ -347,7 +347,7 @@ class FeetechEmulator(BusEmulator):
         offset = st.unsigned(servo.joint.offset or 0, st.SIGN_BIT if self.torque else st.STS_OFFSET_BIT)
         for address, value, size in (
             (3, self.number, 2), (5, servo.joint.servo, 1), (7, 0 if self.torque else delay, 1), (8, 1, 1),
-            (11, 4095, 2), (13, _LIMIT_C, 1), (28, 300, 2), (31, offset, 2), (55, 1, 1), (63, _WARM_C, 1),
+            (11, 4095, 2), (13, _LIMIT_C, 1), (28, 300, 2), (30, 1, 1), (31, offset, 2), (55, 1, 1), (63, _WARM_C, 1),
         ):  # fmt: skip
             servo.put(address, value, size)
 

@@ -268,6 +268,8 @@ def test_feetech_leads_without_force_and_hls_has_one() -> None:
             until(lambda: emulator.handle.commands >= seen and emulator.drive(emulator.servos[1]))
             reach = 0.134 * math.cos(0.8) + 0.1325 * math.sin(0.8)
             assert 6.5e-3 * emulator.drive(emulator.servos[1]) == pytest.approx(reach, abs=0.03)
+            arm.apply((-100.0, 0.0, 0.0))
+            until(lambda: emulator.drive(emulator.servos[1]) == 300)  # the current that the servo itself allows
 
 
 LEROBOT = {

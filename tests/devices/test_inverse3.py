@@ -367,6 +367,23 @@ def test_no_service_is_said_in_one_line(service: Service) -> None:
         Inverse3(1)
 
 
+@pytest.mark.parametrize("silent", ["answers", "listens"])
+def test_arms_are_found_within_a_fifth_of_a_second(service: Service, silent: str) -> None:
+    service.arms = ["049D", "06DA"]
+    assert (Inverse3.found(), service.now_s) == (("device=049D", "device=06DA"), 100.0)
+    setattr(service, silent, False)
+    assert Inverse3.found() == ()
+    assert service.now_s == pytest.approx(100.2, abs=0.011)
+
+
+@pytest.mark.parametrize("silent", ["answers", "listens"])
+def test_a_session_is_waited_for_for_two_seconds(service: Service, silent: str) -> None:
+    setattr(service, silent, False)
+    with pytest.raises(HapnetError):
+        Inverse3(1)
+    assert service.now_s == pytest.approx(102.0, abs=0.011)
+
+
 def read(driver: Inverse3, times: int) -> None:
     for _ in range(times):
         driver.read()

@@ -10,7 +10,7 @@ import pytest
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError
 from hapnet.summary.run import device_summary
-from tests.side.test_real_device import Arm, Braking, Rig
+from tests.side.test_real_device import MS, Arm, Braking, Rig
 
 
 def silent_for_10_ms(rig: Rig) -> None:
@@ -165,3 +165,16 @@ def test_an_apply_that_raises_while_a_force_is_held_is_said_with_the_force_that_
         rig.side.stop()
     assert rig.arm.closed
     assert "up to 2 N may remain until its own watchdog acts" in rig.events[-1]
+
+
+class Turned(Arm):
+    def orientation(self) -> Vector:
+        return (1.0, 0.0, 0.0, 0.0)
+
+
+def test_how_the_handle_is_turned_is_reported_a_hundred_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, reported = Rig(Turned), []
+    monkeypatch.setattr(rig.side.endpoint, "report", lambda name, _: reported.append((name, rig.now_ns)))
+    for _ in range(10):
+        rig.tick(0.0)
+    assert reported == [("orientation", 10 * MS), ("orientation", 20 * MS)]

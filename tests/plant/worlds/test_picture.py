@@ -15,12 +15,14 @@ from hypothesis import strategies as st
 
 from hapnet import ForceWorld, Obstacle, Params, simulate
 from hapnet.errors import BadMessage
+from hapnet.mechanics.plane import Plane
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch, shared
 from hapnet.plant.worlds.rigid import rigid
 from hapnet.plant.worlds.shapes import Sphere
+from hapnet.plant.worlds.shapes_picture import ShapesPicture
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording.drawing import LARGEST, Drawing, SceneSample, observe, pack, unpack
 from hapnet.recording.mcap import read_recording, repair, save
@@ -180,6 +182,14 @@ def test_a_models_contact_is_under_the_sphere_with_the_friction_of_what_it_touch
     assert touch.friction == pytest.approx(0.7)
     assert touch.force_N[2] == pytest.approx(500.0 * (done.position[2] + 0.03), rel=0.05)
     assert before.soft()[:, 2].mean() < before.parts[-1].vertices[:, 2].mean() - 0.01  # what is soft has fallen
+
+
+def test_a_body_is_touched_from_its_surface_on() -> None:
+    flat = Plane((0.0, 0.0, -1.0), 0.0, 100.0, 0.0, friction=0.4)
+    picture = ShapesPicture((), lambda: (), lambda position, reach_m: (flat,))
+    (touch,) = picture.touches((0.01, 0.0, 0.0), (0.0, 0.0, 2.0))
+    assert touch == Touch((0.01, 0.0, 0.0), (0.0, 0.0, 1.0), 0.4, (0.0, 0.0, 2.0))
+    assert picture.touches((0.01, 0.0, 1e-9), (0.0, 0.0, 2.0)) == []
 
 
 PARTS = rigid("sphere + cuboid").picture().parts

@@ -326,6 +326,17 @@ def test_the_plane_is_the_tangent_at_the_nearest_point() -> None:
     assert contacts.plane((0.022, 0.0, 0.0)) == contacts.planes((0.022, 0.0, 0.0), 0.0)[0]
 
 
+def test_friction_that_varies_is_seen_as_it_is_at_that_place() -> None:
+    varied, rubs = RigidContacts([Solid(Sphere(CENTRE, 0.03), friction=lambda x: 5.0 * x[2])], 3), []
+    mass = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0, 0.0))
+    for height in (0.01, 0.02, -0.01):
+        rubs += [plane.friction for plane in varied.planes((0.02, 0.0, height), 0.1)]
+        mass.step(0.1, (0.04, 0.0, height), varied)
+    assert rubs == pytest.approx([0.05, 0.1, 0.0])
+    (plane,) = RigidContacts([Solid(Sphere(CENTRE, 0.03), friction=0.2)], 3).planes((0.02, 0.0, 0.01), 0.1)
+    assert plane.friction == 0.2
+
+
 def test_with_fewer_axes_a_solid_is_cut() -> None:
     """A disc in the plane: the same steps as a ball that is pressed in its equator."""
     steps = []
