@@ -1,12 +1,20 @@
-"""The walk over a mesh, and how its patches bend."""
+"""The walk over a mesh, how its patches bend, and the forces that come of it."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
+from hapnet.checks import Array
+from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_walk import follow, principal
+from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
+from hapnet.plant.worlds.shapes import HalfSpace, Shape
+from tests.metrics.test_contact import random_spd
+from tests.plant.worlds.test_mesh_contact import CORNER
 from tests.support.mesh_runs import ball
 from tests.support.solids import torus
 
@@ -47,3 +55,25 @@ def test_a_patch_bends_along_the_eigenvectors_across_its_normal() -> None:
         for per_m, direction in ((one, np.array(first)), (other, np.array(second))):
             across = bend @ direction
             assert across - out * (out @ across) == pytest.approx(per_m * direction, abs=1e-9)
+
+
+def wandered(shapes: Sequence[Shape], friction: float, seed: int) -> Array:
+    """The forces on a proxy with a general A, whose goals are anywhere in and in front of a corner."""
+    rng = np.random.default_rng(seed)
+    M, B, K = random_spd(rng, 3, 0.005, 0.2), random_spd(rng, 3, 3.0, 30.0), random_spd(rng, 3, 200.0, 2000.0)
+    contacts = RigidContacts([Solid(shape, 3000.0, 10.0, friction) for shape in shapes], 3)
+    mass, goal, forces = PassiveIntegrator(M, B, K, (0.0, 0.0, 0.0)), (0.03, 0.012, 0.0), []
+    for _ in range(150):
+        if rng.random() < 0.2:
+            goal = tuple(rng.uniform((-0.02, -0.03, -0.01), (0.028, 0.018, 0.01)).tolist())
+        forces.append(mass.step(float(rng.choice([0.001, rng.uniform(0.005, 0.06)])), goal, contacts).force)
+    return np.array(forces)
+
+
+@pytest.mark.parametrize(("friction", "seed"), [(0.0, 0), (0.0, 2), (0.4, 1), (0.4, 2)])
+def test_whatever_the_hand_does_a_corner_is_its_two_walls(friction: float, seed: int) -> None:
+    """Forces of triangles and of half-spaces."""
+    walls = HalfSpace((1.0, 0.0, 0.0), 0.02), HalfSpace((0.0, 1.0, 0.0), 0.01)
+    found, wanted = wandered([Mesh(*CORNER)], friction, seed), wandered(walls, friction, seed)
+    assert np.linalg.norm(wanted, axis=1).max() > 20.0
+    assert found == pytest.approx(wanted, abs=1e-9)
