@@ -38,151 +38,94 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hapnet.assembly.build import prepare
-    from hapnet.control.pspm import SetPositionModulator
-    from hapnet.couplings.ends import held_law, stepped_law
-    from hapnet.couplings.spec import CouplingSpec, CouplingStart
-    from hapnet.devices.driver import Driver
-    from hapnet.errors import DeviceSilent, Ended, HapnetError, InvalidParameter
-    from hapnet.mechanics.contacts import Surroundings
-    from hapnet.mechanics.effects import Effects, Grain
-    from hapnet.mechanics.plane import Plane
-    from hapnet.param_values import parameter
-    from hapnet.params import Params
-    from hapnet.plant.device import Device
-    from hapnet.plant.integrator import PassiveIntegrator
-    from hapnet.plant.worlds.engine import Engine
-    from hapnet.plant.worlds.engine_world import EngineWorld
-    from hapnet.plant.worlds.force_world import ForceWorld
-    from hapnet.plant.worlds.obstacle import Obstacle
-    from hapnet.plant.worlds.protocol import World
-    from hapnet.plant.worlds.scene import Scene
-    from hapnet.plant.worlds.shapes import Cuboid, Sphere
-    from hapnet.plant.worlds.walls import Wall
-    from hapnet.realtime.connect import connect_device, connect_world
-    from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld, SetPosition
-    from hapnet.realtime.runner import RealtimeSide
-    from hapnet.realtime.side_events import SideEvent
-    from hapnet.recording.export import export
-    from hapnet.recording.mcap import read_recording
-    from hapnet.recording.samples import Recording
-    from hapnet.reports.report import Report, report
-    from hapnet.side.notices import Notice
-    from hapnet.simulation.batch import simulate_batch
-    from hapnet.simulation.result import Result
-    from hapnet.simulation.simulation import simulate
-    from hapnet.study.comparison import Comparison, compare
-    from hapnet.study.sweep import SweepResult, sweep
-    from hapnet.study.tune import Tuning, tune
-    from hapnet.transport.config import ZenohSettings
+    from hapnet.assembly.build import prepare as prepare
+    from hapnet.control.pspm import SetPositionModulator as SetPositionModulator
+    from hapnet.couplings.ends import held_law as held_law, stepped_law as stepped_law
+    from hapnet.couplings.spec import CouplingSpec as CouplingSpec, CouplingStart as CouplingStart
+    from hapnet.devices.driver import Driver as Driver
+    from hapnet.errors import (
+        DeviceSilent as DeviceSilent,
+        Ended as Ended,
+        HapnetError as HapnetError,
+        InvalidParameter as InvalidParameter,
+    )
+    from hapnet.mechanics.contacts import Surroundings as Surroundings
+    from hapnet.mechanics.effects import Effects as Effects, Grain as Grain
+    from hapnet.mechanics.plane import Plane as Plane
+    from hapnet.param_values import parameter as parameter
+    from hapnet.params import Params as Params
+    from hapnet.plant.device import Device as Device
+    from hapnet.plant.integrator import PassiveIntegrator as PassiveIntegrator
+    from hapnet.plant.worlds.engine import Engine as Engine
+    from hapnet.plant.worlds.engine_world import EngineWorld as EngineWorld
+    from hapnet.plant.worlds.force_world import ForceWorld as ForceWorld
+    from hapnet.plant.worlds.obstacle import Obstacle as Obstacle
+    from hapnet.plant.worlds.protocol import World as World
+    from hapnet.plant.worlds.scene import Scene as Scene
+    from hapnet.plant.worlds.shapes import Cuboid as Cuboid, Sphere as Sphere
+    from hapnet.plant.worlds.walls import Wall as Wall
+    from hapnet.realtime.connect import connect_device as connect_device, connect_world as connect_world
+    from hapnet.realtime.connected import (
+        ConnectedDevice as ConnectedDevice,
+        ConnectedWorld as ConnectedWorld,
+        SetPosition as SetPosition,
+    )
+    from hapnet.realtime.runner import RealtimeSide as RealtimeSide
+    from hapnet.realtime.side_events import SideEvent as SideEvent
+    from hapnet.recording.export import export as export
+    from hapnet.recording.mcap import read_recording as read_recording
+    from hapnet.recording.samples import Recording as Recording
+    from hapnet.reports.report import Report as Report, report as report
+    from hapnet.side.notices import Notice as Notice
+    from hapnet.simulation.batch import simulate_batch as simulate_batch
+    from hapnet.simulation.result import Result as Result
+    from hapnet.simulation.simulation import simulate as simulate
+    from hapnet.study.comparison import Comparison as Comparison, compare as compare
+    from hapnet.study.sweep import SweepResult as SweepResult, sweep as sweep
+    from hapnet.study.tune import Tuning as Tuning, tune as tune
+    from hapnet.transport.config import ZenohSettings as ZenohSettings
 
-_HOMES = {
-    "Comparison": "hapnet.study.comparison",
-    "ConnectedDevice": "hapnet.realtime.connected",
-    "ConnectedWorld": "hapnet.realtime.connected",
-    "CouplingSpec": "hapnet.couplings.spec",
-    "CouplingStart": "hapnet.couplings.spec",
-    "Cuboid": "hapnet.plant.worlds.shapes",
-    "Device": "hapnet.plant.device",
-    "DeviceSilent": "hapnet.errors",
-    "Driver": "hapnet.devices.driver",
-    "Effects": "hapnet.mechanics.effects",
-    "Ended": "hapnet.errors",
-    "Engine": "hapnet.plant.worlds.engine",
-    "EngineWorld": "hapnet.plant.worlds.engine_world",
-    "ForceWorld": "hapnet.plant.worlds.force_world",
-    "Grain": "hapnet.mechanics.effects",
-    "HapnetError": "hapnet.errors",
-    "InvalidParameter": "hapnet.errors",
-    "Notice": "hapnet.side.notices",
-    "Obstacle": "hapnet.plant.worlds.obstacle",
-    "Params": "hapnet.params",
-    "PassiveIntegrator": "hapnet.plant.integrator",
-    "Plane": "hapnet.mechanics.plane",
-    "RealtimeSide": "hapnet.realtime.runner",
-    "Recording": "hapnet.recording.samples",
-    "Report": "hapnet.reports.report",
-    "Result": "hapnet.simulation.result",
-    "Scene": "hapnet.plant.worlds.scene",
-    "SetPosition": "hapnet.realtime.connected",
-    "SetPositionModulator": "hapnet.control.pspm",
-    "SideEvent": "hapnet.realtime.side_events",
-    "Sphere": "hapnet.plant.worlds.shapes",
-    "Surroundings": "hapnet.mechanics.contacts",
-    "SweepResult": "hapnet.study.sweep",
-    "Tuning": "hapnet.study.tune",
-    "Wall": "hapnet.plant.worlds.walls",
-    "World": "hapnet.plant.worlds.protocol",
-    "ZenohSettings": "hapnet.transport.config",
-    "compare": "hapnet.study.comparison",
-    "connect_device": "hapnet.realtime.connect",
-    "connect_world": "hapnet.realtime.connect",
-    "export": "hapnet.recording.export",
-    "held_law": "hapnet.couplings.ends",
-    "parameter": "hapnet.param_values",
-    "prepare": "hapnet.assembly.build",
-    "read_recording": "hapnet.recording.mcap",
-    "report": "hapnet.reports.report",
-    "simulate": "hapnet.simulation.simulation",
-    "simulate_batch": "hapnet.simulation.batch",
-    "stepped_law": "hapnet.couplings.ends",
-    "sweep": "hapnet.study.sweep",
-    "tune": "hapnet.study.tune",
+_NAMES = {
+    "hapnet.assembly.build": "prepare",
+    "hapnet.control.pspm": "SetPositionModulator",
+    "hapnet.couplings.ends": "held_law stepped_law",
+    "hapnet.couplings.spec": "CouplingSpec CouplingStart",
+    "hapnet.devices.driver": "Driver",
+    "hapnet.errors": "DeviceSilent Ended HapnetError InvalidParameter",
+    "hapnet.mechanics.contacts": "Surroundings",
+    "hapnet.mechanics.effects": "Effects Grain",
+    "hapnet.mechanics.plane": "Plane",
+    "hapnet.param_values": "parameter",
+    "hapnet.params": "Params",
+    "hapnet.plant.device": "Device",
+    "hapnet.plant.integrator": "PassiveIntegrator",
+    "hapnet.plant.worlds.engine": "Engine",
+    "hapnet.plant.worlds.engine_world": "EngineWorld",
+    "hapnet.plant.worlds.force_world": "ForceWorld",
+    "hapnet.plant.worlds.obstacle": "Obstacle",
+    "hapnet.plant.worlds.protocol": "World",
+    "hapnet.plant.worlds.scene": "Scene",
+    "hapnet.plant.worlds.shapes": "Cuboid Sphere",
+    "hapnet.plant.worlds.walls": "Wall",
+    "hapnet.realtime.connect": "connect_device connect_world",
+    "hapnet.realtime.connected": "ConnectedDevice ConnectedWorld SetPosition",
+    "hapnet.realtime.runner": "RealtimeSide",
+    "hapnet.realtime.side_events": "SideEvent",
+    "hapnet.recording.export": "export",
+    "hapnet.recording.mcap": "read_recording",
+    "hapnet.recording.samples": "Recording",
+    "hapnet.reports.report": "Report report",
+    "hapnet.side.notices": "Notice",
+    "hapnet.simulation.batch": "simulate_batch",
+    "hapnet.simulation.result": "Result",
+    "hapnet.simulation.simulation": "simulate",
+    "hapnet.study.comparison": "Comparison compare",
+    "hapnet.study.sweep": "SweepResult sweep",
+    "hapnet.study.tune": "Tuning tune",
+    "hapnet.transport.config": "ZenohSettings",
 }
-
-__all__ = [
-    "Comparison",
-    "ConnectedDevice",
-    "ConnectedWorld",
-    "CouplingSpec",
-    "CouplingStart",
-    "Cuboid",
-    "Device",
-    "DeviceSilent",
-    "Driver",
-    "Effects",
-    "Ended",
-    "Engine",
-    "EngineWorld",
-    "ForceWorld",
-    "Grain",
-    "HapnetError",
-    "InvalidParameter",
-    "Notice",
-    "Obstacle",
-    "Params",
-    "PassiveIntegrator",
-    "Plane",
-    "RealtimeSide",
-    "Recording",
-    "Report",
-    "Result",
-    "Scene",
-    "SetPosition",
-    "SetPositionModulator",
-    "SideEvent",
-    "Sphere",
-    "Surroundings",
-    "SweepResult",
-    "Tuning",
-    "Wall",
-    "World",
-    "ZenohSettings",
-    "compare",
-    "connect_device",
-    "connect_world",
-    "export",
-    "held_law",
-    "parameter",
-    "prepare",
-    "read_recording",
-    "report",
-    "simulate",
-    "simulate_batch",
-    "stepped_law",
-    "sweep",
-    "tune",
-]
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
+__all__ = sorted(_HOMES)
 
 
 def __dir__() -> list[str]:

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE
-from hapnet.param_values import POSITIVE as _POSITIVE
-from hapnet.param_values import Range
-from hapnet.param_values import parameter as _p
+from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE, POSITIVE as _POSITIVE, Range, parameter as _p
 
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number for each axis, or the rows of a matrix."""

@@ -18,17 +18,19 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections, sections_of
 from hapnet.loading import published
-from hapnet.param_sections import ContactModelParams as ContactModelParams
-from hapnet.param_sections import DeviceParams as DeviceParams
-from hapnet.param_sections import FollowerParams as FollowerParams
-from hapnet.param_sections import LinkParams as LinkParams
-from hapnet.param_sections import OperatorParams as OperatorParams
-from hapnet.param_sections import WallParams as WallParams
-from hapnet.param_sections import WireParams as WireParams
-from hapnet.param_sections import WorldParams as WorldParams
-from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE
-from hapnet.param_values import POSITIVE as _POSITIVE
+from hapnet.param_sections import (
+    ContactModelParams as ContactModelParams,
+    DeviceParams as DeviceParams,
+    FollowerParams as FollowerParams,
+    LinkParams as LinkParams,
+    OperatorParams as OperatorParams,
+    WallParams as WallParams,
+    WireParams as WireParams,
+    WorldParams as WorldParams,
+)
 from hapnet.param_values import (
+    NOT_NEGATIVE as _NOT_NEGATIVE,
+    POSITIVE as _POSITIVE,
     Range,
     check_allowed,
     check_kind,
@@ -36,10 +38,10 @@ from hapnet.param_values import (
     flatten,
     leaves,
     nested,
+    parameter as _p,
     replaced,
     toml_value,
 )
-from hapnet.param_values import parameter as _p
 
 Section = TypeVar("Section")
 

@@ -15,49 +15,30 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from netem.errors import NetemError, ProfileError
+from netem.errors import NetemError as NetemError, ProfileError as ProfileError
 
 if TYPE_CHECKING:
-    from netem.expectation import Expectation, expect
-    from netem.link import Link
-    from netem.profile import PRESETS, LinkProfile, compose
-    from netem.stats import LinkStats
-    from netem.timeline import Timeline, TimelinePlayer
-    from netem.trace import CapacityTrace, ConditionTrace
+    from netem.expectation import Expectation as Expectation, expect as expect
+    from netem.link import Link as Link
+    from netem.profile import PRESETS as PRESETS, LinkProfile as LinkProfile, compose as compose
+    from netem.stats import LinkStats as LinkStats
+    from netem.timeline import Timeline as Timeline, TimelinePlayer as TimelinePlayer
+    from netem.trace import CapacityTrace as CapacityTrace, ConditionTrace as ConditionTrace
 
-__all__ = [
-    "PRESETS",
-    "CapacityTrace",
-    "ConditionTrace",
-    "Expectation",
-    "Link",
-    "LinkProfile",
-    "LinkStats",
-    "NetemError",
-    "ProfileError",
-    "Timeline",
-    "TimelinePlayer",
-    "compose",
-    "expect",
-]
-
-_LAZY = {
-    "PRESETS": "profile",
-    "LinkProfile": "profile",
-    "compose": "profile",
-    "CapacityTrace": "trace",
-    "ConditionTrace": "trace",
-    "Link": "link",
-    "LinkStats": "stats",
-    "Expectation": "expectation",
-    "expect": "expectation",
-    "Timeline": "timeline",
-    "TimelinePlayer": "timeline",
+_NAMES = {
+    "expectation": "Expectation expect",
+    "link": "Link",
+    "profile": "PRESETS LinkProfile compose",
+    "stats": "LinkStats",
+    "timeline": "Timeline TimelinePlayer",
+    "trace": "CapacityTrace ConditionTrace",
 }
+_HOMES = {name: f"netem.{module}" for module, names in _NAMES.items() for name in names.split()}
+__all__ = sorted([*_HOMES, "NetemError", "ProfileError"])
 
 
 def __getattr__(name: str) -> Any:
     """Import the parts on first use, so that a command's --help does not wait for them."""
-    if name in _LAZY:
-        return getattr(import_module(f"netem.{_LAZY[name]}"), name)
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'netem' has no attribute {name!r}")

@@ -11,11 +11,18 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from hapnet.assembly.arms import description, simulated_device, with_arm
-from hapnet.assembly.follower import arms_of, is_held, leaders_stiffness, on_link, seen, with_follower, writes_on_link
-from hapnet.assembly.follower import warnings as follower_warnings
+from hapnet.assembly.follower import (
+    arms_of,
+    is_held,
+    leaders_stiffness,
+    on_link,
+    seen,
+    warnings as follower_warnings,
+    with_follower,
+    writes_on_link,
+)
 from hapnet.assembly.links import link_profile, link_timeline
-from hapnet.assembly.operators import LIVE as LIVE
-from hapnet.assembly.operators import operator
+from hapnet.assembly.operators import LIVE as LIVE, operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
 from hapnet.assembly.scenes import SCENE_PARAMETERS, scene_of
 from hapnet.assembly.springs import with_springs

@@ -31,8 +31,7 @@ def export(
     --format rosbag2 it is a bag that `ros2 bag` plays; that needs no ROS here, but the extra ros2.
     """
     from hapnet.recording import alignment
-    from hapnet.recording.export import ROSBAG, formats
-    from hapnet.recording.export import export as exported
+    from hapnet.recording.export import ROSBAG, export as exported, formats
     from hapnet.recording.opened import opened
 
     if table != ROSBAG:

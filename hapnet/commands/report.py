@@ -30,8 +30,7 @@ def report(
 ) -> int:
     """Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy."""
     from hapnet.recording.mcap import repair
-    from hapnet.reports.report import names_of
-    from hapnet.reports.report import report as reported
+    from hapnet.reports.report import names_of, report as reported
 
     require("report", "hapnet report")
     words = output.console(json_to)

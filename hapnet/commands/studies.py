@@ -15,8 +15,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
 from hapnet.simulation.compiled import coverage
-from hapnet.study import backend as backends
-from hapnet.study import run as running
+from hapnet.study import backend as backends, run as running
 from hapnet.study.backend import Backend
 from hapnet.study.case import check
 from hapnet.study.estimate import mean_seconds, spread

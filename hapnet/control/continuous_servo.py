@@ -10,8 +10,7 @@ from collections.abc import Callable
 from operator import sub
 
 from hapnet.checks import Vector
-from hapnet.control import contact_equations
-from hapnet.control import ledger as ledgers
+from hapnet.control import contact_equations, ledger as ledgers
 from hapnet.control.contact_equations import ContactState, share
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import ForceParts, Position, Update

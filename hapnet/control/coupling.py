@@ -21,14 +21,16 @@ from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control.law import HeldForce, LawAccount, begin_tick, sends, tick
 from hapnet.control.ledger import Ledger
-from hapnet.control.samples import CouplingSample as CouplingSample
-from hapnet.control.samples import Motion as Motion
-from hapnet.control.samples import Port as Port
-from hapnet.control.samples import Position as Position
-from hapnet.control.samples import Proxy as Proxy
-from hapnet.control.samples import Wave as Wave
-from hapnet.control.samples import level_of as level_of
-from hapnet.control.samples import vector_of as vector_of
+from hapnet.control.samples import (
+    CouplingSample as CouplingSample,
+    Motion as Motion,
+    Port as Port,
+    Position as Position,
+    Proxy as Proxy,
+    Wave as Wave,
+    level_of as level_of,
+    vector_of as vector_of,
+)
 from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.equation import equation

@@ -11,14 +11,12 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 from hapnet.checks import Vector
-from hapnet.control import ledger as ledgers
-from hapnet.control import pspm, smoothing, zoh
+from hapnet.control import ledger as ledgers, pspm, smoothing, zoh
 from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.pspm import Modulation, SetPositionModulator
-from hapnet.control.reporter import MOST_REACH_M as MOST_REACH_M
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import MOST_REACH_M as MOST_REACH_M, Teller
 from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.contacts import Mass, Step, Surroundings

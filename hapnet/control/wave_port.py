@@ -21,8 +21,7 @@ from hapnet.control import wave_filter, wave_integral
 from hapnet.control.coupling import CouplingSample, Wave
 from hapnet.control.law import DeviceEnd, End, WorldEnd
 from hapnet.control.wave_filter import WaveFilter
-from hapnet.control.wave_integral import IntegralLine, push_on, take_from
-from hapnet.control.wave_integral import Line as Line
+from hapnet.control.wave_integral import IntegralLine, Line as Line, push_on, take_from
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import Floats, OfAxes, Reals, Record, fields
 from hapnet.records.vectors import copy

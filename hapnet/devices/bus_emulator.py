@@ -19,9 +19,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from hapnet.checks import one_of
-from hapnet.devices import bus_packets as wire
-from hapnet.devices import dynamixel as x_series
-from hapnet.devices import feetech as st
+from hapnet.devices import bus_packets as wire, dynamixel as x_series, feetech as st
 from hapnet.devices.bus_joints import COUNT_RAD, JointServo, arm_table, joints_of
 from hapnet.devices.emulator import NANO, Emulator, Handle
 from hapnet.devices.pseudo_terminal import PseudoTerminal

@@ -13,8 +13,7 @@ import time
 from collections.abc import Sequence
 
 from hapnet.checks import Vector
-from hapnet.devices import serial_frames as wire
-from hapnet.devices import serial_port
+from hapnet.devices import serial_frames as wire, serial_port
 from hapnet.devices.driver import Driver
 from hapnet.devices.serial_port import SerialPort
 from hapnet.devices.serial_timing import MICRO, Untimely, period_us

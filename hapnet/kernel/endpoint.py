@@ -10,8 +10,7 @@ from hapnet.kernel.link import ENERGY, STREAM, Link, Message
 from hapnet.records.equation import equation
 from hapnet.records.record import Reals, Record, Wholes
 from hapnet.side.content import energy_nJ, span_ns
-from hapnet.wire import energy_channel as channels
-from hapnet.wire import replay_window
+from hapnet.wire import energy_channel as channels, replay_window
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
 from hapnet.wire.integral import Integral, integrate

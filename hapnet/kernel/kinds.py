@@ -15,8 +15,7 @@ from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.kernel import law_sides, link, samples, sides, solids
 from hapnet.kernel.simulation import Scenario
 from hapnet.plant import integrator
-from hapnet.plant.tick import held_tick
-from hapnet.plant.tick import tick as make_tick
+from hapnet.plant.tick import held_tick, tick as make_tick
 from hapnet.plant.worlds import walls
 from hapnet.plant.worlds.rigid_step import SolidContact
 from hapnet.records.record import Record, holding

@@ -11,12 +11,10 @@ from hapnet.kernel.endpoint import Wire, finish
 from hapnet.kernel.link import Message
 from hapnet.kernel.samples import DeviceRow, WorldRow
 from hapnet.kernel.sides import Counts, count_step, note
-from hapnet.plant import device as devices
-from hapnet.plant import integrator
+from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import account
-from hapnet.plant.worlds import walls as contact
+from hapnet.plant.worlds import account, walls as contact
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.equation import equation

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
-from hapnet.control import contact_equations
-from hapnet.control import set_position_coupling as couplings
+from hapnet.control import contact_equations, set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
 from hapnet.kernel.endpoint import Wire
 from hapnet.kernel.sides import Counts, DeviceSide, WorldSide

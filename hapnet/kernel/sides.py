@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from hapnet.control import continuous_servo as continuous
-from hapnet.control import prediction
-from hapnet.control import set_position_coupling as couplings
-from hapnet.control import set_position_servo as servos
+from hapnet.control import (
+    continuous_servo as continuous,
+    prediction,
+    set_position_coupling as couplings,
+    set_position_servo as servos,
+)
 from hapnet.control.contact_equations import ContactState
 from hapnet.control.contact_plane import ContactPlane, understand
 from hapnet.control.continuous_servo import ContinuousServo
@@ -17,8 +19,7 @@ from hapnet.control.prediction import Around, PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
 from hapnet.kernel.endpoint import PROXY, Wire, finish
 from hapnet.kernel.link import Message
-from hapnet.plant import device as devices
-from hapnet.plant import integrator
+from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import account, walls

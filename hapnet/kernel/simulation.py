@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.control.two_port import TwoPort, on_device, on_world
-from hapnet.kernel import link as links
-from hapnet.kernel import sides
+from hapnet.kernel import link as links, sides
 from hapnet.kernel.endpoint import Wire, has_room, poll, receive
 from hapnet.kernel.link import Link
 from hapnet.kernel.samples import Rows, have_room, record_step, record_tick

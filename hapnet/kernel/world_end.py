@@ -7,8 +7,7 @@ from math import inf
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control import prediction
-from hapnet.control import set_position_coupling as couplings
+from hapnet.control import prediction, set_position_coupling as couplings
 from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.reporter import Teller

@@ -10,9 +10,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from types import MappingProxyType
 
-from hapnet.metrics.measured import DEFINED
-from hapnet.metrics.measured import Measures as Measures
-from hapnet.metrics.measured import Metric as Metric
+from hapnet.metrics.measured import DEFINED, Measures as Measures, Metric as Metric
 
 _FIRST = ("passivity", "motion", "contact", "force")
 

@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.contacts import Mass, Surroundings
-from hapnet.mechanics.contacts import Step as Step
+from hapnet.mechanics.contacts import Mass, Step as Step, Surroundings
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
 from hapnet.records.vectors import dot, times

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.couplings.registry import jointly_passive
-from hapnet.couplings.registry import known as known_coupling
+from hapnet.couplings.registry import jointly_passive, known as known_coupling
 from hapnet.extras import require
 from hapnet.plots.style import DEVICE_COLOR, NOT_PASSIVE, WORLD_COLOR, headed, legend_above, sheet
 from hapnet.recording.poses import of_point, of_turning

@@ -9,8 +9,7 @@ from hapnet.realtime.notifier import Notifier
 from hapnet.realtime.recorder import Recordings
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import link_events
-from hapnet.recording.samples import Event as Note
-from hapnet.recording.samples import Sample
+from hapnet.recording.samples import Event as Note, Sample
 from hapnet.side.device import Clock
 from hapnet.side.notices import Notice
 from hapnet.wire.events import Event

@@ -39,8 +39,7 @@ from hapnet.realtime.servo import require_fine_clock, tuned_interpreter
 from hapnet.realtime.shutdown import FAILED_LINGER_S, LINGER_S, GracefulShutdown
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import hand, link_events
-from hapnet.recording.samples import Event as Note
-from hapnet.recording.samples import Sample
+from hapnet.recording.samples import Event as Note, Sample
 from hapnet.recording.telemetry import Status
 from hapnet.side.endpoint import NANO, WireHalf
 from hapnet.side.link_port import LinkPort

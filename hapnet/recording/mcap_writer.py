@@ -31,8 +31,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import LIBRARY_IDENTIFIER
-from mcap.writer import MCAP0_MAGIC as MAGIC
+from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC as MAGIC
 
 _RECORD = struct.Struct("<BQ")  # opcode and length
 _MESSAGE = struct.Struct("<BQHIQQ")

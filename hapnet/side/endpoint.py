@@ -31,8 +31,7 @@ from hapnet.control.deadband import Deadband
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
-from hapnet.side.content import NANO as NANO
-from hapnet.side.content import energy_nJ, moment_ns, sample_of, span_ns, with_arms
+from hapnet.side.content import NANO as NANO, energy_nJ, moment_ns, sample_of, span_ns, with_arms
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hapnet.control import ledger as ledgers
-from hapnet.control import set_position_coupling as couplings
-from hapnet.control import set_position_servo as servos
+from hapnet.control import ledger as ledgers, set_position_coupling as couplings, set_position_servo as servos
 from hapnet.control.harvest import MeasuredHarvest, hold
 from hapnet.control.ledger import Ledger
 from hapnet.control.set_position_coupling import SetPositionCoupling

@@ -8,8 +8,7 @@ from functools import lru_cache
 from hapnet.assembly.arms import with_arm
 from hapnet.assembly.springs import with_springs
 from hapnet.errors import InvalidParameter
-from hapnet.metrics import METRICS
-from hapnet.metrics import Measures as Measures
+from hapnet.metrics import METRICS, Measures as Measures
 from hapnet.metrics.measured import Measured as Measured
 from hapnet.metrics.obstacles import rubs
 from hapnet.params import Params

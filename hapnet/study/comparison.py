@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.plots.style import also_to
-from hapnet.study import compare as cases_of
-from hapnet.study import tables
+from hapnet.study import compare as cases_of, tables
 from hapnet.study.case import kept, was_passive
 from hapnet.study.compare import Case, Group, Outcome, Plan
 from hapnet.study.journal import Journal

@@ -28,13 +28,13 @@ from hapnet.summary.structure import (
     Motion,
     Path,
     Servo,
+    SidePart as SidePart,
     Stopped,
+    Summary as Summary,
     Theorem,
     known,
     unknown,
 )
-from hapnet.summary.structure import SidePart as SidePart
-from hapnet.summary.structure import Summary as Summary
 from hapnet.summary.verdict import ROUNDING_J, START_S, excess_nJ, has_reservoirs, judge, restarted
 from hapnet.units import METRES
 from hapnet.versions import versions as versions

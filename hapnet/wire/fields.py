@@ -9,10 +9,16 @@ from collections.abc import Callable
 from math import isfinite, sqrt
 from typing import Annotated, Any, Literal, get_type_hints
 
-from hapnet.checks import MAX_DOF as MAX_DOF
-from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, wrong_curvatures, wrong_effects
-from hapnet.checks import Scalar as Scalar
-from hapnet.checks import Signal as Signal
+from hapnet.checks import (
+    MAX_DOF as MAX_DOF,
+    MOST_FRICTION,
+    MOST_PLANES,
+    UNIT_TOLERANCE,
+    Scalar as Scalar,
+    Signal as Signal,
+    wrong_curvatures,
+    wrong_effects,
+)
 from hapnet.errors import BadMessage
 from hapnet.records.vectors import added
 

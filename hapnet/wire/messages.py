@@ -27,15 +27,14 @@ from hapnet.wire.fields import (
     More,
     Nanojoules,
     Planes,
+    Role as Role,
     RoleName,
+    Scalar as Scalar,
     SignalMap,
     Span,
     Text,
 )
-from hapnet.wire.fields import Role as Role
-from hapnet.wire.fields import Scalar as Scalar
-from hapnet.wire.stream_frames import VERSION as VERSION
-from hapnet.wire.stream_frames import echo_of, encode_stream, start_of
+from hapnet.wire.stream_frames import VERSION as VERSION, echo_of, encode_stream, start_of
 
 MAX_FRAME_BYTES = 4096
 MAX_ARRAY = MAX_DOF + 1  # msgpack allocates what an array announces: 4 kB of nested headers took 20 ms and 30 MB

@@ -26,8 +26,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import lent, published
 from hapnet.param_values import parameter
 from hapnet.params import Params
-from hapnet.plant.worlds.registry import GROUP as WORLDS
-from hapnet.plant.worlds.registry import make_scene
+from hapnet.plant.worlds.registry import GROUP as WORLDS, make_scene
 from hapnet.simulation.simulation import simulate
 from tests.conftest import ROOT
 

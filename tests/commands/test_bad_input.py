@@ -11,8 +11,7 @@ import pytest
 from hapnet import cli
 from netem import cli as netem_cli
 from tests.support.bad_input import EVERY, FILES, SLOW, Bad
-from tests.support.commands import Capture
-from tests.support.commands import empty_directory as empty_directory
+from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import without_progress
 from tests.support.typed_input import TYPED
 

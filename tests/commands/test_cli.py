@@ -14,8 +14,7 @@ import pytest
 
 from hapnet import cli
 from tests.conftest import ENVIRONMENT
-from tests.support.commands import QUICK, Capture, summary_of
-from tests.support.commands import empty_directory as empty_directory
+from tests.support.commands import QUICK, Capture, empty_directory as empty_directory, summary_of
 
 NO_MORE = {"up_timeline": "", "down_timeline": "", "path_s": 0.0}
 

@@ -10,11 +10,9 @@ import pytest
 
 from hapnet import cli
 from hapnet.study.plans import links_of
-from netem import LinkProfile
-from netem import cli as netem_cli
+from netem import LinkProfile, cli as netem_cli
 from netem.presets import ALIASES
-from tests.support.commands import ADDRESS, QUICK, Capture
-from tests.support.commands import empty_directory as empty_directory
+from tests.support.commands import ADDRESS, QUICK, Capture, empty_directory as empty_directory
 
 # Wrong words are answered with where to read on
 

@@ -19,8 +19,7 @@ import pytest
 
 from hapnet import cli
 from netem import cli as netem_cli
-from tests.support.commands import Capture, python
-from tests.support.commands import empty_directory as empty_directory
+from tests.support.commands import Capture, empty_directory as empty_directory, python
 
 COMMANDS = (
     "run",

@@ -10,9 +10,7 @@ import pytest
 
 from hapnet import cli
 from hapnet.recording.mcap import read_recording
-from tests.support.arms import ARM, assert_no_force_last, linux, pressing
-from tests.support.arms import heard as heard
-from tests.support.arms import here as here
+from tests.support.arms import ARM, assert_no_force_last, heard as heard, here as here, linux, pressing
 from tests.support.commands import Capture
 from tests.support.processes import child_of, started
 

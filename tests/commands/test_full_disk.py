@@ -11,9 +11,7 @@ import pytest
 
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
-from tests.support.arms import ARM, assert_no_force_last, limited, linux, notices, pushing
-from tests.support.arms import heard as heard
-from tests.support.arms import here as here
+from tests.support.arms import ARM, assert_no_force_last, heard as heard, here as here, limited, linux, notices, pushing
 from tests.support.processes import HAPNET, LIMIT_S, read_json, size, started
 
 

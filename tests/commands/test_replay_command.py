@@ -16,8 +16,7 @@ from hapnet.recording.hand import recorded_hand
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Recording
 from hapnet.simulation.replay import read_original
-from tests.support.replays import Capture, recorded, rewritten, run, with_meta
-from tests.support.replays import here as here
+from tests.support.replays import Capture, here as here, recorded, rewritten, run, with_meta
 
 
 def test_the_command_writes_all_and_compares_in_words(tmp_path: Path, capsys: Capture) -> None:

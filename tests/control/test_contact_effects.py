@@ -25,8 +25,7 @@ from hapnet.plant.worlds.shapes import HalfSpace
 from hapnet.realtime.servo_pipe import kind_of, sample_of
 from hapnet.simulation.compiled.coverage import why_not
 from hapnet.simulation.simulation import Simulation
-from hapnet.wire.messages import Proxy as ProxyMessage
-from hapnet.wire.messages import decode
+from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
 from tests.support.grains import SWEEP, asked, line, slid

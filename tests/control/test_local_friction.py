@@ -9,8 +9,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
@@ -22,8 +21,7 @@ from hapnet.mechanics.plane import Plane, checked
 from hapnet.plant.worlds.friction import FrictionTexture
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import Sphere
-from hapnet.wire.messages import Proxy as ProxyMessage
-from hapnet.wire.messages import decode
+from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
 from tests.support.rubbing import LINKS, K, check_no_energy, lied_to, rubbed, run, slack_of

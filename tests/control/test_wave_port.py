@@ -6,8 +6,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet.control.coupling import Wave
 from hapnet.control.wave_port import Line, WaveDevice, WaveWorld

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
@@ -18,8 +17,7 @@ from hapnet.control.prediction import MotionPredictor
 from hapnet.couplings.tdpa_world import PassivityObserver
 from hapnet.params import Params
 from hapnet.study.case import measure
-from tests.support.tdpa_ends import TICK, device, reported, simulated, world
-from tests.support.tdpa_ends import watched as watched
+from tests.support.tdpa_ends import TICK, device, reported, simulated, watched as watched, world
 
 # -- the account -----------------------------------------------------------------------------------------------------
 

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from hapnet.devices import inverse3, websocket
-from hapnet.devices import inverse3_messages as wire
+from hapnet.devices import inverse3, inverse3_messages as wire, websocket
 from hapnet.devices.emulator import Handle
 from hapnet.devices.inverse3 import Inverse3
 from hapnet.devices.inverse3_emulator import DEVICE, Inverse3Emulator

@@ -8,8 +8,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.optimize import minimize
 
 from hapnet.checks import Vector
@@ -20,8 +19,7 @@ from hapnet.params import Params
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, Sphere
 from hapnet.simulation.simulation import Simulation
-from hapnet.wire.messages import Proxy as ProxyMessage
-from hapnet.wire.messages import decode
+from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, after, model, reported
 from tests.support.curved import error_N

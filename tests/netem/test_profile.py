@@ -8,8 +8,7 @@ import sys
 from decimal import Decimal
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from netem import PRESETS, LinkProfile, NetemError, ProfileError, compose, units
 from netem.effects import FourStateLoss, GilbertElliottLoss, RandomLoss, Slot

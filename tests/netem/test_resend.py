@@ -7,8 +7,7 @@ from itertools import islice, pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from netem import ConditionTrace, Link, LinkProfile, Timeline, TimelinePlayer, expect, models

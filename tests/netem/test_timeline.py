@@ -6,8 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from netem import Link, LinkProfile, ProfileError, Timeline, TimelinePlayer, units
 from netem.timeline import Entry

@@ -16,8 +16,7 @@ from hapnet.couplings.tdpa_world import TdpaWorld
 from hapnet.params import Params
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.simulation.simulation import Result, Simulation
-from tests.support.tdpa_ends import OFF, TICK, Watched, account, device, reported, simulated, world
-from tests.support.tdpa_ends import watched as watched
+from tests.support.tdpa_ends import OFF, TICK, Watched, account, device, reported, simulated, watched as watched, world
 
 # -- both ends -------------------------------------------------------------------------------------------------------
 

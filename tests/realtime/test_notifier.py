@@ -3,8 +3,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hapnet.realtime.notifier import MOST_REPORTED, PATIENCE_NS, REPORT_EVERY_NS, ROUTINE, Drops, Notifier
 from hapnet.side.notices import Notice

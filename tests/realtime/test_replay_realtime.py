@@ -15,8 +15,7 @@ from hapnet.transport.config import free_address
 from netem import Timeline
 from tests.support.pairs import Running, parameters, running
 from tests.support.processes import started
-from tests.support.replays import here as here
-from tests.support.replays import replayed
+from tests.support.replays import here as here, replayed
 
 
 async def test_a_session_whose_link_was_changed_by_hand_is_replayed(tmp_path: Path) -> None:

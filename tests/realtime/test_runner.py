@@ -14,8 +14,7 @@ from typing import Any
 import msgpack
 import pytest
 import zenoh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hapnet import cli
 from hapnet.assembly.build import prepare

@@ -11,8 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet.errors import InvalidParameter
 from hapnet.realtime.servo import DeadlineGrid, Servo, request_realtime, set_timer_slack, tuned_interpreter

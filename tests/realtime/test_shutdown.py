@@ -17,9 +17,17 @@ from hapnet.realtime.shutdown import LINGER_S
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
 from tests.conftest import ENVIRONMENT
-from tests.support.arms import ARM, assert_no_force_last, forces, linux, notices, pressing, pushing
-from tests.support.arms import heard as heard
-from tests.support.arms import here as here
+from tests.support.arms import (
+    ARM,
+    assert_no_force_last,
+    forces,
+    heard as heard,
+    here as here,
+    linux,
+    notices,
+    pressing,
+    pushing,
+)
 from tests.support.processes import HAPNET, LIMIT_S, read_json, size, started, until, without_progress
 
 # -- signals -----------------------------------------------------------------------------------------------------------

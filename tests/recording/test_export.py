@@ -15,8 +15,7 @@ from hapnet.recording import export
 from hapnet.recording.frames import table
 from hapnet.recording.mcap import read_recording, save
 from tests.recording.test_samples import META, ORIGIN, device_sample, halves, memory, run
-from tests.support.commands import Capture
-from tests.support.commands import empty_directory as empty_directory
+from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import no_room
 
 UTC = META | {"utc_origin_ns": ORIGIN + 5_000, "utc_clock": "system"}

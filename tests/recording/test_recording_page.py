@@ -15,8 +15,7 @@ from hapnet.recording.mcap import save
 from hapnet.recording.samples import DeviceSample, WorldSample
 from tests.recording.test_mcap import FOR_VIEWERS
 from tests.recording.test_samples import halves
-from tests.support.commands import Capture
-from tests.support.commands import empty_directory as empty_directory
+from tests.support.commands import Capture, empty_directory as empty_directory
 
 PAGE = (Path(__file__).resolve().parents[2] / "hapnet" / "recording" / "README.md").read_text("utf-8")
 

@@ -5,8 +5,7 @@ from contextlib import suppress
 
 import msgpack
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet.errors import BadMessage
 from hapnet.mechanics.curvature import Curvature

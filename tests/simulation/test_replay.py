@@ -19,8 +19,7 @@ from hapnet.recording.samples import Recording
 from hapnet.simulation.replay import compare, read_original
 from hapnet.simulation.simulation import simulate
 from tests.plant.arms.test_urdf import ARM
-from tests.support.replays import QUICK, recorded, replayed, rewritten, with_meta, with_params
-from tests.support.replays import here as here
+from tests.support.replays import QUICK, here as here, recorded, replayed, rewritten, with_meta, with_params
 
 # Exactly
 

@@ -16,8 +16,7 @@ from hapnet.recording.samples import Event, Recording
 from hapnet.simulation.replay import compare, read_original
 from hapnet.simulation.simulation import simulate
 from netem import Timeline
-from tests.support.replays import Capture, changed, rewritten, run, session
-from tests.support.replays import here as here
+from tests.support.replays import Capture, changed, here as here, rewritten, run, session
 
 
 def test_a_link_that_was_changed_while_it_ran_is_changed_in_the_replay(tmp_path: Path) -> None:

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control import continuous_servo
-from hapnet.control import set_position_coupling as couplings
+from hapnet.control import continuous_servo, set_position_coupling as couplings
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import held_torque
 from hapnet.errors import HapnetError, InvalidParameter

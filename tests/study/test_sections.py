@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console
 
 from hapnet import cli
-from hapnet.commands import compare as command
-from hapnet.commands import studies
+from hapnet.commands import compare as command, studies
 from hapnet.params import Params
 from hapnet.study import backend, compare, markdown, tables, task
 from hapnet.study.backend import ThisProcess

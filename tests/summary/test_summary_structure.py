@@ -6,8 +6,7 @@ import json
 import math
 from typing import Any, get_type_hints, is_typeddict
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hapnet.params import Params
 from hapnet.reports import brief_text, summary_text, verdict

@@ -18,8 +18,7 @@ from hapnet.transport.config import ZenohSettings, free_address, zenoh_config
 from hapnet.transport.security import Security
 from tests.conftest import mostly_slow
 from tests.support.processes import read_json, started
-from tests.support.secured import ACCESS, shows
-from tests.support.secured import users as users
+from tests.support.secured import ACCESS, shows, users as users
 from tests.support.transports import WAIT_S, Side, assert_exchange, opened, own, paired
 
 REFUSED_S = 0.8

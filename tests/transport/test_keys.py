@@ -5,8 +5,7 @@ from collections.abc import Collection
 
 import pytest
 import zenoh
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet.transport.config import ZenohSettings, free_address, may_lose, zenoh_config
 from hapnet.transport.keys import (  # fmt: skip

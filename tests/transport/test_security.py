@@ -17,8 +17,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.transport.config import ZenohSettings, free_address, zenoh_config, zenoh_warnings
 from hapnet.transport.security import Security, is_exposed
 from tests.support.processes import started
-from tests.support.secured import TLS, USRPWD, shows
-from tests.support.secured import users as users
+from tests.support.secured import TLS, USRPWD, shows, users as users
 from tests.support.transports import own, value
 
 

@@ -9,8 +9,7 @@ import pytest
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet.errors import BadMessage
 from hapnet.side.endpoint import DeviceEndpoint
@@ -230,8 +229,7 @@ def test_telemetry_is_for_those_who_know_the_word(word: str, reads: bool, tmp_pa
     settings = ZenohSettings(connect=("tcp/127.0.0.1:1",), security=Security(secret_file=file if word else None))
     watcher = Watcher(settings, heard.append)
     cipher = Secret(b"s" * 32, WORD).for_watchers(5)
-    from hapnet.recording.telemetry import KnownPlanes
-    from hapnet.recording.telemetry import encode as reported
+    from hapnet.recording.telemetry import KnownPlanes, encode as reported
 
     watcher._receive("hapnet/one/pen/up/telemetry", cipher.encrypt(reported(KnownPlanes(()))))
     assert heard == ([KnownPlanes(())] if reads else [])

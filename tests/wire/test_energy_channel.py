@@ -7,8 +7,7 @@ from itertools import pairwise
 from math import inf, nan, nextafter
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.energy_channel import EnergyChannel

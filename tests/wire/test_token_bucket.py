@@ -3,8 +3,7 @@ from __future__ import annotations
 from math import inf, nan
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet.errors import InvalidParameter
 from hapnet.wire.token_bucket import TokenBucket

@@ -19,8 +19,7 @@ from hapnet.plant.worlds.sight import Sight
 from hapnet.plant.worlds.walls import force_along
 from hapnet.records.equation import compiled_as, equation
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record, Wholes
-from hapnet.records.vectors import dot
-from hapnet.records.vectors import length as norm
+from hapnet.records.vectors import dot, length as norm
 
 ANCHOR_CEILING_J = 0.01
 """Of E_c. The springs store some 5 mJ in a firm contact."""

@@ -10,8 +10,7 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from hapnet import ForceWorld, Obstacle, Params, simulate
 from hapnet.errors import BadMessage
