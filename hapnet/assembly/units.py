@@ -88,4 +88,4 @@ def check_units(params: Params, dof: int) -> None:
             raise InvalidParameter(name, params.get(name), allowed + in_millimetres(length, declared.reach))
     if is_simulated(params.hardware):
         unit = within(METRES if params.units == "auto" else params.units, "N/m")
-        declared.check_stiffness("device.stiffness", params.device.stiffness, dof, unit)
+        declared.check_stiffness("device.stiffness", params.device.stiffness, dof, unit, "device.stiffness_range")

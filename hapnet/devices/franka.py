@@ -100,7 +100,8 @@ class Franka(Driver):
         self._contact, self._recover = contact, recover
         self._control: Any = None
         self._failed, self._stopped = "", False
-        self._due_s = 0.0
+        self._due_s = self._counted_s = 0.0
+        self._interval_s: float | None = None
         self._acted: Vector | None = None
         if why := self.missing():
             raise HapnetError(f"the robot needs {why}")
@@ -170,15 +171,25 @@ class Franka(Driver):
             raise HapnetError(self._failed)
         if (wait_s := self._due_s - self._clock()) > 0.0:
             time.sleep(wait_s)
+        since_s = 0.0  # as in the first state of a motion
         try:
             if self._control is None:
                 self._state = self._robot.read_once()
             else:
                 self._state, since = self._control.readOnce()
-                self.missed += max(0, round(since.to_sec() / PERIOD_S) - 1)
+                since_s = since.to_sec()
+                self.missed += max(0, round(since_s / PERIOD_S) - 1)
         except self._errors as error:
             raise self._fail(error) from error
-        self._due_s = self._clock() + PERIOD_S - EARLY_S
+        now_s = self._clock()
+        self._due_s = now_s + PERIOD_S - EARLY_S
+        if since_s > 0.0:
+            # the clock counts states: a simulator makes too few, and each stands for more, up to the watchdog's time
+            behind_s = now_s - self._counted_s - since_s
+            self._interval_s = since_s + min(max(0.0, behind_s), LOST_IN_A_ROW * PERIOD_S)
+            self._counted_s += self._interval_s
+        else:
+            self._interval_s, self._counted_s = None, now_s
         self.arm = self._seen()
         self._acted = None if self._control is None else self._taken(self._torques.acted(self.arm))
         x, v = self._taken(self.arm.position - self._origin), self._taken(self.arm.linear @ self.arm.dq)
@@ -210,6 +221,10 @@ class Franka(Driver):
     def acted(self) -> Vector | None:
         """The force with the work of the torques that the robot reports."""
         return self._acted
+
+    def interval(self) -> float | None:
+        """By the robot's clock: states that had waited for this program are no fast motion."""
+        return self._interval_s
 
     def contact_force(self) -> Vector:
         """The robot's own estimate of the external force, filtered; zeros near a singularity, as its maker says.

@@ -257,7 +257,8 @@ class RealDeviceSide(SampledDeviceSide):
         return self._reading
 
     def _elapsed(self) -> float:
-        ours = super()._elapsed()
+        assert self._heard_ns is not None, "a reading comes first"
+        ours = (self._heard_ns - self.last_ns) * NANO  # by when it came, as in the tick before: not what came after it
         reported = self.device.interval()
         if reported is None:
             return ours

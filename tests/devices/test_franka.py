@@ -163,6 +163,38 @@ def test_without_an_answer_nobody_knows_its_torque(library: None) -> None:
     device.close()
 
 
+def test_the_time_between_two_readings_is_the_robots(library: None) -> None:
+    """This program stood still for 150 ms when it had a state; when it went on, the next was there within 0.9 ms.
+
+    `readOnce` returns the time since its last reading by the robot's clock (libfranka's `active_control_base.h`).
+    """
+    found = intervals([(1e-3, 1), (1e-3, 1), (0.15, 1), (0.9e-3, 150), (1e-3, 1)])
+    assert found[2:] == pytest.approx([0.15, 1e-3])
+    assert sum(found) == pytest.approx(1e-3 + 0.15 + 0.9e-3 + 1e-3, abs=0.021)  # the watchdog's time, and a state
+
+
+def test_a_simulator_that_is_slow_keeps_real_time(library: None) -> None:
+    """As a driver has to, within 2 % and 0.1 s: here 2.5 ms for each state, and at once again after half a second."""
+    steps = [(2.5e-3, 1)] * 100 + [(0.5, 1)] + [(2.5e-3, 1)] * 100
+    lived_s = sum(after_s for after_s, _ in steps)
+    assert sum(intervals([(1e-3, 1), *steps])) == pytest.approx(lived_s, rel=0.02)
+
+
+def intervals(steps: list[tuple[float, int]]) -> list[float]:
+    """What the driver says of readings so much later [s], each of so many states later; of the first nothing."""
+    now_s = [0.0]
+    device = Franka(3, "robot", clock=lambda: now_s[0])
+    device.begin()
+    found = []
+    for after_s, states in steps:
+        now_s[0] += after_s
+        stand_in.Robot.made.lost = states - 1
+        device.read()
+        found.append(device.interval())
+    assert found[0] is None
+    return [one for one in found if one is not None]
+
+
 def test_it_ends_by_a_ramp_and_holds_still(library: None) -> None:
     device, robot = begun(force=100.0)
     for _ in range(60):

@@ -55,6 +55,30 @@ def test_a_clock_that_runs_slow_is_named() -> None:
         a_second()
 
 
+class Busy(Timed):
+    """Its reading comes each 2.2 ms, and 0.2 ms of them the tick then takes."""
+
+    reported_s = 0.0022
+
+    def buttons(self) -> tuple[bool, ...]:
+        self.take()
+        return super().buttons()
+
+    def take(self) -> None: ...
+
+
+def test_what_a_tick_takes_is_counted_once() -> None:
+    rig = Rig(Busy)
+
+    def take() -> None:
+        rig.now_ns += 200_000
+
+    rig.arm.take = take  # type: ignore[attr-defined]  # of this class
+    for _ in range(1000):
+        rig.tick(0.0)
+    assert rig.side.last_ns == pytest.approx(2.2e9, rel=0.01)
+
+
 def test_a_servo_that_was_away_is_no_fault_of_the_devices_clock() -> None:
     """For 3 s; some readings waited meanwhile and come at once afterwards, the others are lost."""
     rig = Rig(Timed)

@@ -120,9 +120,17 @@ def test_what_a_device_declares_holds_and_else_the_parameters() -> None:
     assert UserDevice(named(Arm), 1, params).declared.workspace == (0.5,)
 
 
-def test_a_stiffness_that_a_device_does_not_render_is_refused() -> None:
-    setup = prepare(PARAMS.set({"hardware": named(Soft), "scene": "free"}))
-    with pytest.raises(InvalidParameter, match=r"^device\.stiffness is 100\.0; allowed: 0 to 80 N/m"):
+@pytest.mark.parametrize(
+    ("device", "given", "says"),
+    [
+        (Soft, {}, r"0 to 80 N/m in every direction, as the device renders"),
+        (Arm, {"device.stiffness_range": (1.0, 80.0)}, r"1 to 80 N/m in .* renders \(device\.stiffness_range\)"),
+    ],
+)
+def test_a_stiffness_that_a_device_does_not_render_is_refused(device: type, given: dict[str, Any], says: str) -> None:
+    """Only what the user can change is named: the parameter that a driver without a range of its own goes by."""
+    setup = prepare(PARAMS.set({"hardware": named(device), "scene": "free", **given}))
+    with pytest.raises(InvalidParameter, match=rf"^device\.stiffness is 100\.0; allowed: {says}$"):
         device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: 0, lambda sample: None)
 
 
