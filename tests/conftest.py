@@ -1,7 +1,5 @@
 """What the tests share: where the recorded inputs are, processes' environment, certificates, random matrices."""
 
-from __future__ import annotations
-
 import fcntl
 import gc
 import os

@@ -1,7 +1,5 @@
 """Axes in radians: who declares them, who must agree, and where they show."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

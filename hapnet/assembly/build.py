@@ -10,19 +10,11 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from hapnet.assembly import follower as followers
 from hapnet.assembly.arms import description, simulated_device, with_arm
-from hapnet.assembly.follower import (
-    arms_of,
-    is_held,
-    leaders_stiffness,
-    on_link,
-    seen,
-    warnings as follower_warnings,
-    with_follower,
-    writes_on_link,
-)
+from hapnet.assembly.follower import arms_of, is_held, leaders_stiffness, on_link, seen, with_follower, writes_on_link
 from hapnet.assembly.links import link_profile, link_timeline
-from hapnet.assembly.operators import LIVE as LIVE, operator
+from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
 from hapnet.assembly.scenes import SCENE_PARAMETERS, scene_of
 from hapnet.assembly.springs import with_springs
@@ -191,7 +183,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         found = held_torque.check(device, harvest, scene.dof)
         if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
             warnings.extend(found)
-    warnings.extend(follower_warnings(params, spec, scene.dof))
+    warnings.extend(followers.warnings(params, spec, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
     tuning = spec.tune(seen(params), delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))

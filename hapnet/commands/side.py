@@ -15,7 +15,8 @@ from typing import cast, get_args
 
 from hapnet import checks
 from hapnet.assembly.arms import real_time_warnings
-from hapnet.assembly.build import LIVE, prepare
+from hapnet.assembly.build import prepare
+from hapnet.assembly.operators import LIVE
 from hapnet.commands import known_devices, output
 from hapnet.commands.console import run_console
 from hapnet.commands.log import Log, check_target

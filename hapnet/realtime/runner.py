@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from hapnet import checks
-from hapnet.assembly.build import LIVE, Setup
+from hapnet.assembly.build import Setup
 from hapnet.assembly.links import link_profile
+from hapnet.assembly.operators import LIVE
 from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
@@ -47,7 +48,8 @@ from hapnet.side.notices import OVER, Notice, signal_text
 from hapnet.summary.run import Summary, has_account
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.diagnosis import ConnectionDiagnosis
-from hapnet.transport.zenoh import TELEMETRY, ZenohTransport
+from hapnet.transport.entities import TELEMETRY
+from hapnet.transport.zenoh import ZenohTransport
 from hapnet.units import POSE
 from hapnet.wire.encryption import Cipher
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived

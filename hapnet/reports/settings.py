@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hapnet.assembly.build import LIVE
+from hapnet.assembly.operators import LIVE
 from hapnet.assembly.springs import without_rule
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import flatten

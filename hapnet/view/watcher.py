@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from hapnet.recording.telemetry import Telemetry
 from hapnet.transport.config import ZenohSettings
+from hapnet.transport.entities import TELEMETRY
 from hapnet.transport.subscription import Subscription
-from hapnet.transport.zenoh import TELEMETRY
 from hapnet.view.telemetry_reader import TelemetryReader
 
 GONE_S = 5.0

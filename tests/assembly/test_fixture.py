@@ -1,7 +1,5 @@
 """Planes in the air, as a robot's motors render them: what they give out, and whose force is whose."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.assembly.fixture import LENT_J, Fixture

@@ -1,7 +1,5 @@
 """Devices of three axes that turn, as devices of a pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Devices from outside: whatever their code does ends as one line that names them."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Without the extras a side runs; what needs one says so in a line, before anything has run."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

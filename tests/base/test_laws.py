@@ -1,7 +1,5 @@
 """Laws by name: found as files or entry points, their parameters are sections, what one lacks is said in a line."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.metadata
 import json

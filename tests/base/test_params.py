@@ -1,7 +1,5 @@
 """Parameters: TOML there and back, `--set`, and one clear line for what is wrong."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """What somebody meets who types: names, wrong arguments, short words for long objects, tables and figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

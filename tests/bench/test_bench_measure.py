@@ -1,7 +1,5 @@
 """What measures, here shortly; at length under `slow`."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import json

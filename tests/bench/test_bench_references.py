@@ -1,7 +1,5 @@
 """The bare references compute the same thing: else a ratio would compare nothing."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

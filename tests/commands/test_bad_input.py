@@ -1,7 +1,5 @@
 """Every wrong input is answered in one line, with exit code 2, and nothing is left behind: see bad_input.py."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Commands: their parameters, and what they print and write."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Bad input on the command line: one line that names what is wrong, and exit code 2."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Help and versions: complete, quick, plain in a pipe."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import json

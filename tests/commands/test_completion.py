@@ -1,7 +1,5 @@
 """What a shell gets when TAB is pressed: by the protocol of typer's scripts, and by bash itself."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Devices by name: options, axes, published drivers, an emulator's handle, and the doctor's measurements."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

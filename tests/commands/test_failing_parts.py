@@ -1,7 +1,5 @@
 """Parts of the user's own that fail, and processes that are killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`hapnet play` with the world on another host: real processes, without a browser."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Recordings and logs that cannot be written: the run goes on, and its exit code says so."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The keyboard of a terminal: a device's class reads it in `hapnet run`, and the terminal is left as it was."""
 
-from __future__ import annotations
-
 import os
 import pty
 import subprocess

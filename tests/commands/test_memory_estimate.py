@@ -1,7 +1,5 @@
 """Runs that no memory can hold are refused before they begin, with the numbers."""
 
-from __future__ import annotations
-
 import gc
 import math
 import tracemalloc

@@ -1,7 +1,5 @@
 """`hapnet play` and `hapnet view` without a browser: real processes, heard through their telemetry."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

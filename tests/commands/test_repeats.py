@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from hypothesis import given, strategies as st
 
 from hapnet.commands.repeats import EVERY_NS, REPEATING, REPORTED, Repeats

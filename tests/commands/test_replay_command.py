@@ -1,7 +1,5 @@
 """The command that replays: its output, and what it refuses."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`hapnet report` of what may lie on a disk: one side, torn, empty, a single sample, unknown values."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """The example that repeats the verdict: it agrees with the summary, and with no recording that was tampered with."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Effects of surfaces at the device's rate: what is felt, what is sent, and what false ones do."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

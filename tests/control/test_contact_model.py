@@ -1,7 +1,5 @@
 """The device's local contact model against an independent equilibrium, and what happens when the world changes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

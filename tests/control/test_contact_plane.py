@@ -1,7 +1,5 @@
 """When two planes are the same surface, and where one is that moves."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What every law is driven by: the device's servo, the couplings' accounts, and the way through a pipe."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a deadband lets through: Weber's law by hand, waves' sums, and what it saves and costs in whole runs."""
 
-from __future__ import annotations
-
 import math
 import random
 from typing import Any

@@ -1,7 +1,5 @@
 """How far a hand comes behind a plane that stops it."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, strategies as st
 from scipy.integrate import quad

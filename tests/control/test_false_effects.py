@@ -1,7 +1,5 @@
 """A world that lies about the effects of its surfaces: with PSPM they create no energy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """D of (9): (10) is a lower bound for a continuous damper and none for a held one; the measured harvest is exact."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A follower's servo in the steps of a world: late steps, and the watchdog."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

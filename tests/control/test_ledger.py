@@ -1,7 +1,5 @@
 """The ledger's definitions by hand, and its sums over very many terms."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

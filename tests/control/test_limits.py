@@ -1,7 +1,5 @@
 """The step limit and the silence policy."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction in the device's local contact model: Coulomb's law, what sticks, what is sent, and what false planes do."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

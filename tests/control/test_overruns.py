@@ -3,8 +3,6 @@
 Judged by forces and positions alone, or by what the simulated actuator put out in each of its own periods.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

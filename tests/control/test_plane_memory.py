@@ -1,7 +1,5 @@
 """Planes that are no longer sent: known until the world denies them. The lead, which yields to an empty reservoir."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

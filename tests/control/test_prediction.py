@@ -1,7 +1,5 @@
 """The world's prediction of the device: exact for what it assumes, bounded otherwise, and in step with the proxy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """Algorithm 1: its energy law to rounding, the reservoir never negative, both shufflings, bad arguments."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

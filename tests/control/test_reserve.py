@@ -1,7 +1,5 @@
 """A held torque against a device that does its worst: the account, the step, the limit and the greatest speed hold."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

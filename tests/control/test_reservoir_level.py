@@ -1,7 +1,5 @@
 """How full a reservoir is, and what goes to an emptier one: nothing is created, and the reserve stays."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

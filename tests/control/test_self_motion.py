@@ -1,7 +1,5 @@
 """The own motion since the time for which the world's answer stands."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.control.self_motion import SelfMotion

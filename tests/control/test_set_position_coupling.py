@@ -1,7 +1,5 @@
 """The set-position's way through one side: what arrives is used once, in order, and the ledger misses nothing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

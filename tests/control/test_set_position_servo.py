@@ -1,7 +1,5 @@
 """The device's servo laws, against cases worked by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

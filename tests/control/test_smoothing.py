@@ -1,7 +1,5 @@
 """Stages before PSPM: what a low-pass and a predictor must do."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The stages before laws of others: they choose the set-position, and what a law claims of a port still holds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

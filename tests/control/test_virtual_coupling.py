@@ -1,7 +1,5 @@
 """The plain coupling's held end: a spring and a damper to the newest position."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The filter of waves: a low pass that gives no energy, whatever its slots."""
 
-from __future__ import annotations
-
 from math import exp
 
 import numpy as np

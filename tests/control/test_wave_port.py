@@ -1,7 +1,5 @@
 """The two terminations of a wave line."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Axes are alike: with all of them in another order, a run is the same in that order."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

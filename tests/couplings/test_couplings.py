@@ -1,7 +1,5 @@
 """The couplings by name: what a link's delays are taken to be, how a law is tuned for them, and that it runs."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

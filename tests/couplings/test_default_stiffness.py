@@ -1,7 +1,5 @@
 """K by rule, from what the device says of itself."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.assembly.springs import with_springs

@@ -1,7 +1,5 @@
 """Digital waves: their replay, and the law over links that delay, lose, reorder and repeat."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import sqrt
 

@@ -1,7 +1,5 @@
 """Energy bounding: whatever comes over the network and whatever the hand does, its port gives nothing out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Runs whose held torque used to give out more than there was, or to step further than it may."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

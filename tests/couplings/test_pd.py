@@ -1,7 +1,5 @@
 """PD over a delay: passive as far as K_d pays for the round trip, and no further."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

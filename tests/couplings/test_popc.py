@@ -1,7 +1,5 @@
 """Passivity observer and controller: the observer is exact, the controller takes back what was given out."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two-port time-domain passivity: the account, the controllers and the tuning."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Wave variables over a delay line: its queue, and where the law is passive and where not."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Wave integrals: what is lost on the way, or in the queue, comes out after all, and no energy with it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

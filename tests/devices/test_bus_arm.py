@@ -1,7 +1,5 @@
 """Arms of servos on a bus: their emulators under the makers' SDKs, and our drivers at them."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The packets of servo buses, beside the makers' pages and the makers' SDKs."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

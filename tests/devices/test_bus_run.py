@@ -1,7 +1,5 @@
 """Runs with the emulators of servo buses, each in a process of its own, as a user starts them."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """What others wrote, against our stand-ins and examples; by hand: pip install pyopenhaptics==1.0.1 haplyhapi==1.0.1."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

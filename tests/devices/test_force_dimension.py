@@ -1,7 +1,5 @@
 """The driver of Force Dimension's devices, with a stand-in of the maker's library that is compiled here."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import math

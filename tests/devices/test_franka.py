@@ -1,7 +1,5 @@
 """The driver of the FR3: its torques against the principle of virtual work, its account, what it does at failures."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from itertools import count

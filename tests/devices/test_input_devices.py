@@ -1,7 +1,5 @@
 """Gamepad and 3D mouse, from events as the kernel gives them: written by hand after its documentation."""
 
-from __future__ import annotations
-
 import errno
 import os
 import struct

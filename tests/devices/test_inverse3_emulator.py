@@ -1,7 +1,5 @@
 """The Inverse3's driver against its emulator, over sockets."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading

@@ -1,7 +1,5 @@
 """The Inverse Service's messages, against documents written by hand after the maker's pages for 3.5 and 3.1."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

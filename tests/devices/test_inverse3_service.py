@@ -1,7 +1,5 @@
 """What the driver of the Inverse3 makes of what its service reports beside positions: frames, risks, grips, forces."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.devices.inverse3 import Inverse3

@@ -1,7 +1,5 @@
 """What drivers of arms share, against least squares and the motors' limits themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

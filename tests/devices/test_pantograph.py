@@ -1,7 +1,5 @@
 """The example of a linkage: its kinematics against bars and differences, its account against the joints' work."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise, product
 

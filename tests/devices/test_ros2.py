@@ -1,7 +1,5 @@
 """A device and a robot behind ROS 2's topics, beside a node that was written from rmw_zenoh's layout."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import struct

@@ -1,7 +1,5 @@
 """Rotations, against Rodrigues' formula."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """A gamepad's motors: what the kernel is told, by the structures of its header, and what a device is told in a run."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import os

@@ -4,8 +4,6 @@ By hand (`-m soak`): it needs `apt-get install gcc-avr avr-libc arduino-core-avr
 without them. The figures are printed with `-s`.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

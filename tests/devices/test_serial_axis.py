@@ -1,7 +1,5 @@
 """The serial axis's driver and port, on a pseudo-terminal that the test writes to."""
 
-from __future__ import annotations
-
 import binascii
 import os
 import re

@@ -1,7 +1,5 @@
 """The serial axis's emulator without a port: what it does with a command, and what its states say."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

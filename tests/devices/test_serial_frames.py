@@ -1,7 +1,5 @@
 """The serial axis's frames, whatever happens to them on the way, and what the times of states say."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, strategies as st
 

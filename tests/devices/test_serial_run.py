@@ -1,7 +1,5 @@
 """Runs with the serial axis's emulator, in a process of its own, as a user starts it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """The sketch in examples/serial_axis, compiled for this machine, and driven by the driver over a pseudo-terminal."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import statistics

@@ -1,7 +1,5 @@
 """The velocity from timed positions: exact motions, encoders and sensors simulated here, bounds from theory."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import random

@@ -1,7 +1,5 @@
 """The driver of the Touch, with a stand-in of OpenHaptics' library that is compiled here and ticks by hand."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import random

@@ -1,7 +1,5 @@
 """Whole runs with the Touch's driver and a stand-in of OpenHaptics' library, whose thread ticks by itself."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What `hapnet doctor` says of a network: probes over links whose figures are known, and over Zenoh."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 

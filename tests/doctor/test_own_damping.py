@@ -1,7 +1,5 @@
 """The doctor's lower bound of a device's own damping, on handles whose damping only the tests know."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """A device's own damping, measured over a serial port in real time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Expected values are the parameters' (3.3 N, 0.5 N a step, ...) as the recording's own settings name them.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ nothing of the machine's own network is touched, not even a name. A holder proce
 the pipe that it reads from, so that nothing stays behind even if the tests are killed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -15,8 +15,6 @@ a limit, and ends with exit code 1 if anything does:
 Only for root, on a machine with nothing else to do.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

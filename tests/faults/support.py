@@ -1,7 +1,5 @@
 """A device and a world as processes of their own that faults can be done to, and what they left written."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -3,8 +3,6 @@
 By hand, with a line for each run, 45 minutes: ``pytest -n 0 -s -m soak tests/faults/test_busy_machine.py``.
 """
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 from typing import Any

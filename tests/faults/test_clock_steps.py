@@ -1,7 +1,5 @@
 """Steps of the wall clock: nothing depends on it, in hapnet's code and in Zenoh's."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

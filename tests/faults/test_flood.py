@@ -1,7 +1,5 @@
 """A stranger that sends as fast as it can: the pair goes on, the servo ticks, the log stays short."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -5,8 +5,6 @@ this process and notes each change of its force. By hand, 50 random times each, 
 `hapnet/devices/safety.md`: ``pytest -n 0 -s -m soak tests/faults/test_force_afterwards.py``.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import signal

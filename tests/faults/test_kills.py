@@ -1,7 +1,5 @@
 """SIGKILL of either side in contact, and again: the other side lives through it all in one process."""
 
-from __future__ import annotations
-
 import random
 import time
 from pathlib import Path

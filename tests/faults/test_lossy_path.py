@@ -1,7 +1,5 @@
 """Both sides on hosts of their own, and packets lost below the transport: what TCP, UDP and QUIC make of it is real."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The machine's monotonic clock is the same in all namespaces, so what the two sides wrote can be compared.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,8 +1,6 @@
 """The network parted, in both directions or one, and whole again: nothing blocks, nothing is lost for good, and it says
 so."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass

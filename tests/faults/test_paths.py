@@ -1,7 +1,5 @@
 """What `path` says of a real network, held against irtt; and that a figure beyond a limit is named."""
 
-from __future__ import annotations
-
 import shutil
 from typing import Any
 

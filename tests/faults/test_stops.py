@@ -1,7 +1,5 @@
 """A side's host asleep: its processes stopped for a while, then woken as if nothing had been."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The two commands that the pages print for two hosts, each run on a host of its own, with a link of its own."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Sequence

@@ -4,8 +4,6 @@
 What is lost there is lost below TCP, as on a real network; nothing of the kernel's own emulation is needed.
 """
 
-from __future__ import annotations
-
 import asyncio
 import ctypes
 import fcntl

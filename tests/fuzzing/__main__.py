@@ -1,7 +1,5 @@
 """Run storms of mutated messages, or one again: `python -m tests.fuzzing --target world --seed 7 --count 5000`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -1,7 +1,5 @@
 """Seed frames: golden ones, oddities, and a real conversation. `python -m tests.fuzzing.corpus` writes them."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -9,8 +9,6 @@ long to wait, two that say how long a frame is, the frame, and so on. The device
 with their "wall".
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

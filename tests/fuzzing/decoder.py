@@ -1,7 +1,5 @@
 """What a decoder must say of any bytes, written from hapnet/wire/README.md, not from the code."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """What must hold after every message, written from hapnet/wire/README.md and from the theory, not from the code."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sized
 from typing import Any

@@ -1,7 +1,5 @@
 """What atheris feeds: bytes as a frame, and bytes as the life of a device (see coverage_guided.py)."""
 
-from __future__ import annotations
-
 import random
 
 from hapnet.assembly.build import prepare

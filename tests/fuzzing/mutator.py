@@ -4,8 +4,6 @@ Three kinds of attacker take turns. One damages bytes, as a broken wire would. O
 program would. The third knows the protocol and listens in: it forges frames that fit the talk it heard.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections import deque

@@ -1,7 +1,5 @@
 """Which numbers of a stream count, from the protocol's page (check 6): a plain recount, kept apart from the code."""
 
-from __future__ import annotations
-
 MS = 1_000_000
 
 

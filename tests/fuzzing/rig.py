@@ -1,7 +1,5 @@
 """A side with its plant, an honest peer, a prompt network and integer time."""
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Callable

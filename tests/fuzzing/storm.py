@@ -1,7 +1,5 @@
 """A side under attack by mutated messages; and that all is well when it is over."""
 
-from __future__ import annotations
-
 import random
 import traceback
 from functools import lru_cache

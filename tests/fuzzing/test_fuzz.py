@@ -1,7 +1,5 @@
 """Mutated messages into the decoder and into each endpoint: nothing raised, and every law kept after each of them."""
 
-from __future__ import annotations
-
 import random
 import re
 import sys

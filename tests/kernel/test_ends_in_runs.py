@@ -1,7 +1,5 @@
 """Whole runs of a tool and of an arm joint by joint, with compiled ends and without: the same samples, bit by bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The compiled kernel gives what the reference gives, in every covered feature: the same bits."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The compiled ends of real time beside those of plain Python, over the same input: the same bits, in every field."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

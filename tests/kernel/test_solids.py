@@ -1,7 +1,5 @@
 """Scenes of solids give the same bits compiled, with one to three axes; what equations do not know is not compiled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import sqrt
 from typing import Any

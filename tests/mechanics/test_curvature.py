@@ -1,7 +1,5 @@
 """Surfaces that bend: where their tangent plane lies, what the device feels of them, and what becomes of lies."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

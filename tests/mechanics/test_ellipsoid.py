@@ -1,7 +1,5 @@
 """The projection against bisection on the multiplier, the KKT conditions, and the laws of a projection."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

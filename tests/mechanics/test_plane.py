@@ -1,7 +1,5 @@
 """What a user's world may send as planes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The frame of a device that turns: the same turn about the same axis, one factor of work, the same plane."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

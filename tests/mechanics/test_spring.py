@@ -1,7 +1,5 @@
 """The saturated spring: its force is the gradient of its potential, and never longer than the limit."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The transmitted impedance and the Z-width: estimators and experiment against theory."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Metrics of motion, force and drift, against values computed by hand."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Metrics of contact: the stiffness that is rendered. When a contact is felt is in `test_metrics_felt.py`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a person feels of a wall and of free space: when a contact is felt, drag, swing, and the true environment."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence

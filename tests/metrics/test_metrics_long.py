@@ -1,7 +1,5 @@
 """Metrics of long runs and of the virtual world: windows, the worst tenth, contacts, what is modulated, both ports."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

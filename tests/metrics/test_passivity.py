@@ -1,7 +1,5 @@
 """The margin of both ports together, of columns whose sums are known by hand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

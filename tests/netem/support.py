@@ -1,7 +1,5 @@
 """What the tests of netem share: random profiles, recorded kernel output, and a link driven in virtual time."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The link on a loop: released on time and in order, with a timerfd and without."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 

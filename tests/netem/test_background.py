@@ -1,7 +1,5 @@
 """A relay beside a program without a loop, and pytest's fixture that starts one."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

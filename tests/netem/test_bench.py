@@ -1,7 +1,5 @@
 """The benchmarks measure what they say, here shortly; in full, the figures they are for."""
 
-from __future__ import annotations
-
 import pytest
 
 from netem import bench

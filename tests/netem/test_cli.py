@@ -1,7 +1,5 @@
 """The command: what it prints, its JSON, and one line with exit code 2 for bad input."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

@@ -1,7 +1,5 @@
 """``duplicate P [C]``: its rate, what a copy goes through, and what it leaves as it was."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from math import sqrt

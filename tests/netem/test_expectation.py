@@ -1,7 +1,5 @@
 """The figures asked for: closed forms, and what links come to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Files that are read once while they do not change."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

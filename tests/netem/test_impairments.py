@@ -1,7 +1,5 @@
 """An impairment beside tc-netem's words: the page's example, put into the folder and used as it stands."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

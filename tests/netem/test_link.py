@@ -1,7 +1,5 @@
 """The link: laws that hold for any profile, tc-netem's order of effects, and the kernel's recorded order and rate."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a relay shows of itself: figures that are known, as a line and as a table."""
 
-from __future__ import annotations
-
 import io
 import re
 from dataclasses import asdict, dataclass, replace

@@ -3,8 +3,6 @@
 All draws are seeded; the tests' levels (1e-3 and five standard errors) say how far from theory a correct model may be.
 """
 
-from __future__ import annotations
-
 from itertools import chain, islice
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Nothing is delivered twice: thousands of messages through every named profile and every effect."""
 
-from __future__ import annotations
-
 import pytest
 
 from netem import PRESETS, CapacityTrace, ConditionTrace, Link, LinkProfile

@@ -1,7 +1,5 @@
 """The grammar: tc's words to a profile and back, what is refused and how, and command-line overrides."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A link's queue: its limit, its line, and the slots in which it releases."""
 
-from __future__ import annotations
-
 import gc
 import sys
 import tracemalloc

@@ -1,7 +1,5 @@
 """The UDP relay: what goes in comes out on the other side, for many clients, and what does not is counted."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Resends: what is lost is offered again, at most N times, and arrives once; losses and delays as derived."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import islice, pairwise
 

@@ -1,7 +1,5 @@
 """The delay histogram: percentiles within a bin's width, memory that does not grow."""
 
-from __future__ import annotations
-
 import dataclasses
 import statistics
 

@@ -1,7 +1,5 @@
 """The random streams of a link: repeatable, independent of each other, and the same in arrays."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

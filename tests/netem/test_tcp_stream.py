@@ -1,7 +1,5 @@
 """One direction of a relayed connection, over links that the test empties by hand: what is sent again, and when."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Timelines: text and back, what is refused and how, and changes applied at their times without losing anything."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

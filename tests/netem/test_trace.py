@@ -1,7 +1,5 @@
 """Recorded links: mahimahi's rule for who crosses when, the real LTE traces, conditions in steps, and bad files."""
 
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The Zenoh relay: samples pass with all they carry, tokens too, nothing comes back, and hapnet's two sides meet."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

@@ -1,7 +1,5 @@
 """Faults between a force and the positions that follow: found by the doctor, when a run starts, and while it runs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

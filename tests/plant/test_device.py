@@ -1,8 +1,6 @@
 """The simulated device: its energy account is exact, its dynamics are right, in both directions of computing it
 agree."""
 
-from __future__ import annotations
-
 import math
 from itertools import chain
 

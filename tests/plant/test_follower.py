@@ -1,7 +1,5 @@
 """A robot in the virtual mass's place: scaling, start, feedback, and what its environment's account says."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Generated hands and their tremor: each the same everywhere, smooth, in its ranges."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

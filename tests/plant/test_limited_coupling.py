@@ -4,8 +4,6 @@ The observer knows positions, velocities, the hand's force and the device's mass
 device is the actuators' force, ``m (v1 - v0)/h + b (x1 - x0)/h - f``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import NamedTuple

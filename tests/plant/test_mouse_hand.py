@@ -1,7 +1,5 @@
 """The hand that a mouse leads in `hapnet play`, in virtual time: its defaults, and the start of another pair."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

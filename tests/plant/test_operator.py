@@ -1,7 +1,5 @@
 """Simulated hands: where they start and end, how smooth they are, and the recorded hand."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable

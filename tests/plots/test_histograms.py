@@ -1,7 +1,5 @@
 """The histograms of a report: everything that was counted is drawn where it was counted."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

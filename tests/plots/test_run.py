@@ -1,7 +1,5 @@
 """The figure of a run: what is drawn of it, and what its title says."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

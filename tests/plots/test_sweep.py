@@ -1,7 +1,5 @@
 """What a sweep's figures show."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

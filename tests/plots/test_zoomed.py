@@ -1,7 +1,5 @@
 """The report's figure that a browser can zoom: what is drawn is what was recorded, and the page needs nothing else."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The local contact model when the world changes under the hand, or lies: no jump, right again soon, passive."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.changed_walls import CHANGES, HANDS, Denied, denied

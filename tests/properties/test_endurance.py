@@ -1,7 +1,5 @@
 """What holds for ten seconds holds for minutes: see tests/support/endurance.py, which prints the whole table."""
 
-from __future__ import annotations
-
 import statistics
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context

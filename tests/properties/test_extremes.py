@@ -4,8 +4,6 @@ Default: 30 cases; ``-m slow``: 300; by hand, ``pytest -n 0 -s -m soak test_extr
 sabotages at the end is seen by the very checks that the cases pass.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Theorem 1 with a robot in the virtual mass's place, over links, scenes and scales drawn at random."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

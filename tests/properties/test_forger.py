@@ -1,7 +1,5 @@
 """Whoever speaks in a side's name never makes a run look passive, and with a secret he changes nothing."""
 
-from __future__ import annotations
-
 import bisect
 import random
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Every kind of rigid scene through the whole chain: PSPM over bad links, theorem, (13), the environment's account."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Long runs: the accounts stay exact and memory flat. By hand: ``pytest -n 0 -s -m soak``."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

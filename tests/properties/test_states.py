@@ -1,7 +1,5 @@
 """What hands its state out and takes it back: whoever goes on from it does as if it had never stopped."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

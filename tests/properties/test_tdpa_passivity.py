@@ -1,7 +1,5 @@
 """Both ends of the coupling tdpa together: the claim of its authors on bad links, restarts, and long runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

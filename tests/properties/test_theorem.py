@@ -4,8 +4,6 @@ The account itself is checked against one that shares no code with it: hand, wal
 again from their laws, in numpy, from nothing but the recorded positions.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """What a tool feels like over 4g: force and torque beside the true ones, and a peg that goes into its hole."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.insertions import DEEP_M, insert

@@ -1,7 +1,5 @@
 """One side in an asyncio program: what its user reads and changes, and how it ends."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 from collections.abc import AsyncIterator, Callable

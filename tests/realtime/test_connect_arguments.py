@@ -1,7 +1,5 @@
 """What can be given to `connect_device` and `connect_world`, and what is said of what cannot."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from collections.abc import Sequence

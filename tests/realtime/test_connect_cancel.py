@@ -1,7 +1,5 @@
 """A program may be cancelled wherever it waits: the device renders no force then, and nothing of the side is left."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path

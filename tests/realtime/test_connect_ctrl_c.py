@@ -1,7 +1,5 @@
 """Ctrl-C in a program of one's own that has a side in it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

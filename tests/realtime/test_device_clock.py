@@ -1,7 +1,5 @@
 """A device that knows when it took its readings: the account goes by its clock."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.errors import HapnetError

@@ -1,7 +1,5 @@
 """What a device warns of while it is made reaches the user, in a thread and in the servo's own process."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

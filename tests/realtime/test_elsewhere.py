@@ -1,7 +1,5 @@
 """What runs where Windows or macOS lack what Linux has: a device over the network of its maker's computer."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

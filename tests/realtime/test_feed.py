@@ -1,7 +1,5 @@
 """From one thread to readers on the loop: in order, bounded, and every gap is counted."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import threading

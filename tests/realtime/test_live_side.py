@@ -1,7 +1,5 @@
 """A side that is changed while it runs: its link, its hand, a pause, recordings; and what it publishes of itself."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 import time

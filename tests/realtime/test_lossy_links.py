@@ -1,7 +1,5 @@
 """A lossy network below Zenoh: no key is dead, all energy arrives. ``pytest -n 0 -s -m soak``: 100 sessions each."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 import time

@@ -1,7 +1,5 @@
 """A servo whose parent stands still renders no force: nobody could end it. Then it goes on by itself."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from hapnet.realtime.peerless import GONE_NS, PeerAbsence

@@ -1,7 +1,5 @@
 """What recordings say of time: UTC, the age of the message in use, velocity; and files of before they said it."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

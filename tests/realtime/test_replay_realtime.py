@@ -1,7 +1,5 @@
 """Runs in real time, replayed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

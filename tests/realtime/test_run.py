@@ -1,7 +1,5 @@
 """Real processes over Zenoh on loopback, as a user starts them."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

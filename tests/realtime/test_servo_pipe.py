@@ -1,7 +1,5 @@
 """A sample's way through a pipe, which knows no named tuples."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.control.coupling import CouplingSample, Motion, Port, Wave

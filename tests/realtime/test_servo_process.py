@@ -1,7 +1,5 @@
 """The servo's process from the side of its parent; a wire half is not needed for it."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import signal

@@ -1,7 +1,5 @@
 """How real processes end, whatever brings it: no force first, what was recorded readable, an exit code that says so."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty

@@ -1,7 +1,5 @@
 """The coupling tdpa between real processes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

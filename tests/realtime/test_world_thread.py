@@ -1,7 +1,5 @@
 """The thread that steps the world: each length is kept, and an error ends it."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """Two hosts' recordings on one clock, by the messages that each has recorded of the other's."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`hapnet export`: recordings as tables, in files that others read."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What viewers draw without configuration: Foxglove's own schemas, field by field, and what is written in them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

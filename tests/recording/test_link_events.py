@@ -1,7 +1,5 @@
 """Texts of a link's changes are read back as the changes, and make the link of a run from any instant on."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.recording.link_events import played, read, text_of

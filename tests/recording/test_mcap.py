@@ -1,7 +1,5 @@
 """Recordings as files: what was written is read, by viewers and by other versions too."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Recordings that are torn, damaged, or cannot be written: what can be read is read, the rest is named in one line."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import signal

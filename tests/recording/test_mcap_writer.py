@@ -1,7 +1,5 @@
 """The writer of recordings against the library's own: the same file, byte by byte, and no memory that grows."""
 
-from __future__ import annotations
-
 import random
 import tracemalloc
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A tool that turns, as recordings, summaries, tables, figures and viewers have it, beside scipy's rotations."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The recorded energies are those of recorded forces, ways and speeds, added up without the ledger."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the page on recordings says to type, typed."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -4,8 +4,6 @@ The bytes are those of OMG's CDR (little endian, version 1): four bytes of encap
 its size from there on; a text is its length with the zero that ends it.
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

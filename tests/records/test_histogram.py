@@ -1,7 +1,5 @@
 """A histogram of fixed size: its quantiles are those of the values to one part in 32."""
 
-from __future__ import annotations
-
 import math
 
 from hypothesis import given, strategies as st

@@ -1,7 +1,5 @@
 """The page as it is without plotly, wherever the tests run; `tests/plots/test_zoomed.py` has the one with it."""
 
-from __future__ import annotations
-
 import pytest
 
 

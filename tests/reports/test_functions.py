@@ -1,7 +1,5 @@
 """`hapnet.report` and `hapnet.export`, and a result in a notebook: the same as the commands write."""
 
-from __future__ import annotations
-
 import csv
 import json
 from html import unescape

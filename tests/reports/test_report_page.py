@@ -1,7 +1,5 @@
 """The report as a page: what it says, that nothing in a recording can break out of it, and that it stands alone."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The site's page of names: each exported name, at the place where it is defined."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path

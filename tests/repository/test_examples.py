@@ -1,7 +1,5 @@
 """Every example runs, and says what theory says."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

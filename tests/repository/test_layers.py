@@ -1,7 +1,5 @@
 """The rules of import: who may know whom."""
 
-from __future__ import annotations
-
 import ast
 import gc
 import importlib.util

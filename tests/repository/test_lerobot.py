@@ -1,7 +1,5 @@
 """The packages for LeRobot, beside a thin double of its interface (lerobot 0.4.4: robots/, teleoperators/, loop)."""
 
-from __future__ import annotations
-
 import abc
 import math
 import sys

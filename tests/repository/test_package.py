@@ -1,7 +1,5 @@
 """The package as an index and a stranger's machine see it: its page, its pages, and the types of what README shows."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

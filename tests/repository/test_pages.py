@@ -1,7 +1,5 @@
 """Every code block of README and of the pages runs, every command in them exists, and every link leads somewhere."""
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib

@@ -1,7 +1,5 @@
 """The code blocks of pages that start processes, as a reader starts them; on this machine, and for a short time."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from pathlib import Path

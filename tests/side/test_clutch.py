@@ -1,7 +1,5 @@
 """The clutch: the device moves alone, and is coupled again from where it then is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Position-force with a robot of a driver: the hand feels what its sensor measures, and never a sensor that fails."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A simulated device in real time: it keeps to the clock however late its servo is, and buys no energy from that."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """The two halves of a side, without a plant: what goes between them, and what becomes of it on the wire."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import pytest

@@ -1,7 +1,5 @@
 """What a real device may render: nothing without its dead-man switch, a growing part at first, less when it is hot."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

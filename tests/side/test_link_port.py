@@ -1,7 +1,5 @@
 """A side's port, driven by nothing but `next_due_ns`, as any runtime drives it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

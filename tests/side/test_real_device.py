@@ -1,7 +1,5 @@
 """A real device's side: silences, blocking readings, the dead-man switch, and an account that never flatters."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

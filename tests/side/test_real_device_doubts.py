@@ -3,8 +3,6 @@
 Each test is one that a fault put into `hapnet/side/real_device.py` did not survive, where no other test saw it.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.checks import Vector

@@ -1,7 +1,5 @@
 """A tool of a driver that follows with scales: it goes a times as far, turns as its leader does, and is recorded so."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

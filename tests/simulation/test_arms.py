@@ -1,7 +1,5 @@
 """Whole runs with an arm as the device, in virtual time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A batch gives what `simulate` gives one at a time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the force on the device is made of, in recordings of simulated runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

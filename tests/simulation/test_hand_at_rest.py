@@ -1,7 +1,5 @@
 """Hands that start from rest, and hands that hold still at the end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

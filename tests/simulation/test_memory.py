@@ -1,7 +1,5 @@
 """Nothing grows with the length of a run."""
 
-from __future__ import annotations
-
 import gc
 import tracemalloc
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Runs with a tool of six degrees of freedom: the theorem over bad links and through 180 degrees."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

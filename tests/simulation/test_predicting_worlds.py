@@ -1,7 +1,5 @@
 """Couplings whose world predicts the device though PSPM does not pay for it: where they do, and what still holds."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

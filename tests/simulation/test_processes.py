@@ -1,7 +1,5 @@
 """Workers that are processes of this machine: one that dies takes nothing with it but its task."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """A recorded run again: exactly, through another link or coupling, torn, of one side, and with a hand that is gone."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

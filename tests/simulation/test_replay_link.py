@@ -1,7 +1,5 @@
 """The link and the pauses of a recorded session, in its replay."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

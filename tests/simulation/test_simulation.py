@@ -3,8 +3,6 @@
 `python -m tests.simulation.test_simulation` writes the golden trajectory anew.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

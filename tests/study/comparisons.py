@@ -1,7 +1,5 @@
 """A small comparison, and made-up measures of its cases."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

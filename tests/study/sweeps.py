@@ -1,7 +1,5 @@
 """What the tests of sweeps share: specs of cases that last milliseconds, and scenes that go wrong."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

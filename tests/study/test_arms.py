@@ -1,7 +1,5 @@
 """Studies of couplings with an arm as the device."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

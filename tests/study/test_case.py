@@ -1,7 +1,5 @@
 """One case: what is measured against theory, the run's own accounts, and the reference over an ideal link."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The same sweep on a Dask cluster: real schedulers and workers, in processes of their own."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

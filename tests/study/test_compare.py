@@ -1,7 +1,5 @@
 """The comparison: its plan, its workers, its statistics, and what the command writes and refuses."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

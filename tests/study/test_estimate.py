@@ -1,7 +1,5 @@
 """How long a study takes: from a few of its parts, whichever they are."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

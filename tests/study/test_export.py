@@ -1,7 +1,5 @@
 """The table of a sweep, as CSV and as Parquet."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`hapnet.compare`, `sweep` and `tune`: what a program gets, the same as the commands write."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Objectives and constraints: what a spec may say, and what values are worth."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

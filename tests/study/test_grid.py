@@ -1,7 +1,5 @@
 """Which runs fall into which cell of a figure."""
 
-from __future__ import annotations
-
 import statistics
 from pathlib import Path
 from typing import Any

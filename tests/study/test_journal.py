@@ -1,7 +1,5 @@
 """The journal: what was recorded is there, nobody else writes, another spec is refused."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3

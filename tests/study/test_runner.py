@@ -1,7 +1,5 @@
 """How cases become tasks, and what becomes of those whose worker dies; on a backend that runs nothing."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The search of a tuning, on objectives that are formulas: nothing is simulated."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Callable

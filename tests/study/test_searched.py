@@ -1,7 +1,5 @@
 """What a tuning may change of each law: the same in the code, in the examples and on the page."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from typing import Any

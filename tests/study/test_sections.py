@@ -1,7 +1,5 @@
 """The quick set, and the full one in its sections: what they contain, what flags change, what is said before."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

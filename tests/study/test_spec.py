@@ -1,7 +1,5 @@
 """Which cases a spec makes: against products written out by hand, and what it refuses."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """The stiffest stable spring of a device, against the eigenvalues of a sampled mass and Colgate's bound."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The hand as the unit: means of its cases, and the median's interval over hands against its exact distribution."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

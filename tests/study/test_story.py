@@ -1,7 +1,5 @@
 """The words above the comparison's figure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """`hapnet sweep` and `hapnet sweep plot`, as a user types them."""
 
-from __future__ import annotations
-
 import ast
 import csv
 import os

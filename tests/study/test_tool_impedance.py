@@ -1,7 +1,5 @@
 """The impedance of a tool that turns, beside that of a rigid body on springs."""
 
-from __future__ import annotations
-
 import cmath
 import math
 

@@ -1,7 +1,5 @@
 """`hapnet tune`, as a user types it. What a case measures is a formula, but where a test says otherwise."""
 
-from __future__ import annotations
-
 import csv
 import re
 import sys

@@ -1,7 +1,5 @@
 """What a rule chose for a coupling, as the comparison shows it."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.params import Params

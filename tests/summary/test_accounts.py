@@ -1,7 +1,5 @@
 """Accounts: what each side reports of its half comes over any link, and makes the same summary there as here."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

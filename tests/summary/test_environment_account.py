@@ -1,7 +1,5 @@
 """The environment's own account: from the recorded forces and positions, and what the verdict says of it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How stiff a wall is felt: the formula against a simulated hand that presses, and everywhere it is said."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Metres and millimetres: what a device, a recorded hand or a parameter says is checked against its operating range."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the streams show of the path, against links whose figures are known: two clocks that have nothing in common."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

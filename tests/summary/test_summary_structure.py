@@ -1,7 +1,5 @@
 """Whatever a file says of itself, `read` makes a summary of it that has every key."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any, get_type_hints, is_typeddict

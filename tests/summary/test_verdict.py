@@ -1,7 +1,5 @@
 """The verdict: every rule by itself, on a summary that is passive but for it, and the exit code that follows."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import random

@@ -1,7 +1,5 @@
 """A device that keeps the forces that it got, and processes that drive it."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import signal

@@ -1,7 +1,5 @@
 """Wrong inputs of users: what is typed, the files that it needs, and the words that the answer must have."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 QUICK = ("simulate", "--duration", "0.3")

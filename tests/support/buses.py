@@ -1,7 +1,5 @@
 """Servo buses in a thread of the test, and how fast they are: `python -m tests.support.buses`."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -4,8 +4,6 @@
 asserts it.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 from collections.abc import Iterator

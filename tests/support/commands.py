@@ -1,7 +1,5 @@
 """What tests of the command line share: a directory of their own, and the summary of a command."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

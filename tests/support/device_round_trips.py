@@ -5,8 +5,6 @@ its number; the emulator sends a state each millisecond, so it is between 0 and 
 stand-in of the library, read and command together.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import select

@@ -5,8 +5,6 @@ standard library and other packages would look for what those systems have inste
 What is missing where: Python's documentation ("Availability") of os, signal, socket, select, time, fcntl and asyncio.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import ctypes

@@ -6,8 +6,6 @@
 The figures are computed here from recordings, by none of hapnet's metrics.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 from collections.abc import Iterator, Mapping, Sequence

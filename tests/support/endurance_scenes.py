@@ -1,7 +1,5 @@
 """What else than a wall the long runs of `tests.support.endurance` have in front of the hand, by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 

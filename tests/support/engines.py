@@ -1,7 +1,5 @@
 """Small engines for tests: a bead on a rail with a wall, in plain Python, and beads that fail or lie."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hapnet import EngineWorld

@@ -4,8 +4,6 @@
 reservoir at all, a servo of 100 Hz on a stiff spring, a hand of a gram, links that lose nine of ten messages.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager

@@ -3,8 +3,6 @@
 ``--endurance`` : the first ten seconds and the last minute of 600 s.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from statistics import median

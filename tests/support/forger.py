@@ -4,8 +4,6 @@ He reads the incarnations and the energy messages, and sends a side energy that 
 never. His frames come to that side at once; but he cannot take away those of the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial

@@ -3,8 +3,6 @@
 ``python -m tests.support.grains`` prints the table of hapnet/plant/worlds/effects.md.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

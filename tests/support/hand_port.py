@@ -1,7 +1,5 @@
 """A run in virtual time in a hand that damps little, and the energy at its port."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from unittest.mock import patch
 

@@ -1,7 +1,5 @@
 """A handle in a simulated hand, as a driver with one fault or none, in virtual time: for what looks for the fault."""
 
-from __future__ import annotations
-
 import math
 
 from hapnet.checks import Vector

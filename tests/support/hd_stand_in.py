@@ -1,7 +1,5 @@
 """The stand-in of OpenHaptics' library (`tests/sketch/hd.c`), compiled, and ticked by hand."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from pathlib import Path

@@ -11,8 +11,6 @@ the actuators and which they gave, and what energy crossed the wire. `account` m
 Nothing here may know `hapnet.control`: that is what is checked.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Beside each run over a link stands the same hand with the same springs on the spot: no link, and steps of 1 ms.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor

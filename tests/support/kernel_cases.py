@@ -1,7 +1,5 @@
 """Random cases that the compiled kernel covers, and what it does otherwise than the reference."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

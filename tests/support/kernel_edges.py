@@ -1,7 +1,5 @@
 """Edges of links, energy and timing, by name: what a hand-written twin of the protocol gets wrong first."""
 
-from __future__ import annotations
-
 LIVELY = {"operator": "sine", "operator_hand.frequency_hz": 1.5, "device.damping": 2.0}
 """A hand that shakes: both sides harvest more than they keep."""
 

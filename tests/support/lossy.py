@@ -3,8 +3,6 @@
 They pair, shuffle energy in both directions, and settle. So many of them fit into one process that they can be counted.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import secrets

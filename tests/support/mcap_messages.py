@@ -1,7 +1,5 @@
 """What is in an MCAP file by Google's own implementation of protobuf, from the schemas that the file itself holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A stiff hand that follows a path into a mesh through a bad link: the force that it gets beside the solid's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings made by hand, for metrics whose values are known."""
 
-from __future__ import annotations
-
 from hapnet.checks import Array
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, WorldSample

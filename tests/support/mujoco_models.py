@@ -1,7 +1,5 @@
 """MuJoCo models for tests, and the world that is made of one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hapnet.plant.worlds.engine_world import EngineMass, EngineWorld

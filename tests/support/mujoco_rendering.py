@@ -4,8 +4,6 @@ them.
 ``python -m tests.support.mujoco_rendering`` prints the table of hapnet/plant/worlds/README.md.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 `tests/README.md` says what an author may write above a block.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import sys

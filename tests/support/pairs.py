@@ -1,7 +1,5 @@
 """Two sides in one event loop, over Zenoh."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable

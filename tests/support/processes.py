@@ -1,7 +1,5 @@
 """Real processes, as a user starts them: what the tests of whole runs share."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

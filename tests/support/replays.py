@@ -1,7 +1,5 @@
 """What tests of replays share: recordings that are simulated, changed, and replayed."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Callable

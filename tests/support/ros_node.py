@@ -3,8 +3,6 @@
 Like rmw_zenoh's own sessions it is a peer that dials the router, and it drops a message without an attachment.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import struct

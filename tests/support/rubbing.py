@@ -3,8 +3,6 @@
 ``python -m tests.support.rubbing`` prints the table of hapnet/plant/worlds/rigid.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any, NamedTuple

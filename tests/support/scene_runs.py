@@ -1,7 +1,5 @@
 """Whole runs in front of rigid scenes over bad links, with the accounts that theory.md owes, from its equations."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Certificates and users, for tests of who may do what."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Boards for the serial axis: its sketch compiled for this machine, behind an adapter that may spoil bytes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Sessions on one pair of keys, without a clock: what tests of the protocol share."""
 
-from __future__ import annotations
-
 import random
 from collections import Counter
 from typing import Any

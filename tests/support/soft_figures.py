@@ -5,8 +5,6 @@ times are of one core. ``--flex`` adds MuJoCo's flex of that size, ``--felt pres
 the error of the force over links instead.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable

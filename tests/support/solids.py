@@ -1,7 +1,5 @@
 """Solids for tests: meshes made by formulas, and an account of each step that is written from the equations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

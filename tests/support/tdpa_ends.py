@@ -1,7 +1,5 @@
 """Ends of the coupling tdpa, and their accounts watched."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """Random cases for Theorem 1: everything that the theorem allows to be arbitrary, drawn from one seed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

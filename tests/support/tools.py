@@ -4,8 +4,6 @@ The true wrench is the one of the tool that rests where coupling and solids bala
 by scipy's least squares over rotation vectors, with none of hapnet's contact code.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass

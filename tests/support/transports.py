@@ -1,7 +1,5 @@
 """Both sides' Zenoh transports in one process: what the tests of connections share."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

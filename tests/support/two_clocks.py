@@ -1,7 +1,5 @@
 """Two hosts with clocks of their own: messages over emulated links between them, or a whole simulated pair."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Wrong inputs that were typed, one after the other, to find what is not answered well; files: bad_input.py."""
 
-from __future__ import annotations
-
 from tests.support.bad_input import QUICK, bad
 
 TYPED = [

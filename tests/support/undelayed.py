@@ -7,8 +7,6 @@ A step of a soft body takes some 10 ms, however long it is. So its steps are of 
 that are asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

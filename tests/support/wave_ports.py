@@ -1,7 +1,5 @@
 """A wave line between two ports whose motions are given: what both ports put in, over any link."""
 
-from __future__ import annotations
-
 import heapq
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Who gets in, and what they may then read and write: over real connections."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import re

@@ -1,7 +1,5 @@
 """What is said of a listener that lets nobody in: of real Zenoh listeners, and of others that are harder to make."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import socket

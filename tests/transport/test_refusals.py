@@ -1,7 +1,5 @@
 """Who was refused, out of Zenoh's log: its lines here are what it wrote (1.10.2)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -4,8 +4,6 @@ The bytes and hashes are those of rclpy 7.1.6 (`rclpy.serialization.serialize_me
 3.12) and of the type descriptions in its messages' wheels, 5.3.6. rclpy leaves padding as it finds it in memory.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Which messages of a topic count: none that was held up, came again, is damaged or is another publisher's."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rosbags.typesys")

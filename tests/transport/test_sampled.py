@@ -1,7 +1,5 @@
 """A transport that drops what was overtaken: what is lost is known, and round trips are of all messages."""
 
-from __future__ import annotations
-
 import asyncio
 from statistics import median
 

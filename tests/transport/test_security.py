@@ -1,7 +1,5 @@
 """Flags and files of security: what fits, what is refused, and what is warned of."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

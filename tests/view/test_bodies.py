@@ -1,7 +1,5 @@
 """The page draws what a world looks like: surfaces are sent once, then only what moves; contacts with their cones."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The history: what is kept, on which clock, and when it begins anew."""
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 from typing import Any

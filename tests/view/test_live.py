@@ -1,7 +1,5 @@
 """The whole of `hapnet play` in a real browser: two processes, a link, a page, and a mouse that is the hand."""
 
-from __future__ import annotations
-
 import math
 import signal
 import time

@@ -3,8 +3,6 @@
 Screenshots are kept in the directory that HAPNET_SCREENSHOTS names, else in pytest's temporary one.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 import os

@@ -1,7 +1,5 @@
 """The page's buttons and switches, without a browser."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

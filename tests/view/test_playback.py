@@ -1,7 +1,5 @@
 """A recording is played to the page at its own pace, again and again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What the plots draw: values held in time, and depths in walls."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

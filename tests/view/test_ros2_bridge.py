@@ -1,7 +1,5 @@
 """A running pair on ROS 2's topics: what is published of telemetry, and a whole run with a node that listens."""
 
-from __future__ import annotations
-
 import os
 import signal
 from typing import Any

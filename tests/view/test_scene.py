@@ -1,7 +1,5 @@
 """Geometry of the 3-D part."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Serving the page: addresses, what is said, what is not imported."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A tool that turns on the page: what is shown of its point, and its torque."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

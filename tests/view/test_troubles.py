@@ -1,7 +1,5 @@
 """What the page says in words when something is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

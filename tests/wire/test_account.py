@@ -1,7 +1,5 @@
 """The accounts that two sides exchange: when one is sent, and when all is known."""
 
-from __future__ import annotations
-
 import pytest
 
 from hapnet.wire.account import REPEAT_NS, Account, AccountExchange

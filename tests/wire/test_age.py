@@ -1,7 +1,5 @@
 """How old a sample is, by estimate."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

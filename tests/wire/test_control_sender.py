@@ -1,7 +1,5 @@
 """When hellos, replies and byes are sent: the times and numbers of the protocol's page."""
 
-from __future__ import annotations
-
 from hapnet.wire.control_sender import ControlSender
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
 

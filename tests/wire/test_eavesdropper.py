@@ -1,7 +1,5 @@
 """In real time: two processes that encrypt, over udp, and a third that hears all that they send."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Frames that only the other side of a pair can read: held against the page by OpenSSL, and against who has no key."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """In real time: two processes over Zenoh, and a third party on the network that speaks in the name of one of them."""
 
-from __future__ import annotations
-
 import random
 import re
 import sys

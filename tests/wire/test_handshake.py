@@ -1,7 +1,5 @@
 """Who becomes the peer, at the edges of the rules: welcomes by number, couplings, and the last peer of a long life."""
 
-from __future__ import annotations
-
 import contextlib
 import pickle
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Both halves of this side are the real ones, in virtual time. What is left of its
 nothing credited, may then fall to what admission lets in below zero and no further: so much was bought with a lie.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Whose numbers go on: whatever the network does to an honest sender nothing changes, and no forger blinds a side."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The time and the numbers of what is heard, against a plain recount of the whole history."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

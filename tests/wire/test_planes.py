@@ -1,7 +1,5 @@
 """Planes in a message of the world."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgpack

@@ -1,7 +1,5 @@
 """The protocol's page says what the code does: its table of constants, and the keys that it names."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import get_args

@@ -1,7 +1,5 @@
 """The once-only window, against a plain set that forgets nothing."""
 
-from __future__ import annotations
-
 import random
 
 from hypothesis import given, settings, strategies as st

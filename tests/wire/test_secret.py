@@ -1,7 +1,5 @@
 """Keys and tags: held against RFC 7748, against OpenSSL's HKDF, and against whoever has no key."""
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 from typing import Any

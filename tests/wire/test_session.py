@@ -1,7 +1,5 @@
 """A session: who is paired with whom, what is refused and dropped, and what is said of it."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Energy in a session: whatever happens to pairs, no nanojoule is created, and each is accounted for."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

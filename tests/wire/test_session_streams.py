@@ -1,7 +1,5 @@
 """The streams of couplings in a session: each kind is taken as its law needs it."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

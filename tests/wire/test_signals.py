@@ -1,7 +1,5 @@
 """Signals: what is sent comes over any link, once for each change, and a stop stops the force."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

@@ -4,8 +4,6 @@ It says hello, answers, pairs, sends positions and energy, acknowledges, echoes 
 ideal link and a bad one, on either side of hapnet's own; in the end both accounts agree to the nanojoule.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import msgpack

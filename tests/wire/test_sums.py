@@ -1,7 +1,5 @@
 """The sums in energy messages: one sender's always fit together, two senders' never do for long."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

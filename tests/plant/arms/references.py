@@ -1,7 +1,5 @@
 """Arms to compare with: random tables, and the same arm in MuJoCo."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

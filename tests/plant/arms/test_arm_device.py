@@ -1,7 +1,5 @@
 """An arm as a device under PSPM with a held force: passive whatever limits it, and what would be caught."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """M, C, g and J of a chain, beside MuJoCo, and C beside Christoffel's symbols."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

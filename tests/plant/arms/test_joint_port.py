@@ -1,7 +1,5 @@
 """An arm that hand and coupling hold joint by joint: beside an independent integrator, at stops and torque limits."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

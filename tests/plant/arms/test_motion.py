@@ -1,7 +1,5 @@
 """An arm's passive step: its energy, beside an independent integrator, at stops, limits and singularities."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

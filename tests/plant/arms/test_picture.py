@@ -1,7 +1,5 @@
 """The picture of an arm: its links are where the arm is, whatever drew it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

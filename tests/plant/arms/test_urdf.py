@@ -1,7 +1,5 @@
 """URDF: the same arm as MuJoCo loads, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A rigid body's step: energy, momentum, and its motion beside integrators and rotations written elsewhere."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

@@ -1,7 +1,5 @@
 """A tool among solids: (13) and the environment's account for any step, and statics beside formulas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -1,7 +1,5 @@
 """Edges of solids and balls at the faces of a tool: where none of the tool's points is near."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

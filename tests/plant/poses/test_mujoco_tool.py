@@ -1,7 +1,5 @@
 """A tool in a MuJoCo model: what its coordinates say beside the engine's own motion, and runs over 4g."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects of a solid's surface from its words, and grains from files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Engines of any kind as the world: what they are charged, what they are told, and what becomes of those that lie."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Engines that fail: each in one line; and any numbers at all, with which both accounts hold."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from math import nan

@@ -1,7 +1,5 @@
 """Solids as functions of the position and as voxels: beside analytic balls, in space and in runs over links."""
 
-from __future__ import annotations
-
 from math import cos, dist, hypot, inf, nan, sin
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What a world that is a function looks like: arrows along a known force, pieces of a known surface."""
 
-from __future__ import annotations
-
 from math import hypot
 
 import numpy as np

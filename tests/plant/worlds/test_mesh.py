@@ -1,7 +1,5 @@
 """Distances from shapes and meshes, against independent methods; files that are read and files that are refused."""
 
-from __future__ import annotations
-
 import functools
 import math
 import sys

@@ -1,7 +1,5 @@
 """Contact with meshes, beside the solid itself: thin layers, long steps, concave edges, and curved surfaces."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

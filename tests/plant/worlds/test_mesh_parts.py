@@ -1,7 +1,5 @@
 """Meshes of several parts: what they are as one solid, from volumes and from the same solid made of cuboids."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

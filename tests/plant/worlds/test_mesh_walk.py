@@ -1,7 +1,5 @@
 """The walk over a mesh, how its patches bend, and the forces that come of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

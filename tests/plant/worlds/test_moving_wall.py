@@ -1,7 +1,5 @@
 """A wall that changes with time: what its timeline says, what it costs to move it, and what it reports of itself."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

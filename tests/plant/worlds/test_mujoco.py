@@ -1,7 +1,5 @@
 """MuJoCo as the world: what is put in, what it makes of it, what it pays; over random links, at any step."""
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """MuJoCo models as their authors wrote them: defaults, keyframes, actuators, and what fails in a run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a MuJoCo scene sends the device: planes from its geometry, stiffness from rest; how that renders."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

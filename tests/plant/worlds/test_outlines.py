@@ -1,7 +1,5 @@
 """The triangles of a solid's picture lie on its surface, and the report shows them with the ways around them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What worlds of the user's own send of their surfaces, and what the device makes of it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Worlds of the user's own: force laws, obstacles that move, objects that step; and their account."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import sin

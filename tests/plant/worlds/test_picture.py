@@ -1,7 +1,5 @@
 """What a world looks like, as recordings and telemetry show it: against shapes and motions that are known."""
 
-from __future__ import annotations
-
 import zlib
 from contextlib import suppress
 from math import cos, hypot, pi, sin

@@ -3,8 +3,6 @@
 Only the packages' files are needed: `pip install --no-deps gymnasium dm_control`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rigid solids: what contact, friction and the anchored energy owe, from the equations; over bad links too."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """A soft body: exact accounts at any tolerance and step, forces that do not depend on the step, and bad input."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Whole runs with a soft body: over links both halves of the theorem hold, and runs repeat."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

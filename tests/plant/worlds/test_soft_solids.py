@@ -1,7 +1,5 @@
 """A soft body among rigid solids: exact accounts, weight and sag as statics has them, friction, and bad words."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every world owes (`hapnet.plant.worlds.protocol`), and a world of another kind that needs no more than that."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
