@@ -74,8 +74,6 @@ def _following(
         servo = follower_servo(leads, position, empty)
         if servo.reporter is not None:
             servo.reporter.know_nothing()
-        if sensor is not None:
-            servo.sense = lambda: frame.coupled_force(sensor.sense())
         return servo
 
     with named_section("follower"):

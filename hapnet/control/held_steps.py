@@ -50,8 +50,7 @@ class FollowerServo(SampledServo):
 
     Attributes
     ----------
-    said : see `Said`. sensed : the force of its surroundings on it, as it is known [N].
-    sense : measures that in each tick; None: whoever moves the robot says it.
+    said : see `Said`. sensed : the force of its surroundings on it, as whoever moves the robot knows it [N].
     """
 
     def __init__(self, reporter: Teller | None, **servo: Any) -> None:
@@ -59,13 +58,10 @@ class FollowerServo(SampledServo):
         self.reporter = reporter
         self.said: Said = position
         self.sensed: Vector = (0.0,) * self.n
-        self.sense: Callable[[], Vector] | None = None
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         if self.reporter is not None:
             self.reporter.look(dt, x)
-        if self.sense is not None:
-            self.sensed = self.sense()
         done = super().tick(dt, x, v, release=release)
         if done is None or done.sample is None:
             return done

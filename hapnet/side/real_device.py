@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
+from hapnet.control.held_steps import FollowerServo
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.actuator_check import ActuatorCheck
@@ -301,6 +302,8 @@ class RealDeviceSide(SampledDeviceSide):
         return applied
 
     def _control(self, now_ns: int, *, release: bool) -> bytes | None:
+        if self._contact is not None and isinstance(self.servo, FollowerServo):
+            self.servo.sensed = self._frame.coupled_force(self._contact.sense())
         if (acted := self.device.acted()) is not None:
             self.servo.force, self._held_before = self._frame.coupled_force(acted), None
             self._reports = True
