@@ -48,6 +48,10 @@ class Frame:
         """Choose o so that `own` is x [m]."""
         self.offset = tuple([one - self.motion * two for one, two in zip(own, x, strict=True)])
 
+    def reach(self, reach_m: float) -> float:
+        """How far away from the device may be what is `reach_m` [m] away for the coupling."""
+        return self.motion * reach_m
+
     def velocity(self, own: Sequence[float]) -> Vector:
         """The coupling's of the device's own [m/s]."""
         return tuple([one / self.motion for one in own])

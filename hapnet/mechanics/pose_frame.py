@@ -90,6 +90,10 @@ class PoseFrame(Frame):
         arms = np.zeros((3, 3)) if self._turn is None else self._arm_m * (Q.T - np.eye(3))
         self.offset = (*self.offset[:3], *arms.ravel().tolist())
 
+    def reach(self, reach_m: float) -> float:
+        """No angle is scaled: a turn brings the device as near as it brings its leader."""
+        return max(1.0, self.motion) * reach_m
+
     def velocity(self, own: Sequence[float]) -> Vector:
         return self._turned(super().velocity(own), back=True)
 

@@ -181,7 +181,7 @@ class RobotContacts(Surroundings):
         if not self._sees:
             return None
         frame = self._robot.frame
-        own = self._contacts.planes(frame.own(position), frame.motion * reach_m)
+        own = self._contacts.planes(frame.own(position), frame.reach(reach_m))
         return None if own is None else tuple([frame.plane(one) for one in own])
 
     def penetration(self, position: Sequence[float]) -> float:

@@ -174,6 +174,16 @@ def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_
     np.testing.assert_allclose(torques(x, of_motor), -torques(x, of_wall), rtol=0.01, atol=1e-5)
 
 
+@pytest.mark.parametrize("a", [1.0, 0.1, 3.0])
+def test_a_wall_that_a_turn_reaches_is_told_as_early_to_a_scaled_tool(a: float) -> None:
+    """Beside a tip at 40 mm, 8 mm away: a turn of 0.2 rad meets it, whatever a is. Unscaled it is told within 10 mm."""
+    scene = "tool:stick + plane?normal=1,0,0&at=8mm,0,0"
+    given = {**FOLLOWS, "scene": scene, "follower.feedback": "planes", "follower.motion_scale": a}
+    world = prepare(as_params(given), "sampled").scene
+    world.proxy(0.1, 10.0, 100.0)
+    assert world.contacts.planes((0.0,) * AXES, 0.01)
+
+
 @pytest.mark.parametrize("a", mostly_slow([5.0, 0.5, 0.1], 1))
 def test_a_tool_goes_a_times_as_far_as_its_leader_and_turns_as_it_does(a: float) -> None:
     changes = {"scene": "tool:box", "operator": "press", "operator_hand.hold_s": 5.0, "duration_s": 2.5}
