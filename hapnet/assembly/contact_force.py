@@ -10,14 +10,12 @@ from hapnet.devices.driver import Driver
 from hapnet.devices.registry import known
 from hapnet.errors import DeviceSilent, InvalidParameter
 
-_READINGS = 5
-
 
 def require_contact_force(hardware: str, device: UserDevice | None = None) -> None:
     """Raise InvalidParameter if this driver measures no contact force.
 
-    device : the open driver, of which one of the first readings must have a force; None: it is not open yet. Then only
-    its class can be asked, and nothing is known of a function that makes drivers, or of a driver on the other host.
+    device : the open driver, of which a reading must have a force; None: it is not open yet. Then only its class can be
+    asked, and nothing is known of a function that makes drivers, or of a driver on the other host.
     """
     if device is not None:
         measured = _measures(device)
@@ -33,12 +31,9 @@ def require_contact_force(hardware: str, device: UserDevice | None = None) -> No
 
 
 def _measures(device: UserDevice) -> bool:
-    for _ in range(_READINGS):
-        if device.contact_force() is not None:
-            return True
-        with suppress(DeviceSilent):
-            device.read()
-    return False
+    with suppress(DeviceSilent):
+        device.read()
+    return device.contact_force() is not None
 
 
 def _may_measure(hardware: str) -> bool:

@@ -226,12 +226,14 @@ class Franka(Driver):
         """By the robot's clock: states that had waited for this program are no fast motion."""
         return self._interval_s
 
-    def contact_force(self) -> Vector:
+    def contact_force(self) -> Vector | None:
         """The robot's own estimate of the external force, filtered; zeros near a singularity, as its maker says.
 
         `O_F_ext_hat_K` is positive where the robot pushes its surroundings (`robot_state.h`); here they push the robot.
+        None: more than `contact` along each axis. At that its reflex has ended the motion (`robot.h`).
         """
-        return self._taken(-np.array(self._state.O_F_ext_hat_K[:3]))
+        force = -np.array(self._state.O_F_ext_hat_K[:3])
+        return self._taken(force) if np.linalg.norm(force) <= np.sqrt(3.0) * self._contact else None
 
     def close(self) -> None:
         """Take the torques to zero at the rate that the robot allows, and finish the motion; it then holds still."""

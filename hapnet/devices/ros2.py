@@ -18,7 +18,7 @@ from hapnet.devices.driver import NO_FORCE, Driver
 from hapnet.devices.timed_velocity import TimedVelocity
 from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
 from hapnet.transport.ros2 import ROUTER, RosNode, check_topic, missing
-from hapnet.transport.ros2_inbox import Inbox
+from hapnet.transport.ros2_inbox import PERIODS, Inbox
 
 T = TypeVar("T")
 
@@ -43,9 +43,9 @@ class Ros2(Driver):
     state : topic of the positions, PoseStamped; with `joints`, JointState. command : topic on which the forces go out,
     WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic that says which
     force the actuators made, of the command's type; empty: nobody knows. contact : topic that says with which force its
-    surroundings push the robot, likewise, as often as its state; a wrench in the pose's frame. joints : names with +
-    between them, the scene's axes; empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz].
-    router : of ROS 2. domain : ROS_DOMAIN_ID. frame : the command's frame_id.
+    surroundings push the robot, likewise; a wrench in the pose's frame. joints : names with + between them, the scene's
+    axes; empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz]. router : of ROS 2. domain :
+    ROS_DOMAIN_ID. frame : the command's frame_id. contact_rate : of the topic `contact` [Hz]; 0: as `rate`.
 
     Raises InvalidParameter: an option is not allowed. MissingLibrary: the extra `ros2` is not installed. HapnetError:
     there is no router, or nothing comes on the state's topic.
@@ -68,12 +68,15 @@ class Ros2(Driver):
         router: str = ROUTER,
         domain: int = 0,
         frame: str = "base_link",
+        contact_rate: float = 0.0,
     ) -> None:
         for name, topic in (("state", state), ("command", command), ("measured", measured), ("contact", contact)):
             if topic or name == "state":
                 check_topic(name, topic)
         if not 10.0 <= rate <= 1000.0:
             raise InvalidParameter("rate", rate, "10 to 1000 Hz")
+        if contact_rate and not 1.0 <= contact_rate <= 1000.0:
+            raise InvalidParameter("contact_rate", contact_rate, "1 to 1000 Hz, or 0: as rate")
         names = joints.split("+") if joints else []
         if names and (len(names) != dof or len(set(names)) != dof or not all(names)):
             raise InvalidParameter("joints", joints, f"{dof} names of joints, one for each axis of the scene")
@@ -95,7 +98,9 @@ class Ros2(Driver):
         self._node = RosNode("hapnet", domain=domain, router=router)
         self._states = Inbox(self._position, 1.0 / rate, time.monotonic_ns)
         self._measured = Inbox(self._force, 1.0 / rate, time.monotonic_ns)
-        self._contacts = Inbox(self._contact, 1.0 / rate, time.monotonic_ns)
+        contact_s = 1.0 / (contact_rate or rate)
+        self._contacts = Inbox(self._contact, contact_s, time.monotonic_ns)
+        self._contact_ends_s = PERIODS * contact_s
         self._node.open()
         self._node.subscribe(state, JOINTS if names else POSE, self._states.take)
         self._first(self._states, state)
@@ -103,7 +108,9 @@ class Ros2(Driver):
             if topic:
                 self._node.subscribe(topic, JOINTS if names else WRENCH, inbox.take)
         if contact:
-            self._touched = self._first(self._contacts, contact)
+            self._first(self._contacts, contact)  # that one always counts; no later one does, if the topic is slower
+            why = f", or slower than {1.0 / contact_s:g} Hz: contact_rate"
+            self._touched = self._first(self._contacts, contact, why)
 
     @classmethod
     def missing(cls) -> str:
@@ -142,7 +149,7 @@ class Ros2(Driver):
         return self._acted
 
     def contact_force(self) -> Vector | None:
-        if self._touched is None or (time.monotonic_ns() - self._touched[1]) * _NS > self._wait_s:
+        if self._touched is None or (time.monotonic_ns() - self._touched[1]) * _NS > self._contact_ends_s:
             return None
         return self._touched[0]
 
@@ -152,12 +159,12 @@ class Ros2(Driver):
     def close(self) -> None:
         self._node.close()
 
-    def _first(self, inbox: Inbox[T], topic: str) -> tuple[T, int]:
-        """The first value on this topic. Raises HapnetError: none comes."""
+    def _first(self, inbox: Inbox[T], topic: str, why: str = "") -> tuple[T, int]:
+        """The next value on this topic, at the start. Raises HapnetError: none comes, and `why` that may be."""
         if (found := inbox.next(_START_S)) is None:
             self.close()
             but = f" but {inbox.unused}" if inbox.unused else ""
-            raise HapnetError(f"nothing on {topic} within {_START_S:g} s{but}")
+            raise HapnetError(f"nothing on {topic} within {_START_S:g} s{but}{why}")
         return found
 
     def _position(self, data: bytes) -> tuple[Vector, Vector | None]:

@@ -233,6 +233,15 @@ def test_the_surroundings_push_where_it_does_not(library: None) -> None:
     assert device.contact_force() == (3.0, 2.0)  # up; to the right is against their y
 
 
+def test_a_force_at_which_its_reflex_has_stopped_it_is_no_force(library: None) -> None:
+    """40 N along each axis (`setCollisionBehavior` of libfranka's `robot.h`)."""
+    device, robot = begun()
+    for push, known in ((39.9, True), (40.1, False), (np.nan, False)):
+        robot.pushed = np.full(6, push)
+        device.read()
+        assert (device.contact_force() is not None) == known
+
+
 def test_its_frame_is_hapnets(library: None) -> None:
     """Its x points away from the base, which is away from the user: our y."""
     device, robot = begun()

@@ -103,6 +103,30 @@ def test_its_contact_force_is_a_topics_in_the_frame_of_its_pose(
         Ros2(2, STATE, contact="/arm/contact", router=address)
 
 
+def test_a_contact_topic_that_is_slower_than_the_states_says_its_rate(
+    node: BareNode, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [wrench(b"", 1.0, 2.0, -3.0)]
+    node.stream("arm/current_pose", 100.0)
+    node.stream(f"arm/contact/{WRENCH}", 5.0, lambda: found[0])
+    robot = Ros2(3, STATE, contact="/arm/contact", contact_rate=5.0, router=address)
+    try:
+        began_ns = time.monotonic_ns()
+        found[0] = wrench(b"", 4.0, 5.0, 6.0)
+        until(lambda: moving(robot) is not None and robot.contact_force() == (4.0, 5.0, 6.0))
+        for at_ns, stands in ((began_ns + 590_000_000, True), (time.monotonic_ns() + 610_000_000, False)):
+            with monkeypatch.context() as later:  # it came between the two, and stands for 0.6 s
+                later.setattr("hapnet.devices.ros2.time.monotonic_ns", lambda at_ns=at_ns: at_ns)
+                assert (robot.contact_force() is not None) == stands
+    finally:
+        robot.close()
+    monkeypatch.setattr("hapnet.devices.ros2._START_S", 1.0)
+    with pytest.raises(HapnetError, match=r"within 1 s but .*late, or slower than 100 Hz: contact_rate$"):
+        Ros2(3, STATE, contact="/arm/contact", router=address)
+    with pytest.raises(InvalidParameter, match=r"contact_rate is 0\.5; allowed: 1 to 1000 Hz"):
+        Ros2(3, STATE, contact="/arm/contact", contact_rate=0.5, router=address)
+
+
 def joint_state(positions: tuple[float, float], efforts: tuple[float, ...]) -> bytes:
     """Of the joints a and b, by the rules of CDR; velocities there are none."""
     data = struct.pack("<4sIIIx3x", b"\0\1\0\0", 0, 0, 1) + struct.pack("<II2s2xI2s2x", 2, 2, b"a", 2, b"b")

@@ -86,6 +86,11 @@ class Late(Robot):
         return None if self.forces else (0.0,)
 
 
+class Awaited(Late):
+    def home(self) -> None:
+        self.forces = 1
+
+
 class Pair:
     """A simulated hand that presses, and the robot, one tick a millisecond in virtual time, 10 ms apart."""
 
@@ -199,8 +204,10 @@ def test_a_driver_that_measures_none_is_refused_before_the_run(capsys: pytest.Ca
         Pair(follower__robot=f"{HERE}:Unplugged")  # its class has the method, its first readings nothing
 
 
-def test_a_sensor_whose_first_force_is_late_is_waited_for() -> None:
-    assert Pair(follower__robot=f"{HERE}:Late").robot.forces == 0
+def test_a_driver_waits_itself_for_a_sensor_that_begins_late() -> None:
+    with pytest.raises(InvalidParameter, match="measures no contact force"):
+        Pair(follower__robot=f"{HERE}:Late")
+    assert Pair(follower__robot=f"{HERE}:Awaited").robot.forces == 0
 
 
 class Soft(Robot):
