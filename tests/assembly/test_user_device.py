@@ -156,6 +156,38 @@ def test_a_device_that_works_is_passed_through() -> None:
     assert all(type(value) is float for value in (*position, *velocity))
 
 
+class Turned(Still):
+    """Tells how its handle is turned, and takes signals."""
+
+    def __init__(self, dof: int) -> None:
+        super().__init__(dof)
+        self.turned: Vector | None = None
+        self.heard: list[tuple[str, object]] = []
+
+    def orientation(self) -> Vector | None:
+        return self.turned
+
+    def signal(self, name: str, value: object) -> None:
+        self.heard.append((name, value))
+
+
+def test_how_a_handle_is_turned_is_a_unit_quaternion_and_signals_are_handed_on() -> None:
+    device = UserDevice("tests.assembly.test_user_device:Turned", 1)
+    assert isinstance(device.device, Turned)
+    for turned in (None, (0.6, 0.0, -0.8, 0.0)):
+        device.device.turned = turned
+        assert device.orientation() == turned
+    for wrong in ((0.6, 0.8), (0.6, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0)):
+        device.device.turned = wrong
+        with pytest.raises(HapnetError, match="a unit quaternion w, x, y, z, or None"):
+            device.orientation()
+    device.signal("colour", 2.0)
+    assert device.device.heard == [("colour", 2.0)]
+    mute = UserDevice("tests.assembly.test_user_device:Still", 1)
+    mute.signal("colour", 2.0)
+    assert mute.orientation() is None
+
+
 @pytest.mark.parametrize("name", ["Still", "Simulated"])
 def test_a_side_is_made_around_it(name: str) -> None:
     params = PAPER.set({"scene": "free", "dof": 2, "hardware": f"tests.assembly.test_user_device:{name}"})

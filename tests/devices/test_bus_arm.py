@@ -312,6 +312,8 @@ def test_what_is_refused() -> None:
         (Dynamixel, {"port": ""}, "the bus's serial port"),
         (Dynamixel, {"port": "x", "axes": "joints", "dof": 2}, "3, the joints of omni"),
         (Feetech, {"port": "x", "arm": "/none.urdf"}, "a URDF file that can be read"),
+        (Dynamixel, {"port": "x", "torque_constant": -1.0}, "torque_constant"),
+        (Dynamixel, {"port": "x", "current": -1.0}, "current"),
     ):
         with pytest.raises(InvalidParameter, match=says):
             kind(**{"dof": 3, **options})

@@ -48,6 +48,10 @@ def test_loss_in_closed_form(words: str, loss: float, burst: float | None) -> No
     assert found.mean_loss_burst == (None if burst is None else pytest.approx(burst, rel=1e-9))
 
 
+def test_a_decision_that_stays_is_as_rare_as_any() -> None:
+    assert expect(LinkProfile.parse("loss 10% 100%")).loss == pytest.approx(0.1)
+
+
 def test_four_state_loss_is_the_chains_stationary_law() -> None:
     p13, p31, p32, p23, p14 = 0.03, 0.25, 0.15, 0.30, 0.02
     rows = np.array([[1 - p13 - p14, 0, p13, p14], [0, 1 - p23, p23, 0], [p31, p32, 1 - p31 - p32, 0], [1, 0, 0, 0]])

@@ -5,6 +5,7 @@ import pytest
 
 from hapnet.side.notices import Notice, notice_of
 from hapnet.wire.events import (
+    Contradiction,
     EnergyCredited,
     Event,
     Mismatch,
@@ -14,6 +15,7 @@ from hapnet.wire.events import (
     PeerRefused,
     PeerSilent,
     PositionReceived,
+    SignalReceived,
 )
 from hapnet.wire.messages import Identity
 
@@ -76,6 +78,17 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
                 "the world is heard again after 2.00 s, 30 ms after its first message; 12 positions are missing",
                 7 * SECOND,
                 values={"silence_s": about(2.0), "recovery_s": about(0.03), "missing": 12},
+            ),
+        ),
+        (SignalReceived("button", True), Notice("signal", "button = true", 7 * SECOND)),
+        (
+            Contradiction("acked", "7 of 5 nJ"),
+            Notice(
+                "contradiction",
+                "somebody else speaks in the world's name (7 of 5 nJ): it is not known whether this run is passive",
+                7 * SECOND,
+                "error",
+                {"kind": "acked"},
             ),
         ),
         (PositionReceived(3, 1, (0.0,)), None),

@@ -111,5 +111,6 @@ def test_recordings_and_figures_have_the_links(tmp_path: Path) -> None:
             assert table(recording)["joint_2_rad"][-1] == recording.posture[-1].angles_rad[1]
     for found in topics.values():
         assert 15 <= found["/device/link_1"] == found["/device/link_2"] == found["/device/link_3"] <= 20
+        assert found["/device/shapes"] == 1
     assert "/device/frame" in topics["wall"]
     assert not {"/device/frame", "/world/frame"} & topics["joints"].keys()

@@ -7,13 +7,13 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.friction import Friction
 from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.mesh_walk import follow, principal
 from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.worlds.shapes import HalfSpace, Shape
 from tests.metrics.test_contact import random_spd
-from tests.plant.worlds.test_mesh_contact import CORNER
-from tests.support.mesh_runs import ball
+from tests.support.mesh_runs import ball, boxes
 from tests.support.solids import torus
 
 
@@ -55,7 +55,13 @@ def test_a_patch_bends_along_the_eigenvectors_across_its_normal() -> None:
             assert across - out * (out @ across) == pytest.approx(per_m * direction, abs=1e-9)
 
 
-def wandered(shapes: Sequence[Shape], friction: float, seed: int) -> Array:
+def cave() -> Mesh:
+    """Solid beyond x = 20 mm, y = 10 mm and z = 15 mm: a block with a hollow whose other sides are far away."""
+    vertices, triangles = boxes(((0.0, 0.0, 0.0), (0.6, 0.6, 0.6)), ((-0.04, -0.045, -0.0425), (0.12, 0.11, 0.115)))
+    return Mesh(vertices, np.concatenate([triangles[:12], triangles[12:, ::-1]]))
+
+
+def wandered(shapes: Sequence[Shape], friction: float | Friction, seed: int) -> Array:
     """The forces on a proxy with a general A, whose goals are anywhere in and in front of a corner."""
     rng = np.random.default_rng(seed)
     M, B, K = random_spd(rng, 3, 0.005, 0.2), random_spd(rng, 3, 3.0, 30.0), random_spd(rng, 3, 200.0, 2000.0)
@@ -63,15 +69,22 @@ def wandered(shapes: Sequence[Shape], friction: float, seed: int) -> Array:
     mass, goal, forces = PassiveIntegrator(M, B, K, (0.0, 0.0, 0.0)), (0.03, 0.012, 0.0), []
     for _ in range(150):
         if rng.random() < 0.2:
-            goal = tuple(rng.uniform((-0.02, -0.03, -0.01), (0.028, 0.018, 0.01)).tolist())
+            goal = tuple(rng.uniform((-0.02, -0.03, -0.02), (0.028, 0.018, 0.023)).tolist())
         forces.append(mass.step(float(rng.choice([0.001, rng.uniform(0.005, 0.06)])), goal, contacts).force)
     return np.array(forces)
 
 
-@pytest.mark.parametrize(("friction", "seed"), [(0.0, 0), (0.0, 2), (0.4, 1), (0.4, 2)])
-def test_whatever_the_hand_does_a_corner_is_its_two_walls(friction: float, seed: int) -> None:
+VARIED: Friction = lambda x: 0.3 + 5.0 * x[2]  # noqa: E731
+
+
+@pytest.mark.parametrize(
+    ("friction", "seed"),
+    [(0.0, 0), (0.0, 2), (0.4, 1), (0.4, 2), (VARIED, 1), (VARIED, 2)],
+    ids=["smooth", "smooth 2", "rough", "rough 2", "varied", "varied 2"],
+)
+def test_whatever_the_hand_does_a_corner_is_its_walls(friction: float | Friction, seed: int) -> None:
     """Forces of triangles and of half-spaces."""
-    walls = HalfSpace((1.0, 0.0, 0.0), 0.02), HalfSpace((0.0, 1.0, 0.0), 0.01)
-    found, wanted = wandered([Mesh(*CORNER)], friction, seed), wandered(walls, friction, seed)
+    walls = [HalfSpace(tuple(row), at) for row, at in zip(np.eye(3).tolist(), (0.02, 0.01, 0.015), strict=True)]
+    found, wanted = wandered([cave()], friction, seed), wandered(walls, friction, seed)
     assert np.linalg.norm(wanted, axis=1).max() > 20.0
     assert found == pytest.approx(wanted, abs=1e-9)

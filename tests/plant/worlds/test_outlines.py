@@ -48,6 +48,20 @@ def test_the_report_shows_solids_and_only_those() -> None:
     assert scene_figure(simulate(flat, seed=1).recording) is None
 
 
+def test_the_largest_force_is_in_its_friction_cone() -> None:
+    """At the middle of the sphere's front, where the hand presses: mu is the cone's slope."""
+    words = {"scene": "sphere?friction=0.4", "operator_hand.start_periods": 0.0, "duration_s": 1.5}
+    figure = scene_figure(simulate(Params().set(words), seed=1).recording)
+    assert figure is not None
+    lines = [np.transpose(line.get_data_3d()) for line in figure.axes[0].get_lines()]
+    (rim,) = (line for line in lines if len(line) == 49)
+    apex, top = np.array((20.0, 0.0, 0.0)), rim[:-1].mean(axis=0)  # [mm]
+    assert apex - top == pytest.approx(np.array((np.linalg.norm(top - apex), 0.0, 0.0)), abs=0.1)
+    slopes = np.linalg.norm(rim - top, axis=1) / np.linalg.norm(top - apex)
+    assert slopes == pytest.approx([0.4] * 49)
+    assert sum(len(line) == 2 and line[1] in rim for line in lines) >= 8
+
+
 def test_a_recording_holds_its_mesh_and_an_older_one_needs_the_file(tmp_path: Path) -> None:
     file = tmp_path / "ring.stl"
     write_stl(file, *torus())

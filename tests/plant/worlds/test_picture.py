@@ -108,7 +108,13 @@ def test_contacts_without_friction_share_a_force_as_they_made_it(pushes: list[fl
 
 MODEL = """
 <mujoco>
+  <asset>
+    <mesh name="wedge" vertex="0 0 0  .02 0 0  0 .04 0  0 0 .06"/>
+    <hfield name="ground" nrow="2" ncol="3" size=".03 .02 .01 .001" elevation="0 .5 0  1 0 0"/>
+  </asset>
   <worldbody>
+    <geom type="hfield" hfield="ground" pos="0.5 0 0"/>
+    <geom type="mesh" mesh="wedge" pos="0.7 0 0" density="0"/>
     <geom type="plane" size="0 0 1" pos="0 0 -0.02" friction="0.7"/>
     <geom type="sphere" size="0.01" pos="0 0 9" rgba="1 0 0 0"/>
     <geom type="sphere" size="0.01" pos="0 0 9" group="4"/>
@@ -147,7 +153,7 @@ def placed(part: Part, poses: np.ndarray) -> np.ndarray:
 def test_a_models_geoms_are_where_the_engine_has_them(model: EngineWorld) -> None:
     """In the frame of the hand, which begins 5 mm above the model's origin; invisible ones are left out."""
     picture = model.picture()
-    plane, box, capsule, cylinder, ellipsoid, ball, soft = picture.parts
+    ground, wedge, plane, box, capsule, cylinder, ellipsoid, ball, soft = picture.parts
     poses = picture.poses()
     assert plane.body == RESTS
     assert plane.vertices[:, 2].max() == pytest.approx(-0.025)
@@ -159,6 +165,13 @@ def test_a_models_geoms_are_where_the_engine_has_them(model: EngineWorld) -> Non
     assert sizes["ellipsoid"] == pytest.approx([0.04, 0.02, 0.06], abs=2e-4)
     assert placed(box, poses).mean(axis=0) == pytest.approx([0.2, 0.15, 0.025], abs=1e-6)
     assert placed(ball, poses).mean(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+    heights = [[-0.03, -0.02, 0.01], [0.0, -0.02, 0.0], [0.03, -0.02, 0.0],  # as MuJoCo's rays meet them
+               [-0.03, 0.02, 0.0], [0.0, 0.02, 0.005], [0.03, 0.02, 0.0]]  # fmt: skip
+    by_place = ground.vertices[np.lexsort(ground.vertices.T[:2])]
+    assert by_place == pytest.approx(np.add(heights, (0.5, 0.0, -0.005)), abs=1e-6)
+    assert len(wedge.triangles) == 4
+    assert np.ptp(wedge.vertices, axis=0) == pytest.approx([0.02, 0.04, 0.06], abs=1e-6)
+    assert wedge.vertices.min(axis=0) == pytest.approx([0.7, 0.0, -0.005], abs=1e-6)
     assert box.color == (255, 0, 0, 255)
     assert ball.color[3] < 255  # one sees the contact through it
     assert soft.body == SOFT
