@@ -133,7 +133,6 @@ def test_loading_the_class_does_not_make_it() -> None:
 
 def test_a_driver_that_fails_while_running_is_named() -> None:
     device = UserDevice("tests.assembly.test_user_device:Unplugged", 1)
-    assert isinstance(device.device, Unplugged)
     device.device.plugged = False
     with pytest.raises(
         HapnetError, match=r"^the device tests\.assembly\.test_user_device:Unplugged failed.*OSError: unplugged"
@@ -149,7 +148,6 @@ def test_a_device_that_works_is_passed_through() -> None:
     device = UserDevice("tests.assembly.test_user_device:Still", 2)
     assert (device.dof, device.force_limit, device.resolution) == (2, 2.0, 1e-5)
     device.apply((0.5, -0.5))
-    assert isinstance(device.device, Still)
     assert device.device.held == (0.5, -0.5)
     position, velocity = UserDevice("tests.assembly.test_user_device:InArrays", 2).read()
     assert (position, velocity) == ((0.25, 0.25), (0.0, 0.0))
@@ -218,8 +216,6 @@ def test_one_that_fails_right_after_pairing_says_so_and_ends_in_order() -> None:
     with pytest.raises(HapnetError, match=r"PulledOut failed: read\(\) raised OSError: the cable is out"):
         side.tick(0)
     side.stop()
-    assert isinstance(side.device, UserDevice)
-    assert isinstance(side.device.device, PulledOut)
     assert side.device.device.held == (0.0,)
     assert device_summary(side, "pspm")["quantisation_J"] is None
 

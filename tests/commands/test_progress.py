@@ -32,7 +32,6 @@ def console(*, terminal: bool, width: int = 80) -> Console:
 
 
 def shown(words: Console) -> str:
-    assert isinstance(words.file, io.StringIO)
     return words.file.getvalue()
 
 

@@ -17,7 +17,6 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.params import Params
-from hapnet.plant.device import SimulatedDevice
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.summary.run import device_summary
 from tests.conftest import mostly_slow, random_spd
@@ -141,7 +140,6 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
     now_ns = 0
     side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), lambda: now_ns, lambda sample: None)
     device = side.device
-    assert isinstance(device, SimulatedDevice)
     side.endpoint.paired = True
     side.tick(0)
     ledger = side.coupling.ledger

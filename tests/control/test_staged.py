@@ -10,7 +10,6 @@ from hapnet.assembly.build import prepare
 from hapnet.couplings.registry import COUPLINGS, coupling
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
-from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Simulation, simulate
 from tests.support.hand_port import LIGHT_HAND
 
@@ -56,7 +55,6 @@ def lowest(name: str, link: str, lies: bool, seed: int) -> float:
     if lies:
         scene.planes = lying_planes(np.random.default_rng(seed))
     device = run.device.device
-    assert isinstance(device, SimulatedDevice)
     advance, energies = device.advance, [0.0]
 
     def counted() -> float:

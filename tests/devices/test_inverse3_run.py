@@ -6,36 +6,27 @@ import json
 import os
 import signal
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
 from hapnet.recording.mcap import read_recording
 from tests.faults.invariants import columns_of
-from tests.support.processes import Program, assert_passive, read_json, started
+from tests.support.processes import Emulator, assert_passive, started
 
 SOAK_S = 600.0
 
 
-class Service(Program):
+class Service(Emulator):
     """`hapnet emulate inverse3`, ready; `device` is what to give to `hapnet run`."""
 
-    def __init__(self, tmp_path: Path, *options: str, again: Service | None = None) -> None:
-        self.account = tmp_path / "emulator.json"
-        ports = ("port=0", "events=0") if again is None else again.ports
-        given = ",".join([f"inverse3:{ports[0]}", ports[1], *options])
-        super().__init__("emulate", given, "--operator", "press", "--json", self.account)
-        self.until_line("emulates inverse3")
+    def __init__(self, tmp_path: Path, *options: str, again: Self | None = None) -> None:
+        port, events = ("port=0", "events=0") if again is None else again.ports
+        super().__init__("inverse3", tmp_path, events, *options, at=port, more=("--operator", "press"))
         line = next(line for line in self.out + self.err if "emulates" in line)
         self.device = line.split("--device ")[1].strip()
         port, events = self.device.removeprefix("inverse3:localhost:").split(",events=")
         self.ports = f"port={port}", f"events={events}"
-
-    def ended(self) -> dict[str, Any]:
-        """Its own account, from the forces that really acted."""
-        os.kill(self.process.pid, signal.SIGTERM)
-        assert self.end()[0] == 0
-        return read_json(self.account)
 
 
 def run(service: Service, out: Path, seconds: float, *more: str) -> tuple[object, ...]:

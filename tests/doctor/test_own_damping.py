@@ -194,7 +194,6 @@ def test_all_axes_of_an_emulators_handle_are_measured() -> None:
 def test_the_force_is_bounded_and_ends_at_zero() -> None:
     check, device = measured("Slide", 0.2)
     assert 0.15 <= bound(check) <= 0.3
-    assert isinstance(device.device, Slide)
     assert max(map(abs, device.device.pushed)) == pytest.approx(0.2)
     assert device.device.pushed[-1] == 0.0
 
@@ -273,7 +272,6 @@ def test_the_bound_is_the_least_less_spread_and_a_tenth() -> None:
 def test_the_doctor_begins_before_it_pushes_and_says_how_without() -> None:
     Slide.now_ns = 0
     device = UserDevice("tests.doctor.test_own_damping:Begun", 1)
-    assert isinstance(device.device, Begun)
     found = {c.name: c for c in examine_device(device, 1000.0, lambda: Slide.now_ns, sleep)}
     assert (found["own damping"].state, device.device.pushes_before) == (SKIPPED, None)
     assert "--damping" in found["own damping"].advice

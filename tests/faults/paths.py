@@ -62,8 +62,7 @@ def measured_by_irtt(server: Host, client: Host, seconds: float) -> dict[str, An
     """What irtt's client reports of 100 packets a second."""
     command = [*client.enter, "irtt", "client", "-i", "10ms", "-d", f"{seconds}s", "-Q", "-o", "-", server.address]
     said = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=seconds + 60.0).stdout
-    report: dict[str, Any] = json.loads(said)["stats"]
-    return report
+    return json.loads(said)["stats"]
 
 
 def one(transport: str, profile: str, seconds: float, seed: int, more: list[str]) -> dict[str, Any]:

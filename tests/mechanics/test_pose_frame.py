@@ -15,8 +15,7 @@ def axis_angle(axis: tuple[float, float, float], angle: float) -> Array:
     """The rotation matrix by Rodrigues' formula."""
     n = np.array(axis) / np.linalg.norm(axis)
     S = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
-    turn: Array = np.eye(3) + np.sin(angle) * S + (1.0 - np.cos(angle)) * S @ S
-    return turn
+    return np.eye(3) + np.sin(angle) * S + (1.0 - np.cos(angle)) * S @ S
 
 
 def at(rng: np.random.Generator) -> Vector:

@@ -37,8 +37,7 @@ def bisect(p0: Array, w: Array, a: Array, dt: Array, stiffness: Array, damping: 
             s * acts[:, i] * wall_force(p0[:, i], s * v, dt, stiffness[:, i], damping[:, i])
             for i, s in enumerate(sides)
         ]
-        difference: Array = a * (v - w) - push[0] - push[1]
-        return difference
+        return a * (v - w) - push[0] - push[1]
 
     # The forces never grow with v, so neither root can lie beyond |w| plus the speed that all springs' energy gives.
     stored = (stiffness * np.maximum(p0, 0.0)).sum(axis=1)
@@ -50,8 +49,7 @@ def bisect(p0: Array, w: Array, a: Array, dt: Array, stiffness: Array, damping: 
         middle = low + (high - low) / 2
         above = excess(middle) > 0.0
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    root: Array = low + (high - low) / 2
-    return root
+    return low + (high - low) / 2
 
 
 def reference(p0: Array, w: Array, a: Array, dt: Array, stiffness: Array, damping: Array) -> tuple[Array, list[str]]:

@@ -51,8 +51,7 @@ def used(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (root / "netem/impairments/handover.py").write_text(page.partition("```python\n")[2].partition("```")[0], "utf-8")
     command = [sys.executable, "-c", USE]
     said = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=True).stdout
-    found: dict[str, Any] = json.loads(said)
-    return found
+    return json.loads(said)
 
 
 def test_its_words_are_read_and_written(used: dict[str, Any]) -> None:

@@ -48,7 +48,6 @@ def examined(kind: type[Handle], force_N: float = 0.3, known_mass: Vector = ()) 
         device, 1000.0, lambda: Handle.now_ns, sleep, force_N, known_mass=known_mass, on_mass=masses.append
     )
     found = {check.name: check for check in checks}
-    assert isinstance(device.device, Handle)
     assert Handle.now_ns < 10_000 * MS
     return found["force and motion"], device.device, masses
 

@@ -17,8 +17,7 @@ Array = NDArray[np.float64]
 def stored_energy(M: Array, K: Array, x: Array, v: Array, ybar: Array) -> Array:
     """kappa + phi of a batch of states."""
     e = x - ybar
-    total: Array = 0.5 * np.einsum("ki,ij,kj->k", v, M, v) + 0.5 * np.einsum("ki,ij,kj->k", e, K, e)
-    return total
+    return 0.5 * np.einsum("ki,ij,kj->k", v, M, v) + 0.5 * np.einsum("ki,ij,kj->k", e, K, e)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

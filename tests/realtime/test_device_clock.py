@@ -46,8 +46,7 @@ def test_a_clock_that_runs_slow_is_named() -> None:
     rig = Rig(Slow)
 
     def a_second() -> None:
-        for _ in range(500):
-            rig.tick(0.0)
+        rig.tick(0.0, times=500)
 
     with pytest.raises(HapnetError, match=r"the sum of its interval\(\) is 0.\d+ s in 0.\d+ s"):
         a_second()
@@ -72,20 +71,17 @@ def test_what_a_tick_takes_is_counted_once() -> None:
         rig.now_ns += 200_000
 
     rig.arm.take = take  # type: ignore[attr-defined]  # of this class
-    for _ in range(1000):
-        rig.tick(0.0)
+    rig.tick(0.0, times=1000)
     assert rig.side.last_ns == pytest.approx(2.2e9, rel=0.01)
 
 
 def test_a_servo_that_was_away_is_no_fault_of_the_devices_clock() -> None:
     """For 3 s; some readings waited meanwhile and come at once afterwards, the others are lost."""
     rig = Rig(Timed)
-    for _ in range(600):
-        rig.tick(0.0)
+    rig.tick(0.0, times=600)
     rig.tick(0.0, ms=3000)
     for _ in range(500):
         rig.now_ns += 100_000
         rig.tick(0.0, ms=0)
-    for _ in range(600):
-        rig.tick(0.0)
+    rig.tick(0.0, times=600)
     assert rig.side.overruns == 1

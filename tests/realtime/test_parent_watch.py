@@ -97,8 +97,7 @@ def test_a_real_process() -> None:
 
 def test_a_force_that_nobody_could_end_is_none_at_once_and_then_grows() -> None:
     rig = Rig(device__force_ramp_s=0.02)
-    for _ in range(20):
-        rig.tick(0.0)
+    rig.tick(0.0, times=20)
     assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     for _ in range(50):
         rig.side.withhold(rig.now_ns, STOPPED)

@@ -59,8 +59,7 @@ class Robot(Driver):
         return force
 
     def contact_force(self) -> Vector | None:
-        found: Vector | None = self.reports(self.wall)
-        return found
+        return self.reports(self.wall)
 
 
 class Numb(Robot):

@@ -35,7 +35,6 @@ def run_late(words: dict[str, object], late_ns: list[int]) -> tuple[DeviceSide, 
     setup = prepare(PAPER.set({"operator": "sine", **words}), "sampled")
     side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), clock, lambda sample: None)
     device = side.device
-    assert isinstance(device, SimulatedDevice)
     work = 0.0
     advance = device.advance
 
@@ -90,7 +89,6 @@ def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], flo
     endpoint = DeviceEndpoint(device_session(setup, 7))
     side = device_side(setup, endpoint, clock, lambda sample: None)
     device = side.device
-    assert isinstance(device, SimulatedDevice)
     given = 0.0
 
     def tick(after_ms: int) -> None:
@@ -142,7 +140,6 @@ def test_a_servo_that_was_away_renders_nothing_until_it_is_on_time_and_the_accou
     side.endpoint.paired = True
     forces = []
     device = side.device
-    assert isinstance(device, SimulatedDevice)
 
     def tick(now_ns: int) -> float:
         """What the device renders after a tick [N]: what it was asked for, or its spring's."""

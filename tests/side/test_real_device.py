@@ -82,10 +82,11 @@ class Rig:
             self.events.append(f"{sample.kind}: {sample.text}")
             self.levels.append(sample.level)
 
-    def tick(self, x: float, ms: int = 2) -> None:
-        self.now_ns += ms * MS
+    def tick(self, x: float, ms: int = 2, times: int = 1) -> None:
         self.arm.x = x
-        self.side.tick(self.now_ns)
+        for _ in range(times):
+            self.now_ns += ms * MS
+            self.side.tick(self.now_ns)
 
     @property
     def work(self) -> float:
@@ -114,13 +115,11 @@ def test_a_silent_device_gets_no_force_and_one_line_each_way() -> None:
         rig.tick(1e-4 * k)
     assert rig.arm.reported[-1][0] > 1.0
     rig.arm.silent = True
-    for _ in range(100):
-        rig.tick(0.0)
+    rig.tick(0.0, times=100)
     assert rig.arm.reported[-98:] == [(0.0,)] * 98  # after the 5 ms of its watchdog
     assert rig.arm.reported[-99][0] > 1.0
     rig.arm.silent = False
-    for _ in range(3):
-        rig.tick(5e-4)
+    rig.tick(5e-4, times=3)
     assert rig.events == [
         "device: the device tests.side.test_real_device:Arm is silent, no force: no answer for 5 ms",
         "device: the device tests.side.test_real_device:Arm is back after 202.0 ms: the force grows",
@@ -143,8 +142,7 @@ def test_what_a_silence_hid_never_counts_as_energy_taken_in(to: float) -> None:
     """2 N towards +x. Going on to -x would have taken energy in, had the force still acted: that does not count. Going
     with it counts in full, as far as the device can go (0.5 m/s) in the 5 ms until its own watchdog acts."""
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     held, before = rig.arm.reported[-1][0], rig.work
     assert held == pytest.approx(2.0)
     rig.arm.silent = True
@@ -163,16 +161,14 @@ def test_only_a_device_without_a_watchdog_of_its_own_is_held_less_after_an_overr
         rig.tick(0.0, ms=202)
         assert rig.arm.reported[-1] == (0.0,)
         rig.side.coupling.receive((0.02,), 0.0, 0.0)
-        for _ in range(5):
-            rig.tick(0.0)
+        rig.tick(0.0, times=5)
         forces.append(rig.arm.reported[-1][0])
     assert forces == pytest.approx([2.0, 0.1 / 0.101], rel=0.02)
 
 
 def test_without_a_watchdog_of_its_own_the_whole_way_counts() -> None:
     rig = Rig(Unguarded)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     held, before = rig.arm.reported[-1][0], rig.work
     rig.arm.silent = True
     rig.tick(0.0)
@@ -188,8 +184,7 @@ def test_without_a_watchdog_of_its_own_the_whole_way_counts() -> None:
 def test_a_command_that_did_not_go_out_leaves_the_older_force_in_doubt(way: int) -> None:
     """The cable is out while 1.9 N are asked for, and 2 N were held: going on, the worse one counts; back, neither."""
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     older = rig.arm.reported[-1][0]
     assert older == pytest.approx(2.0)
     rig.arm.deaf = True
@@ -202,16 +197,14 @@ def test_a_command_that_did_not_go_out_leaves_the_older_force_in_doubt(way: int)
 
 def test_the_dead_man_switch_takes_the_force_away_at_once() -> None:
     rig = Rig(Switched, device__force_ramp_s=0.02)
-    for _ in range(20):
-        rig.tick(0.0)
+    rig.tick(0.0, times=20)
     full = rig.arm.reported[-1][0]
     assert full == pytest.approx(2.0)
     rig.arm.pressed = False
     rig.tick(0.0)
     assert rig.arm.reported[-1] == (0.0,)
     rig.arm.pressed = True
-    for _ in range(5):
-        rig.tick(0.0)
+    rig.tick(0.0, times=5)
     assert 0.0 < rig.arm.reported[-1][0] < full
     assert rig.events == [
         "dead-man: the dead-man switch is not held: no force",
@@ -239,9 +232,7 @@ class Braking(Arm):
 
 def test_a_brake_takes_the_force_away_at_once_and_then_it_grows() -> None:
     rig = Rig(Braking, device__force_ramp_s=0.02)
-    assert isinstance(rig.arm, Braking)
-    for _ in range(20):
-        rig.tick(0.0)
+    rig.tick(0.0, times=20)
     full = rig.arm.reported[-1][0]
     assert full == pytest.approx(2.0)
     rig.arm.why = "its brake is on"
@@ -249,8 +240,7 @@ def test_a_brake_takes_the_force_away_at_once_and_then_it_grows() -> None:
     rig.tick(0.0)
     assert rig.arm.reported[-2:] == [(0.0,)] * 2
     rig.arm.why = ""
-    for _ in range(5):
-        rig.tick(0.0)
+    rig.tick(0.0, times=5)
     assert 0.0 < rig.arm.reported[-1][0] < full
     assert rig.events == [
         "device: the device tests.side.test_real_device:Braking renders no force: its brake is on",
@@ -263,9 +253,7 @@ def test_a_brake_takes_the_force_away_at_once_and_then_it_grows() -> None:
 @pytest.mark.parametrize(("to", "counts"), [(0.001, 1.0), (-0.001, 0.0)])
 def test_where_a_device_that_tells_its_force_does_not_only_what_it_put_out_counts(to: float, counts: float) -> None:
     rig = Rig(Braking)
-    assert isinstance(rig.arm, Braking)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     before = rig.work
     rig.arm.told_force = None
     rig.tick(to)
@@ -291,8 +279,7 @@ def test_a_switch_that_the_device_does_not_have_is_refused(words: str, says: str
 
 def test_at_the_end_it_is_closed_once_and_after_its_last_force() -> None:
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     rig.side.stop()
     rig.side.stop()
     assert rig.arm.reported[-1] == (0.0,)
@@ -317,8 +304,7 @@ class NeverPressed(Switched):
 
 def test_a_switch_that_nobody_holds_is_told_at_the_start() -> None:
     rig = Rig(NeverPressed)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     assert rig.events == ["dead-man: the dead-man switch is not held: no force"]
     assert rig.arm.reported[-1] == (0.0,)
 
@@ -354,8 +340,7 @@ class Bare(Arm):
 def test_a_driver_that_means_something_else_is_named(device: type[Arm], says: str) -> None:
     def run() -> None:
         rig = Rig(device)
-        for _ in range(3):
-            rig.tick(0.0)
+        rig.tick(0.0, times=3)
 
     with pytest.raises(HapnetError, match=says):
         run()
@@ -409,7 +394,6 @@ def test_a_force_that_acts_late_is_counted_where_it_is_told(device: type[Late]) 
     for k in range(200):
         rig.tick(2e-3 * math.sin(0.1 * k))
     arm = rig.arm
-    assert isinstance(arm, Late)
     assert abs(arm.changes) > 1e-6
     unseen = 0.0 if device is LateAndTold else arm.changes
     assert rig.work == pytest.approx(arm.work - unseen, abs=1e-12)

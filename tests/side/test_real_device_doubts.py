@@ -14,16 +14,14 @@ from tests.side.test_real_device import MS, Arm, Braking, Rig
 def silent_for_10_ms(rig: Rig) -> None:
     """Longer than the device's own watchdog (5 ms), shorter than the servo's (20 ms): nobody calls it an overrun."""
     rig.arm.silent = True
-    for _ in range(4):
-        rig.tick(0.0)
+    rig.tick(0.0, times=4)
     rig.arm.silent = False
 
 
 def test_a_short_silence_leaves_the_force_before_it_in_doubt() -> None:
     """2 N towards +x. Going back would have taken energy in, had the force still acted: that does not count."""
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     before = rig.work
     silent_for_10_ms(rig)
@@ -34,8 +32,7 @@ def test_a_short_silence_leaves_the_force_before_it_in_doubt() -> None:
 
 def test_after_a_short_silence_the_force_grows_from_zero() -> None:
     rig = Rig(device__force_ramp_s=0.02)
-    for _ in range(20):
-        rig.tick(0.0)
+    rig.tick(0.0, times=20)
     assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     silent_for_10_ms(rig)
     rig.tick(0.0)
@@ -49,10 +46,8 @@ def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
     """2 N are held when a command is lost; then the device reports what acted, and gets 0.1 N. When it does not report
     any more, those 0.1 N are what may have acted."""
     rig = Rig(Braking)
-    assert isinstance(rig.arm, Braking)
     rig.arm.told_force = (2.0,)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     rig.arm.deaf = True
     rig.tick(0.0)
     rig.arm.deaf = False
@@ -70,8 +65,7 @@ def test_a_force_that_was_told_leaves_no_older_one_in_doubt() -> None:
 def test_a_doubt_is_over_with_the_next_command() -> None:
     """A command is lost while 2 N are held. Two ticks later the force is known again, and what it takes in counts."""
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     rig.arm.deaf = True
     rig.tick(0.001)
     rig.arm.deaf = False
@@ -84,11 +78,9 @@ def test_a_doubt_is_over_with_the_next_command() -> None:
 
 def test_a_device_that_is_silent_at_the_end_is_not_taken_for_passive() -> None:
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     rig.arm.silent = rig.arm.deaf = True
-    for _ in range(20):
-        rig.tick(0.0)
+    rig.tick(0.0, times=20)
     rig.side.stop()
     stopped = device_summary(rig.side, "pspm")["stopped"]
     assert "silent at the end" in stopped["why"]
@@ -99,8 +91,7 @@ def test_a_device_that_is_silent_at_the_end_is_not_taken_for_passive() -> None:
 def test_nor_is_one_whose_cable_goes_with_its_last_command(held: bool) -> None:
     """Too short before the end for a silence. Where no force was held there is none that may remain."""
     rig = Rig(device__force_ramp_s=0.0 if held else 1e9)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     if not held:
         rig.side.withhold(rig.now_ns, "nobody is there")
         rig.tick(0.0)
@@ -113,8 +104,7 @@ def test_nor_is_one_whose_cable_goes_with_its_last_command(held: bool) -> None:
 
 def test_a_force_that_does_not_agree_with_the_motion_ends_in_the_same_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig()
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     assert rig.arm.reported[-1][0] == pytest.approx(2.0)
     monkeypatch.setattr(rig.side._agreement, "wrong", lambda *reading: "is the motor reversed?")
     rig.tick(0.0)
@@ -133,9 +123,7 @@ class Counted(Arm):
 
 def test_control_begins_once_and_the_device_is_closed_once() -> None:
     rig = Rig(Counted)
-    assert isinstance(rig.arm, Counted)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     rig.side._begin()  # as the last push at the start does, before control
     for _ in range(2):
         rig.side.stop()
@@ -153,9 +141,7 @@ class Failing(Braking):
 
 def test_an_apply_that_raises_while_a_force_is_held_is_said_with_the_force_that_may_remain() -> None:
     rig = Rig(Failing)
-    assert isinstance(rig.arm, Failing)
-    for _ in range(3):
-        rig.tick(0.0)
+    rig.tick(0.0, times=3)
     rig.arm.fails = True
     with pytest.raises(HapnetError, match=r"apply\(\) raised SystemExit"):
         rig.tick(0.0)
@@ -173,6 +159,5 @@ class Turned(Arm):
 def test_how_the_handle_is_turned_is_reported_a_hundred_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, reported = Rig(Turned), []
     monkeypatch.setattr(rig.side.endpoint, "report", lambda name, _: reported.append((name, rig.now_ns)))
-    for _ in range(10):
-        rig.tick(0.0)
+    rig.tick(0.0, times=10)
     assert reported == [("orientation", 10 * MS), ("orientation", 20 * MS)]

@@ -13,7 +13,7 @@ import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.processes import pool
-from hapnet.processes.pool import WorkerPool, in_processes
+from hapnet.processes.pool import in_processes
 from hapnet.processes.start import for_children
 from hapnet.study import export
 from hapnet.study.backend import local_workers
@@ -40,7 +40,6 @@ def test_a_case_that_kills_its_worker_is_a_row_that_says_so(tmp_path: Path) -> N
     """And all others have their results, the same as without workers."""
     journal = journal_of(tmp_path, TOUCHY + AXES)
     workers = local_workers(2)
-    assert isinstance(workers, WorkerPool)
     Sweep(journal, workers, lambda done: None).run()
     started = [worker.process for worker in workers._workers]
     workers.close()
@@ -59,7 +58,6 @@ def test_a_case_that_kills_its_worker_is_a_row_that_says_so(tmp_path: Path) -> N
 def test_a_worker_killed_from_outside_costs_no_case(tmp_path: Path) -> None:
     journal = journal_of(tmp_path, TOUCHY + "[vary]\nseed = '0:40'")
     workers = local_workers(1)
-    assert isinstance(workers, WorkerPool)
     killed: list[int] = []
 
     def progress(done: int) -> None:

@@ -62,7 +62,6 @@ def denied(
     })  # fmt: skip
     run = Simulation(params, seed)
     scene: Any = run.world.scene
-    assert isinstance(scene, MovingWall)
     if change == "lies":
         scene.planes = lying_planes(np.random.default_rng(seed))
     heard: list[tuple[int, tuple[Plane, ...] | None]] = []

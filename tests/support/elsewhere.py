@@ -138,8 +138,7 @@ def main(platform: str, words: list[str]) -> int:
     become(platform)
     sys.argv = ["hapnet", *words]
     command: ModuleType = importlib.import_module("hapnet.__main__")
-    code: int = command.main()
-    return code
+    return command.main()
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from unittest.mock import patch
 
 from hapnet.params import Params
-from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Simulation
 
 LIGHT_HAND: Mapping[str, object] = {
@@ -22,7 +21,6 @@ def lowest_energies(params: Params, seed: int) -> tuple[float, float, float]:
     """Least energy put in so far at the hand's port, at the actuator's, and at the actuator's and the world's [J]."""
     simulation = Simulation(params, seed, kernel=False)  # which calls no method that could be watched
     device = simulation.device.device
-    assert isinstance(device, SimulatedDevice)
     energy = lowest = 0.0
     advance = device.advance
 

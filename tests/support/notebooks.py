@@ -11,8 +11,7 @@ NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
 
 
 def cells(notebook: Path) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads(notebook.read_text("utf-8"))["cells"]
-    return found
+    return json.loads(notebook.read_text("utf-8"))["cells"]
 
 
 def code(notebook: Path) -> list[str]:

@@ -102,8 +102,7 @@ class Program:
         """What it has printed as JSON, once it has ended with this code."""
         ended, out, err = self.end()
         assert ended == code, err
-        summary: dict[str, Any] = json.loads(out)
-        return summary
+        return json.loads(out)
 
     @property
     def alive(self) -> bool:
@@ -138,13 +137,28 @@ def started(*argv: object, command: Sequence[str] = HAPNET, env: Mapping[str, st
     return Program(*argv, command=command, env=env)
 
 
+class Emulator(Program):
+    """`hapnet emulate`, ready to be opened as `device`; its account, of what forces really acted, is in `folder`."""
+
+    def __init__(self, name: str, folder: Path, *options: str, at: str = "", more: Sequence[object] = ()) -> None:
+        self.account, self.device = folder / "emulator.json", f"{name}:{folder / name}"
+        words = ",".join([f"{name}:{at or f'link={folder / name}'}", *options])
+        super().__init__("emulate", words, *more, "--json", self.account)
+        self.until_line(f"emulates {name}")
+
+    def ended(self) -> dict[str, Any]:
+        """Its own account, once it has been told to end."""
+        os.kill(self.process.pid, signal.SIGTERM)
+        assert self.end()[0] == 0
+        return read_json(self.account)
+
+
 def size(file: Path) -> int:
     return file.stat().st_size if file.exists() else 0
 
 
 def read_json(file: Path) -> dict[str, Any]:
-    value: dict[str, Any] = json.loads(file.read_text("utf-8"))
-    return value
+    return json.loads(file.read_text("utf-8"))
 
 
 def assert_accounts_agree(summary: dict[str, Any]) -> None:

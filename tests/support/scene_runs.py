@@ -9,7 +9,7 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.mechanics.contacts import Surroundings
 from hapnet.params import Params
-from hapnet.plant.integrator import PassiveIntegrator, Step
+from hapnet.plant.integrator import Step
 from hapnet.plant.operator import Impedance, minimum_jerk
 from hapnet.plant.worlds.rigid_contacts import RigidContacts
 from hapnet.plant.worlds.scene import Scene
@@ -101,7 +101,6 @@ def run(
     })  # fmt: skip
     simulation = Simulation(params, seed, kernel=False)
     contacts, mass = simulation.setup.scene.contacts, simulation.world.mass
-    assert isinstance(mass, PassiveIntegrator)
     M, B, K = (scale * np.eye(3) for scale in (0.02, 14.0, 500.0))
     account = Account(contacts, M, B, K)
     worst, minimum = 0.0, 1.0

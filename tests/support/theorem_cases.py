@@ -45,8 +45,7 @@ def matrix(rng: np.random.Generator, n: int, low: float, high: float, *, general
 
 
 def diagonal(rng: np.random.Generator, n: int, low: float, high: float) -> list[float]:
-    values: list[float] = np.exp(rng.uniform(np.log(low), np.log(high), size=n)).tolist()
-    return values
+    return np.exp(rng.uniform(np.log(low), np.log(high), size=n)).tolist()
 
 
 def random_case(seed: int, duration_s: float = 5.0) -> Params:

@@ -154,5 +154,4 @@ class _World:
         return getattr(self._side, name)
 
     def step(self, now_ns: int) -> bytes | None:
-        message: bytes | None = self._side.step(self._clock(now_ns))
-        return message
+        return self._side.step(self._clock(now_ns))

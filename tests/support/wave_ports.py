@@ -29,8 +29,7 @@ def wander(rng: np.random.Generator, ticks: int, time: float, speed: float = 0.1
         v[0] = 0.0
         for i in range(1, ticks):
             v[i] = keep * v[i - 1] + (1.0 - keep) * v[i]
-    velocities: list[float] = (v * speed / v.std()).tolist()
-    return velocities
+    return (v * speed / v.std()).tolist()
 
 
 def reported(waves: list[Wave]) -> list[Wave]:

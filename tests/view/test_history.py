@@ -213,8 +213,7 @@ def pair_of(seconds: float, **device_fields: float) -> History:
 def passive(history: History) -> bool | None:
     account = history.snapshot().account
     assert account is not None
-    found: bool | None = judge(account)["passive"]
-    return found
+    return judge(account)["passive"]
 
 
 def test_what_a_live_pair_is_judged_by() -> None:

@@ -44,8 +44,7 @@ def reference(table: ArmTable, rates: Array, push: Array, ticks: int) -> Array:
     times = T * np.arange(1, ticks + 1)
     begin = np.concatenate([home, np.zeros(n)])
     solved: Any = solve_ivp(slope, (0.0, ticks * T), begin, "DOP853", times, rtol=1e-10, atol=1e-11)
-    angles: Array = solved.y[:n].T
-    return angles
+    return solved.y[:n].T
 
 
 @pytest.mark.parametrize("n", [3, 7])

@@ -106,8 +106,7 @@ def reference(table: ArmTable, hand: Impedance, friction: float, ticks: int) -> 
     begin = np.concatenate([home, np.zeros(n)])
     times = T * np.arange(1, ticks + 1)
     solved: Any = solve_ivp(slope, (0.0, ticks * T), begin, "DOP853", times, rtol=1e-10, atol=1e-11)
-    angles: Array = solved.y[:n].T
-    return angles
+    return solved.y[:n].T
 
 
 HAND = Impedance(0.2, 3.0, 60.0)

@@ -373,8 +373,7 @@ def gyroid(points: int = 37, size_m: float = 0.06, cell_m: float = 0.02) -> tupl
 def labyrinth(places: Array, cell_m: float = 0.02) -> Array:
     """Above 0 on one side of the sheet, below 0 on the other."""
     s, c = np.sin(2.0 * np.pi / cell_m * places), np.cos(2.0 * np.pi / cell_m * places)
-    found: Array = s[..., 0] * c[..., 1] + s[..., 1] * c[..., 2] + s[..., 2] * c[..., 0]
-    return found
+    return s[..., 0] * c[..., 1] + s[..., 1] * c[..., 2] + s[..., 2] * c[..., 0]
 
 
 @steps()

@@ -146,8 +146,7 @@ def run_pressed(scene: str, link: str, steps_s: tuple[float, float], seconds: fl
     account.close()
     world = result.recording.world
     assert np.linalg.norm(world["contact_force_N"][-1]) <= 1e-12
-    depths: Array = world["penetration_m"]
-    return depths
+    return world["penetration_m"]
 
 
 def links_for(steps_s: tuple[float, float]) -> list[str]:
@@ -271,7 +270,6 @@ def test_what_the_energy_is_not_there_for_is_not_stored() -> None:
 def test_the_anchor_keeps_no_more_than_its_ceiling() -> None:
     account = pressed([SHAPES["plane"]], 0.5, (0.001, 0.001), 0, general=False)
     contacts = account.contacts
-    assert isinstance(contacts, RigidContacts)
     assert account.work_J > 3.0 * ANCHOR_CEILING_J
     assert contacts.stored_J((0.0,) * 3) == pytest.approx(ANCHOR_CEILING_J)
 

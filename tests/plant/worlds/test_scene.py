@@ -104,7 +104,6 @@ def test_step_times_are_uniform_in_their_range_and_seeded() -> None:
 
 def test_scene_of_ones_own() -> None:
     scene = make_scene(f"{__name__}:Corridor", step_s=0.004)
-    assert isinstance(scene, Corridor)
     assert scene.next_step_s(np.random.default_rng(0)) == 0.004
     assert scene_parameters(f"{__name__}:Corridor") == {"step_s": 0.02}
 

@@ -15,7 +15,6 @@ from hapnet.plant.worlds import soft_mesh
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.picture import SOFT
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.soft import SoftWorld
 from hapnet.plant.worlds.soft_body import Body, Material
 from hapnet.plant.worlds.soft_contacts import RESERVOIR_J, Skin, SoftContacts
 from hapnet.plant.worlds.soft_linear import conjugate_gradients
@@ -207,13 +206,11 @@ def test_indentation_agrees_with_an_independent_solver() -> None:
 def nearest_rotations(gradients: Array) -> Array:
     """By singular values, of (E, 3, 3)."""
     u, _, vt = np.linalg.svd(gradients)
-    found: Array = u @ vt
-    return found
+    return u @ vt
 
 
 def symmetric(matrices: Array) -> Array:
-    found: Array = 0.5 * (matrices + matrices.transpose(0, 2, 1))
-    return found
+    return 0.5 * (matrices + matrices.transpose(0, 2, 1))
 
 
 def test_a_body_that_is_shaken_moves_as_its_tetrahedra_and_its_contacts_say() -> None:
@@ -346,7 +343,6 @@ def test_the_shape_without_the_ball_is_that_of_rest(dt: float) -> None:
 
 def test_an_organ_has_planes_that_bend_and_a_picture() -> None:
     world = make_scene("soft:organ?nodes=300&lump=5&lump_at=-15mm,0mm,0mm")
-    assert isinstance(world, SoftWorld)
     bend = max(world.contacts.planes((0.01, 0.01, 0.0), 0.03)[0].curvatures, key=lambda bend: bend.per_m)
     assert abs(bend.direction[2]) > 0.95  # it bulges towards the hand; along y a bean is nearly straight
     assert 8.0 < bend.per_m < 25.0
@@ -387,7 +383,6 @@ def test_a_file_of_tetrahedra_and_a_surface(tmp_path: str) -> None:
     places, tets = soft_mesh.block((60.0, 40.0, 50.0), 64)
     meshio.write(f"{tmp_path}/body.vtk", meshio.Mesh(places, [("tetra", tets)]), binary=False)
     world = make_scene(f"soft:{tmp_path}/body.vtk?unit=mm")
-    assert isinstance(world, SoftWorld)
     assert np.ptp(world.contacts.rest, axis=0) == pytest.approx((0.06, 0.04, 0.05), rel=0.2)
     with pytest.raises(InvalidParameter, match="unit"):
         make_scene(f"soft:{tmp_path}/body.vtk")

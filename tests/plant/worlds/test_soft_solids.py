@@ -15,7 +15,6 @@ from hapnet.plant.worlds.picture import RESTS
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.plant.worlds.rigid_contacts import Solid
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
-from hapnet.plant.worlds.soft import SoftWorld
 from hapnet.plant.worlds.soft_body import Body, Material
 from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
 from hapnet.plant.worlds.soft_picture import strains_shown
@@ -46,8 +45,7 @@ def lying(
 
 def on_solids(contacts: SoftContacts) -> Array:
     """The solids' force on the body (3,) [N]."""
-    found: Array = contacts.forces[contacts.by_ball == 0.0].sum(axis=0)
-    return found
+    return contacts.forces[contacts.by_ball == 0.0].sum(axis=0)
 
 
 def test_a_block_weighs_on_a_plane_what_it_weighs() -> None:
@@ -208,7 +206,6 @@ def test_it_is_a_scene_with_a_picture() -> None:
     world = make_scene(
         "soft?nodes=64&pin=none + plane?normal=0,0,-1&at=0,0,-30mm&friction=0.4 + sphere?radius=5mm&at=0,-60mm,0"
     )
-    assert isinstance(world, SoftWorld)
     assert world.stiffnesses == (3000.0, 3000.0)
     picture = world.picture()
     assert sum(part.body == RESTS for part in picture.parts) == 2
