@@ -254,7 +254,7 @@ def test_the_bound_is_never_above_the_truth() -> None:
 @SLOW
 @pytest.mark.usefixtures("slide")
 def test_the_bound_is_never_above_the_truth_over_many_devices() -> None:
-    @settings(max_examples=60, phases=NO_SHRINKING)
+    @settings(max_examples=25, phases=NO_SHRINKING)
     @given(words=SLIDES, most_N=st.floats(0.1, 1.0))
     def check(words: dict[str, float], most_N: float) -> None:
         never_above_the_truth(words, most_N)

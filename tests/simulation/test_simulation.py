@@ -196,7 +196,10 @@ class Watch:
         patch.setattr(SimulatedDevice, "run", watched_run)
 
 
-def compare_shufflings(duration_s: float) -> None:
+@pytest.mark.parametrize(
+    "duration_s", [pytest.param(60.0, marks=pytest.mark.slow), pytest.param(600.0, marks=pytest.mark.soak)]
+)
+def test_the_default_shuffling_does_not_orbit(duration_s: float) -> None:
     sent = {}
     for shuffle in ("harvested", "all"):
         with pytest.MonkeyPatch.context() as patch:
@@ -214,16 +217,6 @@ def compare_shufflings(duration_s: float) -> None:
             f"harvested {harvested[0]:.3f} J, {harvested[1]:.3f} J; the hand put in {watch.hand:.3f} J"
         )
     assert min(sent["all"]) > 30.0 * max(sent["harvested"])
-
-
-@pytest.mark.slow
-def test_the_default_shuffling_does_not_orbit() -> None:
-    compare_shufflings(60.0)
-
-
-@pytest.mark.slow
-def test_the_default_shuffling_does_not_orbit_over_ten_minutes() -> None:
-    compare_shufflings(600.0)
 
 
 # -- accounts, determinism -------------------------------------------------------------------------------------------
