@@ -16,7 +16,7 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import lower_builtin, lower_getattr_generic
-from numba.np import arrayobj
+from numba.np.arrayobj import fix_integer_index, load_item, record_getattr, setitem_array, store_item
 
 _DATA = 4  # where an array's data are among its members
 
@@ -25,10 +25,9 @@ _DATA = 4  # where an array's data are among its members
 def _field(context: Any, builder: Any, record: Any, value: Any, name: str) -> Any:
     kind = record.typeof(name)
     if not isinstance(kind, types.NestedArray):
-        return arrayobj.record_getattr(context, builder, record, value, name)
+        return record_getattr(context, builder, record, value, name)
     context.sentry_record_alignment(record, name)
-    data = context.get_data_type(kind.dtype)
-    address = cgutils.get_record_member(builder, value, record.offset(name), data)
+    address = cgutils.get_record_member(builder, value, record.offset(name), context.get_data_type(kind.dtype))
     return _array(context, builder, kind, kind.shape, kind.strides, address)
 
 
@@ -37,7 +36,7 @@ def _item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     kind, index = sig.args
     address = _address(context, builder, kind, index, args)
     if kind.ndim == 1:
-        return arrayobj.load_item(context, builder, kind, address)
+        return load_item(context, builder, kind, address)
     return _array(context, builder, sig.return_type, kind.shape[1:], kind.strides[1:], address)
 
 
@@ -45,16 +44,16 @@ def _item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 def _set_item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     kind, index, given = sig.args
     if kind.ndim > 1:
-        return arrayobj.setitem_array(context, builder, sig, args)
+        return setitem_array(context, builder, sig, args)
     value = context.cast(builder, args[2], given, kind.dtype)
-    arrayobj.store_item(context, builder, kind, value, _address(context, builder, kind, index, args))
+    store_item(context, builder, kind, value, _address(context, builder, kind, index, args))
     return None
 
 
 def _address(context: Any, builder: Any, kind: Any, index: Any, args: Any) -> Any:
     """Of the item with that index; one below zero counts from the end."""
     size = ir.IntType(64)(kind.shape[0])
-    at = arrayobj.fix_integer_index(context, builder, index, args[1], size)
+    at = fix_integer_index(context, builder, index, args[1], size)
     step = prod(kind.shape[1:])
     if step != 1:
         at = builder.mul(at, at.type(step))
@@ -63,6 +62,6 @@ def _address(context: Any, builder: Any, kind: Any, index: Any, args: Any) -> An
 
 def _array(context: Any, builder: Any, kind: Any, shape: Any, strides: Any, address: Any) -> Any:
     whole = context.get_value_type(kind)
-    members = (None, None, prod(shape), context.get_abi_sizeof(address.type.pointee), None, shape, strides)
+    members = (None, None, prod(shape), context.get_abi_sizeof(context.get_data_type(kind.dtype)), None, shape, strides)
     known = ir.Constant(whole, [part(member) for part, member in zip(whole.elements, members, strict=True)])
     return builder.insert_value(known, address, _DATA)

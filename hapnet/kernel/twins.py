@@ -11,7 +11,7 @@ import importlib
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
@@ -19,10 +19,12 @@ from typing import Any, TypeVar
 import numba
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
-import hapnet.kernel.nested  # noqa: F401  (arrays in records, in less code)
 from hapnet.kernel.progress import Reported
 from hapnet.records.equation import EQUATIONS
 from hapnet.records.machine_code import kept
+
+with suppress(ImportError):  # numba's inner functions, of another version
+    import hapnet.kernel.nested  # noqa: F401  (arrays in records, in less code)
 
 _njit: Any = numba.njit
 
