@@ -1,6 +1,7 @@
-"""Seed frames: golden ones, oddities, and a real conversation. `python -m tests.fuzzing.corpus` writes them."""
+"""Seed frames: golden ones, oddities, a real conversation, and what atheris found, which is in `corpus/`."""
 
 import struct
+from functools import cache
 from pathlib import Path
 
 import msgpack
@@ -196,32 +197,14 @@ def conversation() -> dict[str, bytes]:
     return frames
 
 
-def made() -> dict[str, bytes]:
-    """Every seed that is made here, by name."""
-    return {f"golden-{name}": data for name, data in golden().items()} | oddities() | conversation()
+@cache
+def seeds() -> dict[str, bytes]:
+    """Every seed by name, those that atheris found among them."""
+    made = {f"golden-{name}": data for name, data in golden().items()} | oddities() | conversation()
+    found = {path.stem: path.read_bytes() for path in FOLDER.glob("*.bin")}
+    return dict(sorted((made | found).items(), key=lambda seed: f"{seed[0]}.bin"))
 
 
-def stored() -> dict[str, bytes]:
-    """Every seed in the folder, by name, those that atheris found among them."""
-    return {path.stem: path.read_bytes() for path in sorted(FOLDER.glob("*.bin"))}
-
-
-def stored_lives() -> list[bytes]:
+def found_lives() -> list[bytes]:
     """What atheris found for a whole session: inputs of `lives.one_life`."""
     return [path.read_bytes() for path in sorted(FOLDER.glob("*.life"))]
-
-
-def write() -> int:
-    """Write the seeds that are made here anew; returns how many."""
-    FOLDER.mkdir(exist_ok=True)
-    for path in FOLDER.glob("*.bin"):
-        if not path.stem.startswith("found-"):
-            path.unlink()
-    seeds = made()
-    for name, data in seeds.items():
-        (FOLDER / f"{name}.bin").write_bytes(data)
-    return len(seeds)
-
-
-if __name__ == "__main__":
-    print(f"{write()} seeds in {FOLDER}")

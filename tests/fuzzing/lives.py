@@ -60,7 +60,7 @@ def joined(frames: list[tuple[int, bytes]]) -> bytes:
 
 def starts(target: str) -> list[bytes]:
     """Inputs to begin with, from the corpus: its frames alone, and as lives of one frame, of some, and of many."""
-    frames = list(corpus.stored().values())
+    frames = list(corpus.seeds().values())
     if target == "decoder":
         return frames
     rng = random.Random(1)

@@ -2,12 +2,11 @@
 
 import random
 import traceback
-from functools import lru_cache
 
 from hapnet.side.endpoint import DeviceEndpoint, backlog
 from hapnet.wire.messages import Motion, Port, Proxy, Wave
 from hapnet.wire.session import Session, SessionSettings
-from tests.fuzzing.corpus import stored
+from tests.fuzzing.corpus import seeds
 from tests.fuzzing.decoder import Broken, decoded, hold
 from tests.fuzzing.invariants import Watch
 from tests.fuzzing.mutator import HELLO, Mutator
@@ -23,12 +22,7 @@ _PAUSE_WEIGHTS = (20, 65, 93, 99.5, 99.9, 100)  # cumulative
 _CHECK_MEMORY = 100
 _RESTART_AFTER = 50  # messages that an honest peer waits unpaired before it starts anew
 _OUTSIDERS = 0.3  # share of the storms in which nobody speaks in the peer's name
-
-
-@lru_cache
-def seeds() -> tuple[bytes, ...]:
-    """The corpus."""
-    return tuple(stored().values())
+SEEDS = tuple(seeds().values())
 
 
 def run(target: str, seed: int, count: int) -> None:
@@ -54,7 +48,7 @@ def run_many(target: str, seed: int, count: int, storm: int = STORM) -> None:
 
 def _decoder(target: str, rng: random.Random, count: int, progress: list[bytes]) -> None:
     own, peer = rng.getrandbits(64) | 1, rng.getrandbits(64) | 1
-    mutator = Mutator(rng, seeds(), own=own, role="device", dof=rng.choice((1, 2, 3, 6)))
+    mutator = Mutator(rng, SEEDS, own=own, role="device", dof=rng.choice((1, 2, 3, 6)))
     mutator.peer = peer
     taken = 0
     for _ in range(count):
@@ -71,9 +65,7 @@ def _endpoint(target: str, rng: random.Random, count: int, progress: list[bytes]
     outsider = rng.random() < _OUTSIDERS  # in that case the honest peer shall not seem silent
     rig = Rig(target, rng, drawn_setup(target, rng, LONG_SILENCE_S if outsider else SILENCE_S))
     session, watch = rig.session, rig.watch
-    mutator = Mutator(
-        rng, seeds(), own=session.identity.incarnation, role=rig.peer_role, dof=rig.dof, outsider=outsider
-    )
+    mutator = Mutator(rng, SEEDS, own=session.identity.incarnation, role=rig.peer_role, dof=rig.dof, outsider=outsider)
 
     def overhear(frame: bytes) -> None:
         mutator.overhear(frame)
@@ -121,7 +113,7 @@ def _stream(target: str, rng: random.Random, count: int, progress: list[bytes]) 
     )
     session = endpoint.session
     watch = Watch(endpoint, power_W=5.0, burst_J=0.5, accept_stale=stale)
-    mutator = Mutator(rng, seeds(), own=session.identity.incarnation, role="world", dof=dof, stream=kind.KIND)
+    mutator = Mutator(rng, SEEDS, own=session.identity.incarnation, role="world", dof=dof, stream=kind.KIND)
     honest = Session(role="world", dof=dof, name="wall", incarnation=rng.getrandbits(64) | 1)
     now_ns, unpaired, taken = 0, 0, 0
     for index in range(count):
