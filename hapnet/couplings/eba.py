@@ -39,7 +39,7 @@ import math
 from dataclasses import dataclass
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceLaw, WorldCoupling
+from hapnet.control.coupling import DeviceLaw
 from hapnet.control.virtual_coupling import NEVER, Reset, VirtualCoupling, couple, forget, pass_to
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
@@ -170,17 +170,13 @@ def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
     )
 
 
-def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
-    return plain_world(start, start.tuning.predicts)
-
-
 LAW = CouplingSpec(
     name="eba",
     title="energy bounding",
     source="Kim, Ryu 2004",
     claim="passive at the hand's port, if the device really has the damping that is assumed",
     device=held_law(_device),
-    world=_world,
+    world=plain_world,
     tuning=Tuning,
     tune=tune,
     parameters=EbaParams,

@@ -33,7 +33,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceLaw, WorldCoupling
+from hapnet.control.coupling import DeviceLaw
 from hapnet.control.virtual_coupling import NEVER, Reset, VirtualCoupling, couple, forget, pass_to
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
@@ -156,17 +156,13 @@ def _device(start: CouplingStart[Tuning]) -> DeviceLaw:
     )
 
 
-def _world(start: CouplingStart[Tuning]) -> WorldCoupling:
-    return plain_world(start, start.tuning.predicts)
-
-
 LAW = CouplingSpec(
     name="popc",
     title="passivity observer and controller",
     source="Hannaford, Ryu 2002",
     claim="passive at the hand's port, except for the energy that the controller's limits leave",
     device=held_law(_device),
-    world=_world,
+    world=plain_world,
     tuning=Tuning,
     tune=tune,
     parameters=PopcParams,

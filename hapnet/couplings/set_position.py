@@ -193,15 +193,17 @@ def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limite
     return _held(replace(start, harvest="measured"), make, limited, source, None, partial(FollowerServo, reporter))
 
 
-def plain_world(start: CouplingStart[Any], predicted: bool) -> WorldCoupling:
+def plain_world(start: CouplingStart[Any]) -> WorldCoupling:
     """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
 
-    With ``rendering = "hapnet"`` it sends what is around the proxy. predicted : y is the device's predicted position.
-    Such a law claims nothing for this port, so any y is allowed.
+    With ``rendering = "hapnet"`` it sends what is around the proxy. Where the tuning `predicts`, y is the device's
+    predicted position: such a law claims nothing for this port, so any y is allowed.
     """
     if start.params.rendering == "hapnet":
         return _world(replace(start, tuning=rendering.tuned(start.params)), plain, False)
-    return SetPositionSteps(_at_world(start, plain, False, rendering.at_world(start) if predicted else None))
+    return SetPositionSteps(
+        _at_world(start, plain, False, rendering.at_world(start) if start.tuning.predicts else None)
+    )
 
 
 def _at_world(

@@ -11,7 +11,7 @@ from hapnet.mechanics.pose import pose
 from hapnet.plant.poses.contacts import ToolContacts
 from hapnet.plant.poses.tool import place
 from hapnet.plant.worlds.outlines import cuboid, cylinder
-from hapnet.plant.worlds.picture import Color, Part, Touch, part, shared
+from hapnet.plant.worlds.picture import Color, Part, StillDefaults, Touch, part, shared
 from hapnet.plant.worlds.secant import friction_of
 from hapnet.plant.worlds.shapes import Cylinder
 from hapnet.plant.worlds.solids_picture import parts_of
@@ -19,7 +19,7 @@ from hapnet.plant.worlds.solids_picture import parts_of
 TOOL: Color = (234, 88, 12, 230)
 
 
-class ToolPicture:
+class ToolPicture(StillDefaults):
     """The solids at rest, and the tool where the last step left it."""
 
     def __init__(self, contacts: ToolContacts) -> None:
@@ -35,10 +35,6 @@ class ToolPicture:
     def poses(self) -> Array:
         place, quaternion = pose(self._contacts.at, self._contacts.arm_m)
         return np.array([[*place, *quaternion]])
-
-    def soft(self) -> Array:
-        """None."""
-        return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """Where the tool is inside solids."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.picture import GREY, Color, Part, Touch, part
+from hapnet.plant.worlds.picture import GREY, Color, Part, StillDefaults, Touch, part
 
 REACH_M = 0.045
 """A field is drawn so far from the origin [m]."""
@@ -95,19 +95,11 @@ def surface(planes: Callable[[Vector, float], Iterable[Plane] | None], dof: int)
     return (part(vertices, triangles, GREY),)
 
 
-class StillPicture:
+class StillPicture(StillDefaults):
     """Parts that rest."""
 
     def __init__(self, parts: tuple[Part, ...]) -> None:
         self.parts = parts
-
-    def poses(self) -> Array:
-        """None: nothing moves."""
-        return np.zeros((0, 7))
-
-    def soft(self) -> Array:
-        """None."""
-        return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """None: a function has no contacts to show."""

@@ -14,7 +14,7 @@ from hapnet.checks import Array, Vector
 from hapnet.plant.worlds.field_picture import field, surface
 from hapnet.plant.worlds.obstacle import Body
 from hapnet.plant.worlds.outlines import part_of
-from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, Touch, at_rest, shared
+from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, StillDefaults, Touch, at_rest, shared
 from hapnet.plant.worlds.rigid_contacts import Solid, padded
 from hapnet.plant.worlds.shapes import Sphere
 from hapnet.plant.worlds.solids_picture import touched
@@ -23,7 +23,7 @@ _MOVES: Color = (202, 138, 4, 204)
 _MARK = Sphere((0.0, 0.0, 0.0), 0.003)
 
 
-class ObstaclesPicture:
+class ObstaclesPicture(StillDefaults):
     """Obstacles while they move."""
 
     def __init__(self, obstacles: Sequence[Body], dof: int) -> None:
@@ -42,10 +42,6 @@ class ObstaclesPicture:
     def poses(self) -> Array:
         """As `hapnet.plant.worlds.picture.Picture`."""
         return at_rest([body.position.tolist() for body in self._moving])
-
-    def soft(self) -> Array:
-        """None."""
-        return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """Where the proxy is in an obstacle's shape; a force law has no friction to show."""

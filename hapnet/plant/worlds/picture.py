@@ -58,6 +58,18 @@ class Picture(Protocol):
         """The contacts of a proxy at `position` (n,) [m] which feels `force` (n,) [N] in all."""
 
 
+class StillDefaults:
+    """The parts of a `Picture` in which nothing moves, and nothing is soft."""
+
+    def poses(self) -> Array:
+        """None."""
+        return np.zeros((0, 7))
+
+    def soft(self) -> Array:
+        """None."""
+        return np.zeros((0, 3))
+
+
 def part(vertices: Any, triangles: Any, color: Color = GREY, body: int = RESTS, *, smooth: bool = False) -> Part:
     """A part from any arrays."""
     return Part(np.asarray(vertices, dtype=np.float32), np.asarray(triangles, dtype=np.uint32), color, body, smooth)

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Array, Vector
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.outlines import part_of
-from hapnet.plant.worlds.picture import GREY, Part, Touch, shared
+from hapnet.plant.worlds.picture import GREY, Part, StillDefaults, Touch, shared
 from hapnet.plant.worlds.rigid_contacts import padded
 from hapnet.plant.worlds.shapes import Shape
 
 
-class ShapesPicture:
+class ShapesPicture(StillDefaults):
     """Bodies while they move: their `shapes`, a function that gives their `poses` (B, 7), and one that gives the planes
     near a place within a reach [m]."""
 
@@ -32,10 +32,6 @@ class ShapesPicture:
     def poses(self) -> Array:
         """As `hapnet.plant.worlds.picture.Picture`."""
         return np.asarray(self._poses(), dtype=float).reshape(self._bodies, 7)
-
-    def soft(self) -> Array:
-        """None."""
-        return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """Where the proxy is behind a plane."""

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from functools import cached_property
 from math import hypot
 
-import numpy as np
-
-from hapnet.checks import Array, Vector
+from hapnet.checks import Vector
 from hapnet.plant.worlds.friction import at
 from hapnet.plant.worlds.outlines import part_of
-from hapnet.plant.worlds.picture import Part, Touch, shared
+from hapnet.plant.worlds.picture import Part, StillDefaults, Touch, shared
 from hapnet.plant.worlds.rigid_contacts import Solid, padded
 from hapnet.plant.worlds.shapes import Offset
 
 
-class SolidsPicture:
+class SolidsPicture(StillDefaults):
     """Solids that rest."""
 
     def __init__(self, solids: Sequence[Solid]) -> None:
@@ -25,14 +23,6 @@ class SolidsPicture:
     @cached_property
     def parts(self) -> tuple[Part, ...]:
         return parts_of(self._solids)
-
-    def poses(self) -> Array:
-        """None: nothing moves."""
-        return np.zeros((0, 7))
-
-    def soft(self) -> Array:
-        """None."""
-        return np.zeros((0, 3))
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
         """As `hapnet.plant.worlds.picture.Picture`."""
