@@ -178,6 +178,26 @@ def test_the_figures_of_a_while_are_the_difference() -> None:
     assert isinstance(before, Counts)
 
 
+def test_the_path_is_told_at_intervals_once_there_is_something() -> None:
+    path, monitor, said = Path(), PeerMonitor(500 * MS), []
+    monitor.begin(0)
+    path.begin(0)
+    reporter = paths.PathReporter("device", path)
+    for now_ns in (0, 1, paths.REPORT_EVERY_NS - 1, paths.REPORT_EVERY_NS, 2 * paths.REPORT_EVERY_NS):
+        said.append(reporter.look(now_ns))
+        if now_ns == 1:
+            path.on_echo(50 * MS, 50, 10 * MS, 50)  # a round trip of 40 ms
+            for number in (0, 1, 3, 4):
+                arrive(path, monitor, (5 * number + 40) * MS, number, 5 * number * MS, 0, 0)
+    assert [notice is None for notice in said] == [True, True, True, False, True]
+    assert said[3].kind == "path"
+    assert said[3].values["round_trip_p50_ms"] == pytest.approx(40.0, rel=0.1)
+    assert said[3].values["lost"] == 1
+    assert "round trip 40" in said[3].text
+    assert "from the world 20.0 % lost" in said[3].text
+    assert None not in said[3].values.values()
+
+
 def test_loss_is_told_of_the_sample_without_bias_whatever_else_is_dropped() -> None:
     """Every fourth message is one of the sample, and some of these come late; of the others half are dropped as
     overtaken. Each loss is known."""

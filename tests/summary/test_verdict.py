@@ -95,6 +95,16 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
     "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "a side was started anew"),
     "torn": ({"torn": ["device"]}, "the device's recording is torn"),
+    "no fit": ({"theorem.margin_J": None}, "the accounts of both sides do not fit each other"),
+    "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
+    "both ended": (
+        {"device.failed": "no power", "world.failed": "no power"},
+        "both sides ended before their time: no power",
+    ),
+    "servo's risk": (
+        {"device.overrun_risk_J": 0.11},
+        "while the servo was away, 110 mJ may have come out unseen, more than the margin",
+    ),
     "follower's stop": (
         {"world.stopped": {"after_s": 2.5, "why": "it is hot", "asked": False}},
         "the follower's force was stopped after 2.5 s: it is hot",
