@@ -46,7 +46,8 @@ def test_once_ends_it_when_its_device_leaves() -> None:
 def test_once_ends_it_when_its_device_is_gone_without_a_word() -> None:
     """Neither a silence of a second, nor a long one of a device that is still there, nor one that is over."""
     side = Side(once=True)
-    begin, gone = 7, 7 + GONE_NS + 1
+    begin = 70 * GONE_NS
+    gone = begin + GONE_NS + 1
     side.alone.watch(gone, 0)  # nobody has come yet
     side.alone.happened(PeerSilent(begin), begin + 1, None)
     side.alone.watch(begin + GONE_NS, 0)

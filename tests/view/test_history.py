@@ -38,6 +38,13 @@ def test_nothing_is_known_at_first() -> None:
     assert snapshot.taken == 0
 
 
+def test_ten_seconds_are_shown() -> None:
+    history = History()
+    for second in range(31):
+        history.take(device(second * SEC, x=float(second)))
+    assert history.snapshot().device.position_m[:, 0].tolist() == list(range(20, 31))
+
+
 def test_the_last_seconds_are_kept_in_order() -> None:
     history = History(seconds=1.0)
     for tick in range(3000):
