@@ -21,7 +21,7 @@ from hapnet.summary.recorded import of_parts
 from hapnet.summary.run import Summary
 
 if TYPE_CHECKING:
-    from hapnet.reports import Source
+    from hapnet.reports.page import Source
 
 FILES = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
 

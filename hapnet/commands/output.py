@@ -270,9 +270,9 @@ def show_kernel(out: Console, why_not: str | None) -> None:
 
 def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
     """The verdict and what matters most in three lines or, if `verbose`, all tables."""
-    from hapnet import reports
+    from hapnet.reports.tables import brief_text, summary_text
 
-    out.print(reports.summary_text(summary) if verbose else reports.brief_text(summary))
+    out.print(summary_text(summary) if verbose else brief_text(summary))
 
 
 def show_files(out: Console, names: Iterable[str], directory: Path, more: str = "") -> None:

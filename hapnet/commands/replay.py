@@ -39,9 +39,9 @@ def replay(
     """
     from dataclasses import replace as changed
 
-    from hapnet import reports
     from hapnet.plots.files import save_figure
     from hapnet.plots.replay import figure
+    from hapnet.plots.run import figure as figure_of_run
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
     from hapnet.simulation.simulation import Simulation
@@ -73,7 +73,7 @@ def replay(
     with written.part():
         save(recording, target)
     with written.part():
-        save_figure(reports.figure(recording), directory / "figure.png")
+        save_figure(figure_of_run(recording), directory / "figure.png")
     with written.part():
         save_figure(figure(original.recording, recording), directory / "replay.png")
     with written.part():

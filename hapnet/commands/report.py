@@ -75,11 +75,11 @@ def write(found: Report, directory: Path, page: str, names: Mapping[str, str], w
 
     written : collects what cannot be written.
     """
-    from hapnet import reports
+    from hapnet.plots.files import save
 
     there = []
     for name, data in found.content(page, names).items():
         with written.part():
-            reports.save(data, directory / name, "figure" if name.endswith(".png") else "report")
+            save(data, directory / name, "figure" if name.endswith(".png") else "report")
             there.append(name)
     return there

@@ -123,7 +123,6 @@ class ZenohTransport:
         self._token: zenoh.LivelinessToken | None = None
         self._partners: set[str] = set()
         self._clients: set[str] = set()
-        self._changed = asyncio.Event()
         self._keeper: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self.failed_puts = self.callback_errors = self.reopened = self.declared_again = 0
@@ -212,12 +211,6 @@ class ZenohTransport:
         if self.peers:
             return f"connected to {self.peers} Zenoh node{'s' * (self.peers > 1)}, no {other} on {self._theirs} yet"
         return where(self._config) + ", no peer yet"
-
-    async def wait_for_partner(self) -> None:
-        """Wait until the other side is there and its subscriptions are known: from then on puts reach it."""
-        while not self._partners:
-            self._changed.clear()
-            await self._changed.wait()
 
     # On the keeper's thread, since opening and closing block. It is a daemon: an exit would wait for any other thread.
 
@@ -390,17 +383,13 @@ class ZenohTransport:
         self._notify()
 
     def _notify(self) -> None:
-        self._post(self._report)
+        if self._on_change is not None:
+            self._post(self._on_change)
 
     def _post(self, call: Callable[..., object], *args: object) -> None:
         assert self._loop is not None
         with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
             self._loop.call_soon_threadsafe(call, *args)
-
-    def _report(self) -> None:
-        self._changed.set()
-        if self._on_change is not None:
-            self._on_change()
 
 
 def _settle(future: asyncio.Future[None], error: BaseException | None) -> None:

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
+from hapnet.plots.histograms import lateness_histogram, link_histogram
 from hapnet.realtime.servo import Histogram
-from hapnet.reports import lateness_histogram, link_histogram
 from netem import Link, LinkProfile
 from netem.profile import PRESETS
 

@@ -225,7 +225,8 @@ def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_no_pyplot_and_nothing_heavy_on_import() -> None:
     code = (
-        "import sys, hapnet.reports; print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
+        "import sys, hapnet.plots.run, hapnet.reports.report\n"
+        "print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
         "from tests.plots.test_run import figure, run; "
         "figure(run(seconds=1)); print('matplotlib.pyplot' in sys.modules)"
     )

@@ -13,14 +13,14 @@ from hapnet import cli
 from hapnet.commands.play import led
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
-from hapnet.reports import Source, legible, page, pictures
 from hapnet.reports.html import element, join
-from hapnet.reports.page import FOLDED, MOST_EVENTS
+from hapnet.reports.page import FOLDED, MOST_EVENTS, Source, page
+from hapnet.reports.pictures import pictures
 from hapnet.reports.settings import commands, settings
 from hapnet.reports.tables import links, motion, sides
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import read
-from hapnet.summary.words import known
+from hapnet.summary.words import known, legible
 from tests.plots.test_run import run
 
 VOID = {"meta", "img"}

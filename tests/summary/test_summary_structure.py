@@ -7,10 +7,11 @@ from typing import Any, get_type_hints, is_typeddict
 from hypothesis import given, settings, strategies as st
 
 from hapnet.params import Params
-from hapnet.reports import brief_text, summary_text, verdict
+from hapnet.reports.tables import brief_text, summary_text
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import SidePart, Summary, Theorem, known, read, unknown
 from hapnet.summary.verdict import broken, judge
+from hapnet.summary.words import verdict
 
 KEYS = st.sampled_from(sorted({*get_type_hints(Summary), *get_type_hints(SidePart), *get_type_hints(Theorem)}))
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)

@@ -45,7 +45,9 @@ async def opened(*sides: Side) -> AsyncIterator[None]:
 
 async def paired(*sides: Side) -> None:
     for side in sides:
-        await asyncio.wait_for(side.transport.wait_for_partner(), WAIT_S)
+        while not side.transport.partners:
+            side.changed.clear()
+            await asyncio.wait_for(side.changed.wait(), WAIT_S)
 
 
 async def assert_exchange(a: Side, b: Side) -> None:

@@ -341,7 +341,8 @@ def test_the_interpreter_exits_without_close_and_quietly(end: str) -> None:
             device = ZenohTransport(ZenohSettings(connect=(endpoint,)), lambda kind, data, now_ns: None)
             await world.open()
             await device.open()
-            await device.wait_for_partner()
+            while not device.partners:
+                await asyncio.sleep(0.01)
             device.put("position", b"x")
             await got.wait()
             {end}

@@ -10,7 +10,8 @@ from hapnet import Params, simulate
 from hapnet.plant.worlds.outlines import outline
 from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 from hapnet.plots.scene import scene_figure
-from hapnet.reports import page, pictures
+from hapnet.reports.page import page
+from hapnet.reports.pictures import pictures
 from tests.support.solids import torus, write_stl
 
 AROUND = np.array([0.01, -0.02, 0.03])
