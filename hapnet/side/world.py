@@ -120,9 +120,13 @@ class WorldSide:
                 *endpoint.used(now_ns), ledger.bound, ledger.work, ledger.stored, ledger.reservoir,
             )
         )  # fmt: skip
-        if self._scene_writer is not None:
-            self._scene_writer.step(now_ns, done.position, done.force)
+        self.draw(now_ns, done.position, done.force)
         return message
+
+    def draw(self, now_ns: int, position: Vector, force: Vector) -> None:
+        """Write how the scene looks after a step, if it is time to; arguments as in `drawing.observe`."""
+        if self._scene_writer is not None:
+            self._scene_writer.step(now_ns, position, force)
 
     def _drawn(self, now_ns: int) -> SceneWriter | None:
         """What writes how the scene looks; None: it cannot be drawn. HapnetError with its name if it is bad."""

@@ -64,7 +64,7 @@ def both(params: Params, seed: int, why: str | None = None) -> tuple[Result, Res
 
 
 def differences(params: Params, seed: int, why: str | None = None) -> list[str]:
-    """In what bits the kernel's result differs: recorded columns, the summary, and the state at the end."""
+    """In what bits the kernel's result differs: recorded columns, the scene, the summary, and the state at the end."""
     expected, found = both(params, seed, why)
     different = []
     for side in ("device", "world"):
@@ -75,6 +75,7 @@ def differences(params: Params, seed: int, why: str | None = None) -> list[str]:
             for name in columns
             if columns[name].shape != others[name].shape or columns[name].tobytes() != others[name].tobytes()
         ]  # fmt: skip
+    different += ["scene"] * (expected.recording.scene != found.recording.scene)
     pairs = (expected.summary, found.summary), (_end(expected), _end(found))
     return different + [word for pair in pairs for word in _different(*pair, "")]
 

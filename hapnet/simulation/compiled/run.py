@@ -179,9 +179,11 @@ class CompiledRun:
         rows, n = self._scenario.rows, self._simulation.setup.dof
         of_device, of_world = int(rows.device_rows), int(rows.world_rows)
         rows.device_rows = rows.world_rows = 0
-        self._recorder.extend(
-            _columns(rows.at_device, of_device, n, self._kind), _columns(rows.at_world, of_world, n, WorldSample)
-        )
+        steps = _columns(rows.at_world, of_world, n, WorldSample)
+        self._recorder.extend(_columns(rows.at_device, of_device, n, self._kind), steps)
+        shown = (steps[name].tolist() for name in ("time_ns", "position_m", "contact_force_N"))
+        for time_ns, position, force in zip(*shown, strict=True):
+            self._simulation.world.draw(time_ns, tuple(position), tuple(force))
 
 
 def _columns(rows: Any, count: int, n: int, kind: type[DeviceSample | MotionSample | WorldSample]) -> Columns:
