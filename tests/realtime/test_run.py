@@ -49,7 +49,8 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     assert summary["motion"]["contacts"] >= 1
     assert summary["motion"]["peak_penetration_m"] > 0.0
     servo = summary["device"]["servo"]
-    assert servo["ticks"] + servo["skipped"] == pytest.approx(1000.0 * summary["duration_s"], rel=0.1)
+    # the servo runs for the 3 s; the side ends up to 0.5 s after it, as above
+    assert 2900 <= servo["ticks"] + servo["skipped"] <= 1000.0 * summary["duration_s"] + 100
     assert summary == read_json(out / "summary.json")
     assert {file.name for file in out.iterdir()} == {
         "device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "params.toml", "log.jsonl",
