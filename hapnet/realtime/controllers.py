@@ -224,6 +224,7 @@ def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:
         "skipped": timing.skipped,
         "overruns": side.overruns,
         "longest_ms": side.max_ns * 1e-6,
+        "without_force_s": side.punctuality.without_force_ns * 1e-9,
         "withheld_s": side.withheld_ns * 1e-9,
         "late_histogram_us": [[edge / 1e3, count] for edge, count in timing.late_histogram_ns],
     }

@@ -67,13 +67,17 @@ class DeadlineGrid:
 
 @dataclass(frozen=True, slots=True)
 class ServoStats:
-    """How the servo kept its deadlines: lateness is from the deadline to the call of tick (None before the first)."""
+    """How the servo kept its deadlines.
+
+    Lateness is from a deadline to the first call of tick after it (None before the first). Every deadline has one, also
+    those that were skipped, so the denominator of a share is `ticks` and `skipped` together.
+    """
 
     ticks: int
     skipped: int
     """Deadlines that passed before the tick before them had ended."""
     late_period: int
-    """Ticks that were late by a period or more."""
+    """Deadlines that were late by a period or more."""
     late_p50_us: float | None
     late_p99_us: float | None
     late_max_us: float | None
@@ -113,7 +117,8 @@ class Servo:
         self._realtime, self._clock, self._sleep = realtime, clock, sleep
         self._paced = paced
         self._lateness = Histogram()
-        self._late_period = 0
+        self._ticks = self._late_period = 0
+        self._waiting_ns = 0  # the earliest deadline that no tick has followed yet
         self._stopping = threading.Event()
         self._ready = threading.Event()
         self._refusal: str | None = None
@@ -146,7 +151,7 @@ class Servo:
     def count_anew(self) -> None:
         """Reset the lateness statistics, from inside a tick: the ticks before the sides have met are only start-up."""
         self._lateness = Histogram()
-        self._late_period = self._grid.skipped = 0
+        self._ticks = self._late_period = self._grid.skipped = 0
 
     def join(self) -> None:
         """Wait until the servo has ended."""
@@ -157,7 +162,7 @@ class Servo:
         late = self._lateness
         p50, p99 = late.quantile(0.50), late.quantile(0.99)
         return ServoStats(
-            ticks=late.total,
+            ticks=self._ticks,
             skipped=self._grid.skipped,
             late_period=self._late_period,
             late_p50_us=None if p50 is None else p50 / 1e3,
@@ -191,7 +196,7 @@ class Servo:
 
     def _run(self) -> None:
         clock, sleep, tick, grid = self._clock, self._sleep, self._tick, self._grid
-        grid.deadline_ns = clock() + grid.period_ns
+        grid.deadline_ns = self._waiting_ns = clock() + grid.period_ns
         while not self._stopping.is_set():
             now_ns = clock()
             while now_ns < grid.deadline_ns:
@@ -199,10 +204,7 @@ class Servo:
                 now_ns = clock()
             if self._stopping.is_set():
                 return
-            late_ns = now_ns - grid.deadline_ns
-            self._lateness.add(late_ns)
-            if late_ns >= grid.period_ns:
-                self._late_period += 1
+            self._count(now_ns)
             tick(now_ns)
             grid.advance(clock())
 
@@ -218,11 +220,22 @@ class Servo:
             if (left_ns := before_ns + period_ns // 10 - clock()) > 0:
                 self._sleep(left_ns * 1e-9)
             now_ns = clock()
-            late_ns = max(0, now_ns - before_ns - period_ns)
-            self._lateness.add(late_ns)
-            if late_ns >= period_ns:
-                self._late_period += 1
+            self._waiting_ns = min(before_ns + period_ns, now_ns)
+            self._grid.skipped += self._count(now_ns) - 1
             before_ns = now_ns
+
+    def _count(self, now_ns: int) -> int:
+        """Count the lateness of every deadline up to a tick at `now_ns`; returns how many these are."""
+        late_ns, period_ns = now_ns - self._waiting_ns, self._grid.period_ns
+        deadlines = late_ns // period_ns + 1
+        if deadlines == 1:
+            self._lateness.add(late_ns)
+        elif deadlines > 1:
+            self._lateness.add_steps(late_ns, period_ns, deadlines)
+            self._late_period += deadlines - 1
+        self._waiting_ns += deadlines * period_ns
+        self._ticks += 1
+        return deadlines
 
 
 def set_timer_slack(slack_ns: int = 1) -> bool:

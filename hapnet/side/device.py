@@ -20,6 +20,7 @@ from hapnet.plant.live_hand import LiveHand
 from hapnet.recording.samples import DeviceSample, Event, MotionSample, PostureSample, Sample
 from hapnet.records.vectors import added
 from hapnet.side.endpoint import NANO, DeviceControl
+from hapnet.side.punctuality import Punctuality
 from hapnet.wire.fields import Signal
 from hapnet.wire.signals import STOP
 
@@ -29,7 +30,6 @@ Clock = Callable[[], int]
 Observe = Callable[[float, float], None]
 """Takes the energy put in so far [J] at the port of the side's account, and that by the simulated hand."""
 
-_NEVER = 2**63
 _UNKNOWN = (None, None, None, None)
 
 
@@ -80,10 +80,8 @@ class DeviceSide(ABC):
         self.ledger: Ledger | None = None
         """This side's energy account, once control has started."""
         self.ticks: int = 0
-        self.overruns: int = 0
-        """How many times the watchdog released the spring."""
-        self.max_ns: int = 0
-        """The longest time between two ticks [ns]."""
+        self.punctuality: Punctuality = Punctuality(drive.period_ns, drive.watchdog_ns)
+        """Counts the late ticks, in each of which the watchdog releases the spring, and the time without force."""
         self.stopped: Stop | None = None
         """The force was stopped for good; None: it was not."""
         self.withheld: str = ""
@@ -97,8 +95,8 @@ class DeviceSide(ABC):
         self.live_hand: LiveHand | None = None
         """The simulated hand, if somebody leads it during the run."""
         self._period_ns = drive.period_ns
-        self._max_ns = _NEVER if drive.watchdog_ns is None else drive.period_ns + drive.watchdog_ns
-        self._released = False
+        self._late = False
+        self._excused = False  # the next tick is late because the device was silent
         self._clock = drive.clock
         self._write, self.write_motion = drive.write, drive.write_motion
         self.record_every = drive.record_every
@@ -108,6 +106,16 @@ class DeviceSide(ABC):
     @property
     def coupling(self) -> CouplingState:
         return self.endpoint.coupling
+
+    @property
+    def overruns(self) -> int:
+        """How many ticks were so late that the watchdog released the spring."""
+        return self.punctuality.late
+
+    @property
+    def max_ns(self) -> int:
+        """The longest time between two ticks [ns]."""
+        return self.punctuality.max_ns
 
     @property
     def true_slack(self) -> float | None:
@@ -167,17 +175,14 @@ class DeviceSide(ABC):
                 self.origin_ns = self.last_ns = self._expected_ns = now_ns  # last: a device may fail right here
             return None
         since_ns = now_ns - self.last_ns
-        if since_ns > self.max_ns:
-            self.max_ns = since_ns
-        late = since_ns > self._max_ns
-        if late and not self._released:
-            self.overruns += 1
-            text = f"the servo was away for {since_ns * 1e-6:.1f} ms: no force"
-            self._write(Event(now_ns, "overrun", text, "warning"))
-        self._released = late
+        self._late = self.punctuality.is_late(since_ns)
+        released = self._late or bool(self.withheld)
+        for event in self.punctuality.see(now_ns, since_ns, released=released, excused=self._excused):
+            self._write(event)
+        self._excused = False
         if self.withheld:
             self.withheld_ns += since_ns
-        message = self._control(now_ns, release=late or bool(self.withheld) or self.stopped is not None)
+        message = self._control(now_ns, release=released or self.stopped is not None)
         self.last_ns = now_ns
         self.ticks += 1
         if self.ticks % self.record_every == 0 and not self.paused:
@@ -201,6 +206,7 @@ class DeviceSide(ABC):
         """Go on after so many ticks that were made elsewhere, each in time, the last at `now_ns`."""
         self.last_ns = self._expected_ns = now_ns
         self.ticks += ticks
+        self.punctuality.made(ticks)
 
     def place(self, position: Vector) -> None:
         """Begin at `position` [m], with a live hand around it; before control starts."""

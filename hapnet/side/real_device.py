@@ -263,7 +263,7 @@ class RealDeviceSide(SampledDeviceSide):
         reported = self.device.interval()
         if reported is None:
             return ours
-        if (apart := self._clocks.apart(reported, ours, late=self._released)) is not None:
+        if (apart := self._clocks.apart(reported, ours, late=self._late)) is not None:
             raise HapnetError(f"the device {self.device.name} failed: the sum of its interval() is {apart}")
         return reported
 
@@ -352,7 +352,7 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _go_on(self, now_ns: int) -> None:
         self._silent = False
-        self._released = True  # the servo was not away, so this is no overrun
+        self._excused = True  # the servo did not stall, so this is no overrun
         self.limiter.restart()
         lasted_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
         self.silent_ns += lasted_ns
@@ -374,7 +374,7 @@ class _Clocks:
     def apart(self, reported_s: float, lived_s: float, *, late: bool) -> str | None:
         """Another interval [s]; returns by how much the clocks differ, in words, if that cannot be.
 
-        late : the servo was away. Of what the device reported meanwhile some may be lost, and the rest comes later.
+        late : the servo stalled. Of what the device reported meanwhile some may be lost, and the rest comes later.
         """
         self._reported_s += reported_s
         self._lived_s += lived_s

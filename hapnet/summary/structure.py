@@ -121,8 +121,12 @@ class Outages(TypedDict):
 
 
 class Servo(TypedDict):
-    """Timing of the servo; in virtual time only its ticks. `withheld_s` : how long it rendered no force, as the process
-    that holds its network stood still."""
+    """Timing of the servo; in virtual time only its ticks.
+
+    `late_...` : of every deadline, skipped ones too, until the first tick after it. `overruns` : ticks that came later
+    than the watchdog allows. `without_force_s` : the time before each of these, and from a tick without force to the
+    next; `withheld_s` : the part of it in which the process that holds its network stood still.
+    """
 
     ticks: Count
     late_p50_us: Number
@@ -132,6 +136,7 @@ class Servo(TypedDict):
     skipped: Count
     overruns: Count
     longest_ms: Number
+    without_force_s: Number
     withheld_s: Number
     unsent: Count
     late_histogram_us: Any

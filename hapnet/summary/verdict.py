@@ -6,11 +6,11 @@ Not passive: more energy than d^2 came out of both ports (of one port, if only t
 below zero, or energy was credited that nobody sent. Not known: all that could be judged was kept, but part of the
 account is missing (a side, the end of a torn recording, the process before a restart, one clock for both ports), or
 something happened that the account does not cover (energy that was credited before it was sent, or messages that
-somebody else sent in a side's name; a deficit, a servo that was away, a speed above the declared one, a force that was
+somebody else sent in a side's name; a deficit, a servo that stalled, a speed above the declared one, a force that was
 stopped because a reading was impossible, encoders that blur more than the margin, an energy stream without
 acknowledgements), or the world's own account is no finite number.
 
-If a force was held too long because the servo was away, the energy that it put out is the servo's, not the coupling's:
+If a force was held too long because the servo stalled, the energy that it put out is the servo's, not the coupling's:
 it breaks no claim. The port of a simulated device is known meanwhile, so there only the margins count.
 """
 
@@ -23,14 +23,20 @@ from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
+from hapnet.summary.servos import (
+    DEFICIT_J as DEFICIT_J,
+    WHOSE as _WHOSE,
+    leak as _leak,
+    milli as _milli,
+    parts as _parts,
+    rates as _rates,
+    stalls as _stalls,
+)
 from hapnet.summary.structure import SIDES, Direction, Flow, SidePart, Summary, Verdict, read
 from hapnet.wire.messages import Role
 
 ROUNDING_J = 1e-9
 """An energy below minus this is negative [J]; rounding may add up to so much in minutes."""
-
-DEFICIT_J = 1e-12
-"""A deficit up to this is rounding [J]."""
 
 UNANSWERED_S = 5.0
 """An energy stream is dead if nothing was acknowledged for longer, although positions came [s]."""
@@ -39,7 +45,6 @@ START_S = 1.0
 """The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
 _FLOWS: tuple[tuple[Direction, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
-_WHOSE: Mapping[Role, str] = {"device": "", "world": "follower's "}
 _WHO: Mapping[Role, str] = {
     "device": "device",
     "world": "follower",
@@ -49,7 +54,7 @@ _WHO: Mapping[Role, str] = {
 def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
-    gave = [*_givers(summary), *_away(summary), *_reporter(summary), *_cut_short(summary)]
+    gave = [*_givers(summary), *_stalls(summary), *_rates(summary), *_reporter(summary), *_cut_short(summary)]
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join([*against, *gave])}
     if doubts := list(_doubts(summary)):
@@ -83,21 +88,15 @@ def broken(
 
 
 def overloaded(tree: object) -> str | None:
-    """One line if a run was not passive because of nothing but forces that were held while the servo was away."""
+    """One line if a run was not passive because of nothing but forces that were held while the servo stalled."""
     summary = read(tree)
     if _leak(summary) and any(_against(summary)) and not any(_against(_without_overruns(summary))):
-        return f"not passive, because of the servo and not of the coupling: {'; '.join(_away(summary))}"
+        return f"not passive, because of the servo and not of the coupling: {'; '.join(_stalls(summary))}"
     return None
 
 
-def _leak(summary: Summary, *sides: Role) -> float:
-    """What held forces put out beyond the account while the servo was away, at these sides or at both [J]."""
-    parts = [part for side, part in _parts(summary) if side in (sides or SIDES)]
-    return sum(max(0.0, part["overrun_leak_J"] or 0.0) for part in parts)
-
-
 def _without_overruns(summary: Summary) -> Summary:
-    """Changes `summary` as if forces had put out no more than the account held while the servo was away."""
+    """Changes `summary` as if forces had put out no more than the account held while the servo stalled."""
     leak, hand = _leak(summary), summary["hand"]
     ledgers = [(part["ledger"], _leak(summary, side)) for side, part in _parts(summary)]
     for part, more in ((summary["theorem"], leak), (hand, leak), *ledgers):
@@ -106,20 +105,6 @@ def _without_overruns(summary: Summary) -> Summary:
     if hand["work_J"] is not None:
         hand["work_J"] += leak
     return summary
-
-
-def _away(summary: Summary) -> Iterator[str]:
-    """How often a servo was away, for how long, and what that cost; how long nobody could have ended its force."""
-    for side, part in _parts(summary):
-        servo, leak = part["servo"], _leak(summary, side)
-        times, longest_ms = servo["overruns"], servo["longest_ms"]
-        if times or leak:
-            often = "" if not times else f" {times} time{'s' if times > 1 else ''}"
-            long = f", for up to {longest_ms:.0f} ms" if times and longest_ms is not None else ""
-            cost = f": {_milli(leak)} mJ came out beyond the account" if leak else ""
-            yield f"the {_WHOSE[side]}servo was away for longer than watchdog_s{often}{long}{cost}"
-        if seconds := servo["withheld_s"]:
-            yield f"no force for {seconds:.2g} s: the process that holds the device's network stood still"
 
 
 def excess_nJ(energy: Flow) -> int:
@@ -173,13 +158,6 @@ def _with_margin(summary: Summary, tree: object) -> Summary:
 def _half(summary: Summary, side: Role) -> float | None:
     """The margin of one side alone [J]."""
     return None if (part := summary[side]) is None else part["ledger"]["margin_J"]
-
-
-def _parts(summary: Summary) -> Iterator[tuple[Role, SidePart]]:
-    """The sides of which something is known."""
-    for side in SIDES:
-        if (part := summary[side]) is not None:
-            yield side, part
 
 
 def _torn(summary: Summary) -> list[Role]:
@@ -321,7 +299,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
     if (line := _stop(summary)) is not None and not _was_asked(summary):
         yield line
     if any(_leak(summary, side) and not _known_port(part) for side, part in _parts(summary)):
-        yield from _away(summary)
+        yield from _stalls(summary)
     for side, part in _parts(summary):
         yield from _doubts_of_servo(side, part, margin)
     world, slack = summary["world"], summary["environment"]["env_slack_J"]
@@ -356,7 +334,7 @@ def _doubts_of_servo(side: Role, device: SidePart, margin: float | None) -> Iter
     """Doubts that come from a servo and its encoders. `margin`: of both ports [J]."""
     risk, whose = device["overrun_risk_J"], _WHOSE[side]
     if margin is not None and risk is not None and risk > max(margin, ROUNDING_J):
-        yield f"while the {whose}servo was away, {_milli(risk)} mJ may have come out unseen, more than the margin"
+        yield f"while the {whose}servo stalled, {_milli(risk)} mJ may have come out unseen, more than the margin"
     speed, limit = device["speed_max_mps"], device["speed_limit_mps"]
     if speed is not None and limit is not None and speed > limit:
         yield f"the {_WHO[side]} moved at {speed:.3g} m/s, and declares at most {limit:.3g} m/s"
@@ -410,11 +388,3 @@ def _kept(summary: Summary) -> str:
         return said
     after = "" if later is None else f", at least {_milli(later)} after {START_S:g} s"
     return f"{said}; margin {_milli(end)} mJ at the end{after}"
-
-
-def _milli(energy_J: float | None) -> str:
-    """An energy in mJ with four digits; pure rounding shows as 0."""
-    if energy_J is None or abs(energy_J) < DEFICIT_J:
-        return "0"
-    value = energy_J * 1e3
-    return f"{value:.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.4g}"

@@ -53,3 +53,12 @@ def test_histogram_does_not_grow_and_takes_any_integer() -> None:
     assert histogram.total == 5
     assert histogram.quantile(0.2) == 0
     assert histogram.quantile(1.0) == histogram.max == 2**80
+
+
+@given(st.integers(0, 2**43), st.integers(1, 10**9), st.integers(1, 300))
+def test_values_in_equal_steps_count_as_one_by_one(lowest: int, step: int, count: int) -> None:
+    one_by_one, together = Histogram(), Histogram()
+    for k in range(count):
+        one_by_one.add(lowest + k * step)
+    together.add_steps(lowest + (count - 1) * step, step, count)
+    assert (together.counts, together.max) == (one_by_one.counts, one_by_one.max)

@@ -103,7 +103,7 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "servo's risk": (
         {"device.overrun_risk_J": 0.11},
-        "while the servo was away, 110 mJ may have come out unseen, more than the margin",
+        "while the servo stalled, 110 mJ may have come out unseen, more than the margin",
     ),
     "follower's stop": (
         {"world.stopped": {"after_s": 2.5, "why": "it is hot", "asked": False}},
@@ -147,7 +147,7 @@ def test_what_held_forces_put_out_while_the_servo_was_away_is_the_servos() -> No
     assert "coupling" not in found["reason"]
     assert not broken(but({**HELD, **AWAY}))
     line = overloaded(but({**HELD, **AWAY}))
-    assert line.startswith("not passive, because of the servo and not of the coupling: the servo was away")
+    assert line.startswith("not passive, because of the servo and not of the coupling: the servo stalled")
 
 
 @pytest.mark.parametrize(
@@ -406,4 +406,4 @@ def test_a_servo_that_was_away_for_too_long_ends_with_3(
     assert cli.main(["simulate", "--no-files", "--duration", "0.2"]) == 3
     out, err = capsys.readouterr()
     assert out.startswith("NOT passive: ")
-    assert "hapnet: not passive, because of the servo and not of the coupling: the servo was away" in err
+    assert "hapnet: not passive, because of the servo and not of the coupling: the servo stalled" in err

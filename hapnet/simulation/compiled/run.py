@@ -137,8 +137,6 @@ class CompiledRun:
         reference = tuple(plain(hand.path[hand.at][: self._device.dof]))
         device.write_side(scenario.at_device, side, reference)
         side.resume(int(counts.device_last_ns), made)
-        if made:
-            side.max_ns = max(side.max_ns, simulation.period_ns)
         world.write_side(scenario.at_world, counts, simulation.world)
         self._rng.state = self._rng_state
         self._rng.advance(self._steps_used + int(clock.steps_used) - STEPS)  # type: ignore[attr-defined]

@@ -1,0 +1,60 @@
+"""What a summary says of its servos: how often they stalled, what that cost, and which rate they kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from hapnet.side.punctuality import KEPT
+from hapnet.summary.structure import SIDES, SidePart, Summary
+from hapnet.wire.messages import Role
+
+DEFICIT_J = 1e-12
+"""A deficit up to this is rounding [J]."""
+
+WHOSE: Mapping[Role, str] = {"device": "", "world": "follower's "}
+
+
+def leak(summary: Summary, *sides: Role) -> float:
+    """What held forces put out beyond the account while the servo stalled, at these sides or at both [J]."""
+    return sum(max(0.0, part["overrun_leak_J"] or 0.0) for side, part in parts(summary) if side in (sides or SIDES))
+
+
+def stalls(summary: Summary) -> Iterator[str]:
+    """How often a servo stalled, for how long, and what that cost; how long nobody could have ended its force."""
+    for side, part in parts(summary):
+        servo, leaked = part["servo"], leak(summary, side)
+        times, longest_ms, without_s = servo["overruns"], servo["longest_ms"], servo["without_force_s"]
+        if times or leaked:
+            often = "" if not times else f" {times} time{'s' if times > 1 else ''}"
+            long = f", for up to {longest_ms:.0f} ms" if times and longest_ms is not None else ""
+            cost = f": {milli(leaked)} mJ came out beyond the account" if leaked else ""
+            yield f"the {WHOSE[side]}servo stalled for longer than watchdog_s{often}{long}{cost}"
+        if without_s:
+            yield f"{without_s:.3g} s without force in all"
+        if seconds := servo["withheld_s"]:
+            yield f"no force for {seconds:.2g} s: the process that holds the device's network stood still"
+
+
+def rates(summary: Summary) -> Iterator[str]:
+    """Which servo did not keep its rate, and which rate it kept."""
+    for side, part in parts(summary):
+        servo, lasted_s = part["servo"], summary["duration_s"]
+        ticks, skipped = servo["ticks"], servo["skipped"]
+        if ticks and skipped and lasted_s and ticks < KEPT * (ticks + skipped):
+            kept, asked = ticks / lasted_s, (ticks + skipped) / lasted_s
+            yield f"the {WHOSE[side]}servo did not keep its rate: {kept:.0f} of {asked:.0f} ticks a second"
+
+
+def parts(summary: Summary) -> Iterator[tuple[Role, SidePart]]:
+    """The sides of which something is known."""
+    for side in SIDES:
+        if (part := summary[side]) is not None:
+            yield side, part
+
+
+def milli(energy_J: float | None) -> str:
+    """An energy in mJ with four digits; pure rounding shows as 0."""
+    if energy_J is None or abs(energy_J) < DEFICIT_J:
+        return "0"
+    value = energy_J * 1e3
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.4g}"
