@@ -93,7 +93,7 @@ def play(params: Params, given: frozenset[str], far: FarWorld, page: PageOptions
         watcher.close()
         params = fitting(params, world, given)
         words.print(f"the world: {world.about.get('scene')}, coupled by {params.coupling}", markup=False)
-        history = History()
+        history = History(joins=False)
         hand = Hand(params, far, history, closing)
         served = closing.enter_context(serve(history, hand, host=page.host, port=page.port))
         words.print(f"open {served.url} and drag the handle; Ctrl-C ends")

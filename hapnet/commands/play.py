@@ -83,7 +83,7 @@ def _play_here(chosen: Params, seed: int, out: Path | None, page: PageOptions, *
     check_sides(setup)
     words = output.console(None)
     output.show_warnings(words, setup.warnings)
-    history = History()
+    history = History(follows=False)
     address = free_address()
     stage = Stage(chosen, seed, out, address, words, history, realtime=realtime)
     watcher = Watcher(ZenohSettings(connect=(address,)), history.take, session=SESSION, name="device")

@@ -22,12 +22,11 @@ from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.summary.run import merge
-from hapnet.summary.structure import Summary
-from hapnet.summary.verdict import judge
+from hapnet.summary.structure import SIDES, Summary
 from hapnet.summary.words import stated
 from hapnet.view.choices import label_of
 from hapnet.view.controls import Direction, require_no_file
-from hapnet.view.history import History
+from hapnet.view.history import Episode, History
 from hapnet.view.scenes import SCENES
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ class Stage:
     verdict of its own, which is printed when it ends.
 
     params, seed : of the first episode. out : where recordings go. address : where the world listens.
-    history : knows where the handle is, and how passive the pair was as far as telemetry shows it.
+    history : knows where the handle is, and the margins of both ports; shows the verdict of each pair that has ended.
     """
 
     fixed = ""
@@ -178,6 +177,7 @@ class Stage:
 
         def change() -> None:
             self._params = self._params.set(changes)
+            self._history.leave()
             self._elsewhere = "scene" in changes
             if self._elsewhere:
                 self._position = None
@@ -191,14 +191,17 @@ class Stage:
         track = self._history.snapshot().device
         return None if track is None or self._elsewhere else tuple(track.position_m[-1].tolist())
 
-    def _report(self, params: Params, pair: Pair) -> None:
-        """Print the verdict on a pair that has ended; nothing if it never ran."""
+    def _report(self, params: Params, pair: Pair) -> Summary | None:
+        """Print the verdict on a pair that has ended, and give it to the page; returns its summary.
+
+        None: it never ran.
+        """
         if len(pair.parts) < 2:
-            return
-        summary = merge(cast(Summary, pair.parts["device"]), cast(Summary, pair.parts["world"]), seed=self._seed)
-        verdict, snapshot = judge(summary), self._history.snapshot()
-        if verdict["passive"] is None and snapshot.account is not None:  # of both ports, which must be seen at once
-            verdict = judge(snapshot.account)
+            return None
+        parts = [cast(Summary, pair.parts[role]) for role in SIDES]
+        summary = merge(*parts, seed=self._seed, margins=self._history.margins())
+        verdict = summary["verdict"]
+        self._history.end(Episode(params.coupling, params.rendering, verdict))
         self._episodes += 1
         label, seconds = label_of(params.coupling, params.rendering), summary["duration_s"] or 0.0
         self._words.print(
@@ -206,6 +209,7 @@ class Stage:
             style="red" if verdict["passive"] is False else None,
             markup=False,
         )
+        return summary
 
     def _lead(self, position: Vector) -> None:
         self._position = position

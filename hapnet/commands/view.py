@@ -73,16 +73,19 @@ def view(
 def play_back(files: list[Path], options: PageOptions) -> int:
     """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
     from hapnet.recording.opened import opened
+    from hapnet.summary.recorded import of_recordings
     from hapnet.view.history import History
     from hapnet.view.playback import Playback
     from hapnet.view.server import serve
 
     words = output.console(None)
     with Progress(output.progress_console(), "reading"):
-        whole = opened(files).whole
+        found = opened(files)
+        whole = found.whole
     if whole.device is None and whole.world is None:
         raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
-    history = History(keeps_past=False)
+    history = History(follows=False)
+    history.judge_by(of_recordings(found.files, found.parts))
     playback = Playback(history.take, whole, files[0].stem, time.monotonic_ns())
     with serve(history, player=playback, host=options.host, port=options.port) as page:
         words.print(f"open {page.url} to see {' and '.join(map(str, files))}; Ctrl-C ends", markup=False)

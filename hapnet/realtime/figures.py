@@ -101,7 +101,11 @@ class Figures:
         """What this side reports its peer of its half. final : control has stopped, and only energy in flight moves."""
         reported = values_of(self._own(), self._role)
         if not final:  # a servo's process reports its part at its end; its samples come
-            live = {"ledger.margin_J": self.live.margin_J, "ledger.margin_end_J": self.live.margin_end_J}
+            live = {
+                "ledger.margin_J": self.live.margin_J,
+                "ledger.margin_end_J": self.live.margin_end_J,
+                "ledger.margin_later_J": self.live.margin_later_J,
+            }
             if not jointly_passive(self._setup.params.coupling):
                 live["ledger.slack_J"] = self.live.slack_J
             return {name: value for name, value in live.items() if value is not None} | reported
@@ -116,6 +120,9 @@ class Figures:
         links: dict[str, Any] = {"up": None, "down": None}
         end_ns = self.stopped_ns or self._clock()
         part = self._control.part()
+        ledger = part["ledger"]
+        if (later := self.live.margin_later_J) is not None and ledger["margin_end_J"] is not None:
+            ledger["margin_later_J"] = min(later, ledger["margin_end_J"])
         with self._driver.lock:  # for which the servo waits: nothing that takes long
             own[self._role] = with_wire(part, self._control.wire.session, end_ns) | {
                 "dropped": self.dropped(), "declared_again": self._transport.declared_again, "failed": self.failed,
@@ -148,4 +155,6 @@ class Figures:
             about=self.meta(),
             link=self._link.read(stats),
             path=dict(self._path.read()),
+            account=self.account(final=self.stopped_ns is not None) if self._control.origin_ns is not None else {},
+            final=self.stopped_ns is not None,
         )

@@ -244,6 +244,8 @@ class RealtimeSide:
                     await self._part("it failed", linger=False)
                 raise self._failure
             await self._part(OVER, linger=True)
+            if self._telemetry is not None:
+                self._telemetry.report_status()  # the final account, for who watches
         finally:
             if telemetry is not None:
                 telemetry.cancel()

@@ -12,8 +12,8 @@ read.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
 import msgpack
@@ -24,10 +24,10 @@ from hapnet.mechanics.plane import Plane
 from hapnet.recording.drawing import LARGEST, Drawing, SceneSample, unpack
 from hapnet.recording.samples import VECTORS, DeviceSample, Event, PostureSample, Sample, WorldSample, plain
 from hapnet.wire import fields
-from hapnet.wire.fields import MAX_DOF
+from hapnet.wire.fields import MAX_DOF, Signal
 from hapnet.wire.messages import Role
 
-VERSION = 5
+VERSION = 6
 
 MAX_LENGTH = 64 * 1024
 """No message but a drawing is longer [bytes]."""
@@ -49,6 +49,8 @@ class Status:
     and the share lost since the last status (None: nothing was sent).
     path : the path between the sides since the last status, as in the summary, the real network included. This side
     knows the round trip and the direction to it.
+    account : this side's half of the summary so far, as it reports it to its peer; empty: it has none yet.
+    final : it has stopped, and this is its last account.
     """
 
     role: Role
@@ -60,6 +62,8 @@ class Status:
     about: dict[str, Any]
     link: dict[str, Any]
     path: dict[str, Any]
+    account: Mapping[str, Signal] = field(default_factory=dict)
+    final: bool = False
 
 
 class KnownPlanes(NamedTuple):
@@ -194,6 +198,7 @@ def _status(reported: dict[str, Any]) -> Status:
         raise BadMessage("telemetry", f"role of a status is {reported['role']!r:.60}")
     if not (_is_about(reported["about"]) and _is_link(reported["link"]) and _is_path(reported["path"])):
         raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are not valid")
+    fields.account(reported["account"])
     return Status(**reported)
 
 

@@ -33,9 +33,8 @@ from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
-from hapnet.summary.from_samples import motion
+from hapnet.summary.from_samples import START_S, motion
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
-from hapnet.summary.verdict import START_S
 from netem import Link
 
 if TYPE_CHECKING:

@@ -14,6 +14,9 @@ from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, DeviceSample, Recording, Sample, WorldSample
 from hapnet.units import METRES, POSE
 
+START_S = 1.0
+"""The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
+
 
 class Motion(TypedDict):
     """Tracking errors and peaks, see `motion`. A value is None if the recording does not contain it."""
@@ -110,7 +113,8 @@ class LiveFigures:
     Attributes
     ----------
     units : of the axes, as `hapnet.units` has them.
-    margin_J, slack_J : the minimum so far. margin_end_J : the newest [J]. All are None before the first sample.
+    margin_J, slack_J : the minimum so far. margin_end_J : the newest. margin_later_J : the minimum from `START_S` after
+        the first on. All [J], and None before there is one.
     """
 
     def __init__(self, units: str = METRES) -> None:
@@ -118,6 +122,8 @@ class LiveFigures:
         self.margin_J: float | None = None
         self.slack_J: float | None = None
         self.margin_end_J: float | None = None
+        self.margin_later_J: float | None = None
+        self._first_ns: int | None = None
         self._motion = _NONE.copy()
         self._inside = False
 
@@ -139,6 +145,9 @@ class LiveFigures:
             return
         self.margin_J, self.slack_J = _less(self.margin_J, sample.margin_J), _less(self.slack_J, sample.slack_J)
         self.margin_end_J = sample.margin_J
+        self._first_ns = sample.time_ns if self._first_ns is None else self._first_ns
+        if sample.time_ns - self._first_ns >= START_S * 1e9:
+            self.margin_later_J = _less(self.margin_later_J, sample.margin_J)
 
     def motion(self) -> Motion:
         """What is known so far; tracking errors need both sides."""
@@ -223,3 +232,11 @@ def min_total_margin(recording: Recording, since_s: float = -math.inf) -> float 
     margin = np.array([]) if total is None else total["margin_J"][total["time_s"] >= since_s]
     known = margin[np.isfinite(margin)]
     return float(known.min()) if len(known) else None
+
+
+def last_total_margin(recording: Recording) -> float | None:
+    """The last `total_margin` [J]; None if it is unknown."""
+    total = total_margin(recording)
+    margin = np.array([]) if total is None else total["margin_J"]
+    known = margin[np.isfinite(margin)]
+    return float(known[-1]) if len(known) else None

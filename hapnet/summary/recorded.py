@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hapnet.couplings.registry import jointly_passive
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import Columns, Recording, join
+from hapnet.summary.from_samples import START_S
 from hapnet.summary.run import combine, has_account, judged, merge, recorded_margins, unknown_device
 from hapnet.summary.structure import SIDES, Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
 from hapnet.summary.verdict import has_reservoirs
@@ -82,12 +83,14 @@ def _modulated(columns: Columns) -> float | None:
 def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
     """The keys that both sides share."""
     slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
+    later = columns["time_s"] >= columns["time_s"][0] + START_S
     return {
         "ledger": unknown(Ledger)
         | {
             "margin_J": _extreme(columns["margin_J"], np.min),
             "slack_J": slack,
             "margin_end_J": _extreme(columns["margin_J"], lambda values: values[-1]),
+            "margin_later_J": _extreme(columns["margin_J"][later], np.min),
         },
         "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if has_reservoirs(coupling_name) else None,
         "modulated_share": _modulated(columns) if has_reservoirs(coupling_name) else None,

@@ -7,7 +7,7 @@ A report is a claim of the peer: `told` in the summary says whose it is and when
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from hapnet.summary.path import DIRECTIONS, ROUND_TRIP
 from hapnet.summary.run import judged, merge
@@ -16,10 +16,12 @@ from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
 
 _PART = (
-    "ledger.margin_J", "ledger.slack_J", "ledger.bound_J", "ledger.work_J", "ledger.margin_end_J", "ledger.diverged",
+    "ledger.margin_J", "ledger.slack_J", "ledger.bound_J", "ledger.work_J", "ledger.margin_end_J",
+    "ledger.margin_later_J", "ledger.diverged",
     "deficit_max_J", "quantisation_J", "true_slack_J", "force", "hand_work_J",
     "sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ", "unanswered_s", "incarnations", "peers_J",
     "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
+    "servo.overruns", "servo.longest_ms", "servo.withheld_s",
     "stopped.after_s", "stopped.why", "stopped.asked",
     "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged", "failed",
     "environment.env_diverged", "environment.env_slack_J", "environment.env_supplied_J", "environment.env_stored_J",
@@ -48,6 +50,19 @@ class Claim(NamedTuple):
     whole: bool
 
 
+class Half(Protocol):
+    """A side's half of the account while it runs: when it was made, and what it covers; a `Status` is one."""
+
+    @property
+    def role(self) -> Role: ...
+    @property
+    def time_ns(self) -> int: ...
+    @property
+    def about(self) -> Mapping[str, Any]: ...
+    @property
+    def account(self) -> Mapping[str, Signal]: ...
+
+
 def values_of(own: Summary, role: Role) -> dict[str, Signal]:
     """What a side reports, from its own summary. What is not known is left out."""
     found: dict[str, Any] = {name: _at(own[role], name) for name in _PART}
@@ -73,6 +88,23 @@ def joined(own: Summary, role: Role, claim: Claim) -> Summary:
     both["duration_s"], both["tuning"], both["wall_clock"] = own["duration_s"], own["tuning"], own["wall_clock"]
     both["told"] = {"side": other, "as_of_s": claim.as_of_s, "final": claim.final, "whole": claim.whole}
     return judged(both)
+
+
+def present(device: Half, world: Half, margins: Mapping[str, float | None]) -> Summary:
+    """The summary of a pair while it runs, from what both sides report of their halves.
+
+    Nothing says which of two reports was made first, so that a receiver may know of energy whose sender has not
+    reported it yet: energy that nobody sent is found at the end only. margins : of both ports, as `merge` takes them.
+    """
+    halves = [_read(half.account, half.role) for half in (device, world)]
+    parts = halves[0]["device"], halves[1]["world"]
+    for half, reported in zip(halves, (device, world), strict=True):
+        coupling = reported.about.get("coupling")
+        half["coupling"] = coupling if isinstance(coupling, str) else None
+    for own, other in (parts, parts[::-1]):
+        assert own is not None and other is not None  # noqa: PT018  # `_read` makes them
+        _bring_up(own, other)
+    return merge(*halves, margins=margins)
 
 
 def _bring_up(part: SidePart, mine: SidePart) -> None:

@@ -13,7 +13,7 @@ from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
-from hapnet.summary.from_samples import credited_early, min_total_margin, two_port_margin
+from hapnet.summary.from_samples import START_S, credited_early, last_total_margin, min_total_margin, two_port_margin
 from hapnet.summary.structure import (
     Contradictions,
     DevicePart,
@@ -35,7 +35,7 @@ from hapnet.summary.structure import (
     known,
     unknown,
 )
-from hapnet.summary.verdict import ROUNDING_J, START_S, excess_nJ, has_reservoirs, judge, restarted
+from hapnet.summary.verdict import ROUNDING_J, excess_nJ, has_reservoirs, judge, restarted
 from hapnet.units import METRES
 from hapnet.versions import versions as versions
 from hapnet.wire import sums
@@ -162,6 +162,7 @@ def combine(
     two_port_later_J: float | None = None,
     hand_two_port_J: float | None = None,
     total_margin_J: float | None = None,
+    total_end_J: float | None = None,
     total_later_J: float | None = None,
     two_port_recorded_J: float | None = None,
     early_J: tuple[float | None, float | None] = (None, None),
@@ -177,8 +178,9 @@ def combine(
     `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its
     minimum with the simulated hand's port in place of the actuator's. Without one clock the theorem's margin is the sum
     of both sides' margins, a lower bound of the true one. It is None with one side only, after a restart (the energy
-    that the ended process put in is not known here), and if energy was credited that nobody sent. `total_later_J` is
-    the smallest recorded sum of both margins from `START_S` on. `torn` names the sides of which only samples are known.
+    that the ended process put in is not known here), and if energy was credited that nobody sent. Its value at the end
+    and its minimum from `START_S` on are the sums of what both sides' accounts have. `torn` names the sides of which
+    only samples are known.
 
     `early_J` is the most that was credited up and down before it was sent, as recorded on one clock. Then the sum of
     the halves bounds nothing, and `two_port_recorded_J`, the smallest recorded margin of both ports, counts.
@@ -187,7 +189,8 @@ def combine(
 
     If a coupling is passive only jointly, both sides' minimum margins belong to different times, and their sum bounds
     nothing. Then `total_margin_J` counts: the smallest sum of both margins while both were recorded on one clock, at
-    the samples' rate, with the start, where it is d^2. Without it the margin is None.
+    the samples' rate, with the start, where it is d^2; `total_end_J` is that sum at the end, `total_later_J` its
+    minimum from `START_S` on. Without them these values are None.
 
     The bound d^2 sums the initial energies of all processes that took part; each that ended reported its own.
     """
@@ -202,12 +205,11 @@ def combine(
         margin = bound + two_port_J
         end, later = (None if at is None else bound + at for at in (two_port_end_J, two_port_later_J))
     elif len(sides) == 2 and None not in margins and not again and not any(map(excess_nJ, flows)):
-        margin, later = sum(margin for margin in margins if margin is not None), total_later_J
-        ends = [side["ledger"].get("margin_end_J") for side in sides]
-        end = None if None in ends else sum(end for end in ends if end is not None)
+        margin, end, later = (_sum(sides, name) for name in ("margin_J", "margin_end_J", "margin_later_J"))
         if jointly_passive(coupling):
             reported = [value for value in (total_margin_J, bound) if value is not None]
             margin = None if total_margin_J is None else min(reported)
+            end, later = total_end_J, total_later_J
         if any(early is not None and early > ROUNDING_J for early in early_J):
             margin = None if two_port_recorded_J is None else min(margin or 0.0, two_port_recorded_J)
     theorem = {
@@ -243,6 +245,12 @@ def combine(
     }))  # fmt: skip
 
 
+def _sum(sides: Sequence[SidePart], name: str) -> float | None:
+    """The sum of this value over the sides' ledgers [J]; None if one does not have it."""
+    values = [side["ledger"].get(name) for side in sides]
+    return None if None in values else sum(cast("list[float]", values))
+
+
 def judged(summary: Summary) -> Summary:
     """`summary` with its verdict. Call it again after a change that the verdict depends on."""
     rest = {name: value for name, value in summary.items() if name != "verdict"}
@@ -273,8 +281,18 @@ def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
     return sum(initial)
 
 
-def merge(device: Summary, world: Summary, *, seed: int | None = None, recording: Recording | None = None) -> Summary:
-    """Combine the device's and the world's summaries. `recording`: of both sides, if there is one."""
+def merge(
+    device: Summary,
+    world: Summary,
+    *,
+    seed: int | None = None,
+    recording: Recording | None = None,
+    margins: Mapping[str, Any] | None = None,
+) -> Summary:
+    """Combine the device's and the world's summaries. `recording`: of both sides, if there is one.
+
+    margins : of both ports together, as `combine` takes them; None: those of the recording.
+    """
     whole = combine(
         device["device"],
         world["world"],
@@ -286,7 +304,7 @@ def merge(device: Summary, world: Summary, *, seed: int | None = None, recording
         tuning=device.get("tuning"),
         felt=_felt(device.get("environment"), world.get("environment")),
         torn=[side for part in (device, world) for side in part.get("torn") or ()],
-        **recorded_margins(recording),
+        **(recorded_margins(recording) if margins is None else margins),
         path=paths.of_both(device.get("path"), world.get("path")),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
@@ -315,6 +333,7 @@ def recorded_margins(recording: Recording | None) -> dict[str, Any]:
         return {}
     return {
         "total_margin_J": min_total_margin(recording),
+        "total_end_J": last_total_margin(recording),
         "total_later_J": min_total_margin(recording, since_s=START_S),
         "two_port_recorded_J": two_port_margin(recording),
         "early_J": credited_early(recording),
@@ -337,6 +356,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
             "work_J": _known(account.work),
             "energy_out_J": _known(max(0.0, account.bound - account.margin_min)),
             "margin_end_J": _known(account.margin),
+            "margin_later_J": None,
             "diverged": not all(map(math.isfinite, energies)),
         }
         discarded = coupling.discarded

@@ -100,7 +100,7 @@ class Environment(EnvironmentPart):
 
 
 class Ledger(TypedDict):
-    """One side's half of the theorem [J]."""
+    """One side's half of the theorem [J]. `margin_later_J` : the minimum after the first second, at its samples."""
 
     margin_J: Number
     slack_J: Number
@@ -108,6 +108,7 @@ class Ledger(TypedDict):
     work_J: Number
     energy_out_J: Number
     margin_end_J: Number
+    margin_later_J: Number
     diverged: bool | None
 
 

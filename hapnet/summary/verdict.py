@@ -23,6 +23,7 @@ from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
+from hapnet.summary.from_samples import START_S
 from hapnet.summary.servos import (
     DEFICIT_J as DEFICIT_J,
     WHOSE as _WHOSE,
@@ -40,9 +41,6 @@ ROUNDING_J = 1e-9
 
 UNANSWERED_S = 5.0
 """An energy stream is dead if nothing was acknowledged for longer, although positions came [s]."""
-
-START_S = 1.0
-"""The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
 _FLOWS: tuple[tuple[Direction, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
 _WHO: Mapping[Role, str] = {

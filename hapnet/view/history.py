@@ -7,7 +7,6 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,10 @@ from hapnet.plant.worlds.picture import Part
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.samples import DeviceSample, Event, PostureSample, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
+from hapnet.summary.joint import JointMargin
+from hapnet.summary.reported import present
+from hapnet.summary.structure import Summary, Verdict
 from hapnet.units import METRES, POSE, text_in
-from hapnet.view.account import Account
 from hapnet.wire.messages import Role
 
 CAPACITY = 4096
@@ -55,22 +56,21 @@ class Track:
 
 @dataclass(frozen=True)
 class Episode:
-    """A pair that has ended: its coupling and rendering, and its account, on which its verdict is based."""
+    """A pair that has ended: its coupling and rendering, and its verdict."""
 
     coupling: str
     rendering: str
-    account: Mapping[str, Any]
+    verdict: Verdict
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """A consistent copy of all that is known. What has not arrived yet is None.
 
-    `margin_J` is the sum of both sides' present margins, `min_margin_J` its minimum since the episode began, and
-    `later_margin_J` that after the first second. `account` is the basis of the verdict. `taken` counts all samples that
-    came from either side, so that silence differs from rest. `planes` are those that the device knows; None: it
-    receives none. `past` are the pairs before this one, the newest last. `parts` and `scene` are what the world looks
-    like.
+    `taken` counts all samples that came from either side, so that silence differs from rest. `summary` is that of the
+    pair so far, with its verdict; None: both sides have not reported their accounts, or the pair is being replaced.
+    `planes` are those that the device knows; None: it receives none. `past` are the pairs before this one, the newest
+    last. `parts` and `scene` are what the world looks like.
     """
 
     device: Track | None
@@ -78,12 +78,9 @@ class Snapshot:
     device_status: Status | None
     world_status: Status | None
     aligned: bool
-    margin_J: float | None
-    min_margin_J: float | None
     events: tuple[Event, ...]
     taken: int
-    later_margin_J: float | None = None
-    account: Mapping[str, Any] | None = None
+    summary: Summary | None = None
     planes: tuple[Plane, ...] | None = None
     past: tuple[Episode, ...] = ()
     parts: tuple[Part, ...] | None = None
@@ -91,22 +88,35 @@ class Snapshot:
     posture: Vector = ()
 
 
+_UNFINISHED: Verdict = {"passive": None, "reason": "it ended, and its sides did not report their accounts to the end"}
+
+
 class History:
     """Keeps the messages given to `take`; `snapshot` copies them for drawing.
 
-    A `Status` with a new incarnation means that its side has restarted: that side's past is forgotten, and so is the
-    minimum margin. A sample is dropped if it is older than the newest of its side, or has another number of axes.
+    A `Status` with a new incarnation means that its side has restarted: that side's past is forgotten. A sample is
+    dropped if it is older than the newest of its side, or has another number of axes.
 
-    seconds : how much of the past a snapshot shows. keeps_past : keep the pairs that have ended (`Snapshot.past`)?
+    The verdict is that of the accounts which both sides report in their statuses, joined as at the end of a run. Who
+    runs the pair calls `leave` when it is about to end, and `end` with its final verdict; who plays a recording calls
+    `judge_by` with its summary.
+
+    seconds : how much of the past a snapshot shows. follows : nobody calls `end`, so that a pair ends when its sides
+    restart; its last accounts are then its verdict. joins : on one clock the margins of both ports are added at the
+    same time, which couplings need that are passive only jointly; False where the pair's own verdict has no such sum.
     """
 
-    def __init__(self, seconds: float = 10.0, *, keeps_past: bool = True) -> None:
+    def __init__(self, seconds: float = 10.0, *, follows: bool = True, joins: bool = True) -> None:
         self._span_ns = round(seconds * 1e9)
-        self._keeps_past = keeps_past
+        self._follows, self._joins = follows, joins
         self._lock = threading.Lock()
         self._rings: dict[Role, _Ring | None] = {"device": None, "world": None}
         self._status: dict[Role, Status | None] = {"device": None, "world": None}
-        self._account = Account()
+        self._joint = JointMargin()
+        self._left: set[int] = set()  # the incarnations of the pair that is being replaced
+        self._summary: Summary | None = None
+        self._outdated = False
+        self._given: Summary | None = None
         self._planes: tuple[Plane, ...] | None = None
         self._past: list[Episode] = []
         self._events: list[Event] = []
@@ -153,18 +163,54 @@ class History:
                 None if world is None else world.track(self._span_ns, newest),
                 *statuses,
                 aligned,
-                self._account.margin_J,
-                self._account.min_J,
                 tuple(self._events),
                 self._taken,
-                self._account.later_J,
-                self._account.summary(next((one.about.get("coupling") for one in statuses if one), None)),
+                self._present(),
                 self._planes,
                 tuple(self._past),
                 self._parts,
                 self._scene,
                 self._posture,
             )
+
+    def judge_by(self, summary: Summary) -> None:
+        """Show this summary's verdict, whatever the sides report."""
+        with self._lock:
+            self._given = summary
+
+    def leave(self) -> None:
+        """The present pair is about to end: nothing of its account is shown any more."""
+        with self._lock:
+            self._leave()
+
+    def margins(self) -> dict[str, float | None]:
+        """The margin of both ports together of the present pair, as `merge` takes it; empty without one clock."""
+        with self._lock:
+            return self._margins()
+
+    def end(self, episode: Episode) -> None:
+        """Keep a pair that has ended, with its final verdict."""
+        with self._lock:
+            self._past = [*self._past, episode][-MOST_EPISODES:]
+
+    def _leave(self) -> None:
+        self._left = {status.incarnation for status in self._status.values() if status is not None}
+
+    def _present(self) -> Summary | None:
+        """The summary of the present pair so far, computed once for each status."""
+        if self._given is not None:
+            return self._given
+        sides = [status for status in self._status.values() if status is not None and status.account]
+        if len(sides) < 2 or any(side.incarnation in self._left for side in sides):
+            return None
+        if self._outdated:
+            device, world = sides
+            self._summary = present(device, world, self._margins())
+            self._outdated = False
+        return self._summary
+
+    def _margins(self) -> dict[str, float | None]:
+        return self._joint.margins() if self._joins and _same_clock(*self._status.values()) else {}
 
     def _draw(self, drawing: Drawing) -> None:
         """The same drawing comes again and again; it is unpacked once, so that a page sees that it is the same."""
@@ -181,22 +227,31 @@ class History:
         self._rings[role] = ring
         ring.append(sample.time_ns, (*vectors, penetration, sample.reservoir_J, sample.margin_J))
         self._taken += 1
-        self._account.take(role, sample)
+        self._joint.take(role, sample.time_ns, sample.margin_J)
 
     def _take_status(self, status: Status) -> None:
         before = self._status[status.role]
-        self._status[status.role] = status
         if before is not None and before.incarnation != status.incarnation:
-            coupling, rendering = coupled(before)
-            account = None if self._account.half_new else self._account.summary(coupling)
-            if account is not None and self._keeps_past:
-                self._past = [*self._past, Episode(coupling, rendering, account)][-MOST_EPISODES:]
+            self._part_from(before)
             self._rings[status.role] = None
             self._planes = None
             self._scene = None
             if _scene_of(before) != _scene_of(status):
                 self._drawing = self._parts = None
-            self._account.begin(status.role)
+            self._joint.begin(status.role)
+        self._status[status.role] = status
+        self._outdated = True
+
+    def _part_from(self, before: Status) -> None:
+        """A side of the present pair has restarted: without a final account of both only a broken bound is certain."""
+        if before.incarnation in self._left:
+            return
+        ended = self._present() if self._follows and self._given is None else None
+        self._leave()
+        if ended is not None:
+            final = all(status is not None and status.final for status in self._status.values())
+            verdict = ended["verdict"] if final or ended["verdict"]["passive"] is False else _UNFINISHED
+            self._past = [*self._past, Episode(*coupled(before), verdict)][-MOST_EPISODES:]
 
 
 class _Ring:

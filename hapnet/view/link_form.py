@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
+import asyncio
 import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import viser
 
-from hapnet.errors import HapnetError
+from hapnet.view.actions import Actions
 from hapnet.view.controls import Controls, Direction, require_no_file
 from netem import PRESETS, LinkProfile, NetemError
 from netem.effects import RandomLoss
@@ -26,15 +26,21 @@ SETTLED_S = 1.5
 class LinkForm:
     """Preset, sliders and text of one link, or of both together, in the container that is open when this is made.
 
-    ways : gives the directions that this form changes; called for each change.
+    actions : run what is asked for. directions : gives those that this form changes; called for each change.
     """
 
     def __init__(
-        self, gui: viser.GuiApi, label: str, controls: Controls, directions: Callable[[], Iterable[Direction]]
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        controls: Controls,
+        actions: Actions,
+        directions: Callable[[], Iterable[Direction]],
     ) -> None:
         self._controls = controls
         self._directions = directions
-        self._lock = threading.Lock()
+        self._actions = actions
+        self._running = 0
         self._profile = LinkProfile()
         self._followed, self._changed_s = "", -SETTLED_S
         self.folder: viser.GuiFolderHandle = gui.add_folder(label)
@@ -56,28 +62,30 @@ class LinkForm:
         self._react(self._loss, lambda: _lossy(self._profile, self._loss.value))
 
         @typed.on_submit
-        def _(event: viser.GuiEvent[viser.GuiFormHandle]) -> None:
-            time.sleep(TYPED_S)
-            self._change(lambda: _typed(self._words.value), event.client)
+        async def _(event: viser.GuiEvent[viser.GuiFormHandle]) -> None:
+            asyncio.get_running_loop().call_later(
+                TYPED_S, lambda: self._change(lambda: _typed(self._words.value), event.client)
+            )
 
     def follow(self, text: str) -> None:
         """Show the present link; text that this netem does not know is shown unchanged.
 
         An older report does not undo a change that was made here, and a report does not overwrite what a user types.
         """
-        if not self._lock.acquire(blocking=False):
+        if self._running or text == self._followed or time.monotonic() - self._changed_s < SETTLED_S:
             return
+        self._followed = text
         try:
-            if text == self._followed or time.monotonic() - self._changed_s < SETTLED_S:
-                return
-            self._followed = text
             profile = LinkProfile.named(text)
-            if str(profile) != str(self._profile):
-                self._show(profile)
         except NetemError:
             put(self._words, text)
-        finally:
-            self._lock.release()
+        else:
+            if str(profile) != str(self._profile):
+                self._show(profile)
+
+    def forget(self) -> None:
+        """Show the present link anew with the next `follow`."""
+        self._followed = ""
 
     def send(self, client: viser.ClientHandle | None) -> None:
         """Apply the link that is shown."""
@@ -85,23 +93,29 @@ class LinkForm:
 
     def _react(self, element: viser.GuiInputHandle[Any], wanted: Callable[[], LinkProfile]) -> None:
         @element.on_update
-        def _(event: viser.GuiEvent[Any]) -> None:
+        async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:  # otherwise this page set it
                 self._change(wanted, event.client)
 
     def _change(self, wanted: Callable[[], LinkProfile], client: viser.ClientHandle | None) -> None:
-        """Apply a change. Events come in threads, in any order: each applies what is shown when its turn comes."""
-        with self._lock:
-            try:
-                profile = wanted()
-                for direction in self._directions():
-                    self._controls.link(direction, str(profile))
-            except (HapnetError, NetemError) as error:
-                show_notification(client, "The link stays as it was", str(error))
-            else:
+        """Begin a change. Each applies what is shown when its turn comes."""
+        profile = self._profile
+
+        def apply() -> None:
+            nonlocal profile
+            profile = wanted()
+            for direction in self._directions():
+                self._controls.link(direction, str(profile))
+
+        def done(worked: bool) -> None:
+            self._running -= 1
+            if worked:
                 self._changed_s = time.monotonic()
                 if str(profile) != str(self._profile):
                     self._show(profile)
+
+        self._running += 1
+        self._actions.begin(apply, client, refused="The link stays as it was", done=done)
 
     def _show(self, profile: LinkProfile) -> None:
         self._profile = profile
@@ -119,12 +133,6 @@ class LinkForm:
 def put(element: Any, value: object) -> None:
     """Set the value of an input; viser's declaration of it is read-only to mypy."""
     element.value = value
-
-
-def show_notification(client: viser.ClientHandle | None, title: str, text: str) -> None:
-    """Show a notification on the page of the client that asked."""
-    if client is not None:
-        client.add_notification(title, text, color="red", auto_close_seconds=8.0)
 
 
 def _typed(text: str) -> LinkProfile:

@@ -7,13 +7,13 @@ import math
 from collections.abc import Iterable
 from itertools import groupby
 from pathlib import PurePath
+from typing import Literal
 
 import viser
 
 from hapnet.mechanics.pose import angle_between
 from hapnet.recording.telemetry import Status
-from hapnet.summary.structure import Verdict
-from hapnet.summary.verdict import judge
+from hapnet.summary.structure import Summary, Verdict
 from hapnet.summary.words import felt
 from hapnet.units import POSE, within
 from hapnet.view.choices import label_of, words_of
@@ -22,6 +22,7 @@ from hapnet.view.history import Episode, Snapshot, coupled, of_point, units
 from hapnet.view.scenes import scene_label
 
 _VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
+_GREY = "#64748b"
 _SHORT = 20
 """A value of fewer characters is in one line."""
 
@@ -32,35 +33,40 @@ class Numbers:
     """The measured numbers, in a few lines, in the container that is open when this is made."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, None, None, (), 0), "waiting", ()))
+        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, (), 0), "waiting", (), False))
+        self._turn = 0
 
-    def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = ()) -> None:
-        """Show the snapshot. `state` : in a word or two, what the pair does. `troubles` : what is wrong with it now."""
-        content = _table(snapshot, state, troubles)
-        if content != self._html.content:
-            self._html.content = content
+    def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = (), *, fresh: bool = True) -> None:
+        """Show the snapshot, and be grey in the browser if no other follows.
+
+        state : in a word or two, what the pair does. troubles : what is wrong with it now. fresh : it comes from the
+        last second; otherwise all is grey.
+        """
+        self._turn = 1 - self._turn
+        self._html.content = _table(snapshot, state, troubles, fresh, self._turn)
 
 
 def verdict(snapshot: Snapshot) -> Verdict | None:
-    """The verdict on this episode so far; None: no samples of both sides yet."""
-    return None if snapshot.account is None else judge(snapshot.account)
+    """The verdict on the present pair so far; None: both sides have not reported their accounts yet."""
+    return None if snapshot.summary is None else snapshot.summary["verdict"]
 
 
-def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
+def _table(snapshot: Snapshot, state: str, troubles: Iterable[str], fresh: bool, turn: int = 0) -> str:
     device, world = snapshot.device_status, snapshot.world_status
-    word, colour, why = "...", "#64748b", ""
+    word, colour, why = "...", _GREY, ""
     if (kept := verdict(snapshot)) is not None:
         word, colour = _VERDICTS[kept["passive"]]
         why = "" if kept["passive"] else f'<div class="hapnet-why">{html.escape(kept["reason"])}</div>'
+    summary = snapshot.summary
     recording = device.recording if device is not None else ""
     rows = [
         ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
         ("loss up, down", f"{_link(device, 'loss_now', 100.0, 1)}, {_link(world, 'loss_now', 100.0, 1)} %"),
         ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
         ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
-        ("margin now", f"{_number(_milli(snapshot.margin_J), 1)} mJ"),
-        ("min so far", f"{_number(_milli(snapshot.min_margin_J), 1)} mJ"),
-        ("min after 1 s", f"{_number(_milli(snapshot.later_margin_J), 1)} mJ"),
+        ("margin now", f"{_number(_margin(summary, 'margin_end_J'), 1)} mJ"),
+        ("min so far", f"{_number(_margin(summary, 'margin_J'), 1)} mJ"),
+        ("min after 1 s", f"{_number(_margin(summary, 'margin_later_J'), 1)} mJ"),
     ]
     force = force_now(of_point(snapshot).device, within(units(snapshot), "N"))
     if units(snapshot) == POSE and snapshot.device is not None:
@@ -76,8 +82,9 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str]) -> str:
     what = " · ".join(scene_label(str(about[key])) for key in ("name", "scene") if about.get(key))
     label = label_of(*coupled(device or world))
     how = ": ".join(filter(None, (label, words_of(label))))
+    shown = f"hapnet-drawn-{turn}" if fresh else "hapnet-old"  # see style.py
     return (
-        '<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums">'
+        f'<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums" class="{shown}">'
         f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
         f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
         f"{''.join(map(_trouble, troubles))}"
@@ -112,7 +119,7 @@ def _past(episodes: Iterable[Episode]) -> str:
 
 
 def _outcome(episode: Episode) -> tuple[str, bool | None]:
-    return label_of(episode.coupling, episode.rendering), judge(episode.account)["passive"]
+    return label_of(episode.coupling, episode.rendering), episode.verdict["passive"]
 
 
 def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
@@ -132,7 +139,9 @@ def _lost(status: Status | None, direction: str) -> float | None:
     return None if heard is None else 100.0 * float(heard["loss"])
 
 
-def _milli(value: float | None) -> float | None:
+def _margin(summary: Summary | None, name: Literal["margin_J", "margin_end_J", "margin_later_J"]) -> float | None:
+    """The margin of both ports [mJ]."""
+    value = None if summary is None else summary["theorem"][name]
     return None if value is None else 1e3 * value
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import viser
@@ -20,11 +21,15 @@ from hapnet.view.playback import Playback
 from hapnet.view.player import PlayerPanel
 from hapnet.view.plots import Plots
 from hapnet.view.scene import Scene
+from hapnet.view.steps import Steps
 from hapnet.view.style import STYLE
 from hapnet.view.troubles import Troubles
 
 SILENT_S = 0.7
 """The page reports a silence after this time without a sample [s]."""
+
+OLD_S = 1.0
+"""What is shown is grey if no sample came for longer [s]."""
 
 PLOTTED_S = 10.0
 
@@ -48,8 +53,11 @@ class Page:
         self._scene: Scene | None = None
         self._drawn: tuple[int, Any, str, object, object] | None = None  # for which axes, walls, words, arm it was made
         self._parts: tuple[Part, ...] | None = None
-        self._taken, self._heard_s = 0, -1e9
+        self._taken = self._heard = 0
+        self._heard_s = self._status_s = -1e9
+        self._statuses: tuple[Status | None, Status | None] = (None, None)
         self._troubles = Troubles()
+        self._steps = Steps()
         self._starting_from: tuple[int | None, int | None] | None = None
         self._origin: Vector = ()
         gui = server.gui
@@ -72,11 +80,11 @@ class Page:
         server.on_client_connect(self._fit)
 
         @front.on_click
-        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             if event.client is not None and self._scene is not None:
                 self._scene.look(event.client.camera)
 
-    def _fit(self, client: viser.ClientHandle) -> None:
+    async def _fit(self, client: viser.ClientHandle) -> None:
         """Leave the scene most of this client's window: in a narrow one the plots fold, and a click opens them."""
         self._plots.fit(client.camera.image_height)
         narrow = client.camera.image_width < _NARROW_BELOW
@@ -90,10 +98,43 @@ class Page:
 
     def draw_scene(self, now_s: float) -> None:
         """Draw the 3-D part; to be called some 60 times a second."""
+        self._steps.run("scene", partial(self._draw_scene, now_s), now_s, again=self._drop_scene)
+
+    def draw_rest(self, now_s: float) -> None:
+        """Draw plots, numbers and controls; to be called some 4 times a second."""
+        snapshot, steps = self._history.snapshot(), self._steps
+        with self._server.atomic():
+            steps.run("plots", lambda: self._draw_plots(snapshot), now_s)
+            if (panel := self._panel) is not None:
+                steps.run("controls", lambda: panel.update(snapshot), now_s, again=panel.forget)
+            if (player := self._player) is not None:
+                steps.run("player", player.update, now_s)
+            if (scene := self._scene) is not None:
+                steps.run("handle", scene.fit, now_s)
+            steps.run("numbers", lambda: self._draw_numbers(snapshot, now_s), now_s)
+
+    def _draw_numbers(self, snapshot: Snapshot, now_s: float) -> None:
+        troubles = [*self._steps.failures(), *self._troubles.now(snapshot, now_s)]
+        if (statuses := (snapshot.device_status, snapshot.world_status)) != self._statuses:
+            self._statuses, self._status_s = statuses, now_s
+        paused = any(status.paused for status in statuses if status is not None)
+        fresh = now_s - (self._status_s if paused else self._heard_s) <= OLD_S
+        self._numbers.update(snapshot, self._state(snapshot, now_s), troubles, fresh=fresh)
+
+    def _draw_plots(self, snapshot: Snapshot) -> None:
+        self._plots.update(snapshot, [] if _moves(snapshot) else self._surfaces(snapshot))
+
+    def _drop_scene(self) -> None:
+        """Make the scene anew with the next picture: it may have been drawn in part."""
+        self._drawn, self._taken = None, -1
+
+    def _draw_scene(self, now_s: float) -> None:
         snapshot = self._history.snapshot()
         if snapshot.taken == self._taken:
             return
-        self._taken, self._heard_s = snapshot.taken, now_s
+        self._taken = snapshot.taken
+        if snapshot.taken != self._heard:  # otherwise only the picture is made anew
+            self._heard, self._heard_s = snapshot.taken, now_s
         if (track := snapshot.device or snapshot.world) is None:
             return
         words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
@@ -109,19 +150,6 @@ class Page:
             self._drawn, self._parts = wanted, snapshot.parts
             self._origin = (0.0,) * dof
         self._scene.update(snapshot)
-
-    def draw_rest(self, now_s: float) -> None:
-        """Draw plots, numbers and controls; to be called some 4 times a second."""
-        snapshot = self._history.snapshot()
-        with self._server.atomic():
-            self._numbers.update(snapshot, self._state(snapshot, now_s), self._troubles.now(snapshot, now_s))
-            self._plots.update(snapshot, [] if _moves(snapshot) else self._surfaces(snapshot))
-            if self._panel is not None:
-                self._panel.update(snapshot)
-            if self._player is not None:
-                self._player.update()
-            if self._scene is not None:
-                self._scene.fit()
 
     def _state(self, snapshot: Snapshot, now_s: float) -> str:
         silent = now_s - self._heard_s > SILENT_S

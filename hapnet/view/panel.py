@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import viser
 
 from hapnet.checks import Vector
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.errors import InvalidParameter
 from hapnet.recording.telemetry import Status
+from hapnet.view.actions import Actions
 from hapnet.view.choices import CHOICES, label_of
 from hapnet.view.controls import Controls, Direction
 from hapnet.view.history import Snapshot, coupled
-from hapnet.view.link_form import LinkForm, put, show_notification
+from hapnet.view.link_form import LinkForm, put
 from hapnet.view.scenes import LARGEST_FILE, MESHES, SCENES, scene_label
-from netem import NetemError
 
 SMOOTHING_S = 0.02
 """Time constant of the smoothing filter that the page switches on [s]."""
@@ -62,7 +61,7 @@ class ControlPanel:
     ) -> None:
         self._controls = controls
         self._starting = starting
-        self._busy = threading.Lock()
+        self._actions = Actions()
         self._seen: dict[str, Any] = {}
         fixed = controls.fixed
         self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
@@ -77,9 +76,10 @@ class ControlPanel:
             "a mesh of yours ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
         )
         self._up = LinkForm(
-            gui, "link, device to world" if fixed else "link, both directions", controls, self._directions_of_first
-        )
-        self._down = LinkForm(gui, "link, world to device", controls, lambda: ("down",))
+            gui, "link, device to world" if fixed else "link, both directions", controls, self._actions,
+            self._directions_of_first,
+        )  # fmt: skip
+        self._down = LinkForm(gui, "link, world to device", controls, self._actions, lambda: ("down",))
         self._down.folder.visible = False
         with self._up.folder:
             self._alike = gui.add_checkbox("both directions alike", not fixed, visible=not fixed)
@@ -102,11 +102,12 @@ class ControlPanel:
         self._on_change(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
 
         @file.on_upload
-        def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
-            self._do(lambda: self._take_file(file.value.name, file.value.content), True, event.client)
+        async def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
+            given = file.value
+            self._do(lambda: self._take_file(given.name, given.content), True, event.client)
 
         @self._alike.on_update
-        def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
+        async def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
             self._arrange()
             if event.client is not None and self._alike.value:
                 self._up.send(event.client)
@@ -136,6 +137,12 @@ class ControlPanel:
                 put(self._alike, up == down)
             self._up.follow(up)
             self._down.follow(down)
+
+    def forget(self) -> None:
+        """Show all that the sides report anew with the next `update`: the one before was not shown in full."""
+        self._seen.clear()
+        self._up.forget()
+        self._down.forget()
 
     def _show_scene(self, side: Status) -> None:
         params = side.about.get("params")
@@ -181,7 +188,7 @@ class ControlPanel:
 
     def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
         @button.on_click
-        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             self._do(act, anew, event.client)
 
     def _on_change(self, chosen: viser.GuiInputHandle[Any], act: Callable[[Any], None]) -> None:
@@ -189,24 +196,36 @@ class ControlPanel:
         before = chosen.value
 
         @chosen.on_update
-        def _(event: viser.GuiEvent[Any]) -> None:
+        async def _(event: viser.GuiEvent[Any]) -> None:
             nonlocal before
-            if event.client is not None and not self._do(lambda: act(chosen.value), True, event.client):
-                put(chosen, before)
-            before = chosen.value
+            value, kept = chosen.value, before
+            before = value
 
-    def _do(self, act: Callable[[], None], anew: bool, client: viser.ClientHandle | None) -> bool:
-        """Run one action at a time; False: it failed, and the page says so."""
-        with self._busy:
-            try:
-                if anew:
-                    self._starting(True)
-                act()
-            except (HapnetError, NetemError) as error:
+            def undo() -> None:
+                nonlocal before
+                before = kept
+                put(chosen, kept)
+
+            if event.client is not None:
+                self._do(lambda: act(value), True, event.client, failed=undo)
+
+    def _do(
+        self,
+        act: Callable[[], None],
+        anew: bool,
+        client: viser.ClientHandle | None,
+        failed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Begin an action; if it fails, the page says so, and `failed` is called."""
+
+        def done(worked: bool) -> None:
+            if not worked:
                 self._starting(False)
-                show_notification(client, "This did not work", str(error))
-                return False
-            return True
+                failed()
+
+        if anew:
+            self._starting(True)
+        self._actions.begin(act, client, done=done)
 
 
 def _words(status: Status | None) -> str | None:

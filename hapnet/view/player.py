@@ -27,13 +27,13 @@ class PlayerPanel:
         self._changed_s = -HELD_S
 
         @self._time.on_update
-        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client is not None:
                 self._changed_s = time.monotonic()
                 player.seek(self._time.value)
 
         @self._pause.on_click
-        def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             player.pause(not player.paused)
             self._pause.label = "go on" if player.paused else "pause"
             self._pause.icon = viser.Icon.PLAYER_PLAY if player.paused else viser.Icon.PLAYER_PAUSE

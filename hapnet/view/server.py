@@ -1,7 +1,12 @@
-"""Serves the page: one viser server, and one thread that draws."""
+"""Serves the page: one viser server, on whose event loop the page is made and drawn.
+
+viser's handles may be used from any thread, but each change wakes its loop's tasks at once, and waking them while the
+loop itself changes their list raises. On the loop there is no such moment. So the page's callbacks are coroutines.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import logging
 import os
@@ -47,6 +52,7 @@ class PageServer:
         self, history: History, controls: Controls | None, player: Playback | None, host: str, port: int, frame_s: float
     ) -> None:
         self._frame_s = frame_s
+        self._closed = False
         # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
         logging.getLogger("websockets").addHandler(logging.NullHandler())
         try:
@@ -71,10 +77,13 @@ class PageServer:
         self.port: int = self._server.get_port()
         shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
         self.url: str = f"http://[{shown}]:{self.port}" if ":" in shown else f"http://{shown}:{self.port}"
-        self._page = Page(self._server, history, controls, player)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._draw, name="hapnet-page", daemon=True)
-        self._thread.start()
+        self._loop = self._server.get_event_loop()
+
+        async def begin() -> asyncio.Task[None]:
+            self._page = Page(self._server, history, controls, player)
+            return asyncio.create_task(self._draw())
+
+        self._drawing = asyncio.run_coroutine_threadsafe(begin(), self._loop).result()
 
     @property
     def watched(self) -> bool:
@@ -83,10 +92,10 @@ class PageServer:
 
     def close(self) -> None:
         """Stop drawing and serving; calling it twice does no harm."""
-        if self._stop.is_set():
+        if self._closed:
             return
-        self._stop.set()
-        self._thread.join()
+        self._closed = True
+        asyncio.run_coroutine_threadsafe(_ended(self._drawing), self._loop).result()
         with _quiet():
             self._server.stop()
 
@@ -98,10 +107,11 @@ class PageServer:
     ) -> None:
         self.close()
 
-    def _draw(self) -> None:
-        _yield_to_servos()
+    async def _draw(self) -> None:
+        """Draw until cancelled; what fails in a drawing is the page's to handle (`Steps`)."""
         due, frame = time.monotonic(), 0
-        while not self._stop.wait(max(0.0, due - time.monotonic())):
+        while True:
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
             if not self.watched:
                 due = now + IDLE_S
@@ -151,6 +161,12 @@ def _free_port(host: str, port: int) -> int:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 raise InvalidParameter("host", host, f"an address of this machine ({error.strerror})") from None
     raise InvalidParameter("port", port, f"a port such that one of the {PORTS} from it on is free")
+
+
+async def _ended(task: asyncio.Task[None]) -> None:
+    """Cancel a task, and wait until it has ended."""
+    task.cancel()
+    await asyncio.wait((task,))
 
 
 def _yield_to_servos() -> None:

@@ -107,7 +107,7 @@ def test_the_mouse_moves_a_world_elsewhere_and_its_page_sees_both_sides() -> Non
         params = led(Params().set({"scene": "free", "link.up": "", "link.down": ""}))
         hand = Hand(params, far, history, closing)
         until(led_to(hand, history, 0.03))
-        until(lambda: history.snapshot().world_status is not None and history.snapshot().margin_J is not None)
+        until(lambda: history.snapshot().world_status is not None and history.snapshot().summary is not None)
         until(lambda: (w := history.snapshot().world) is not None and abs(float(w.position_m[-1, 0]) - 0.03) < 5e-3)
         hand.link("up", "delay 60ms")
         until(lambda: (d := history.snapshot().device_status) is not None and "60ms" in str(d.link.get("profile")))

@@ -12,6 +12,7 @@ from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status
 from hapnet.simulation.simulation import Simulation
+from hapnet.summary.reported import values_of
 from hapnet.view.controls import Direction
 from hapnet.view.history import History
 from hapnet.wire.messages import Role
@@ -31,7 +32,9 @@ class Feed:
         run = Simulation(
             params.set({"record_hz": 60.0}), seed, kernel=False
         )  # it keeps the planes of the newest message
-        recording = run.run().recording
+        result = run.run()
+        recording = result.recording
+        self.accounts = {role: values_of(result.summary, role) for role in ROLES}
         self.planes = run.device_endpoint.planes
         self.meta = recording.meta
         self.links = {"device": str(recording.meta["params"]["link"]["up"]), "world": ""}
@@ -56,7 +59,8 @@ class Feed:
         link = {"profile": self.links[role], "delay_now_ms": 41.7, "loss_now": 0.02}
         heard = {"up": {"loss": 0.03}, "down": None} if role == "world" else {"up": None, "down": {"loss": 0.03}}
         path = {"round_trip_p50_ms": 96.0, **heard}
-        return Status(role, now_ns, self.incarnation, self.paired, self.paused, self.recording, about, link, path)
+        kept = self.accounts[role]
+        return Status(role, now_ns, self.incarnation, self.paired, self.paused, self.recording, about, link, path, kept)
 
     def __enter__(self) -> Feed:
         self._thread.start()

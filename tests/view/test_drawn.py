@@ -1,33 +1,156 @@
 """What a page draws and says of a pair, without a browser."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from hapnet.view.history import Snapshot
+pytest.importorskip("viser", reason="the live page's library is not installed")
+
+import viser
+
+from hapnet.view import page as pages
+from hapnet.view.history import History
+from hapnet.view.steps import RETRY_S
 from tests.view.feed import FakeControls
-from tests.view.test_history import pair_of, status
+from tests.view.test_history import MS, device, pair_of, reports, world
 
 
-def test_a_page_says_what_the_pair_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    viser = pytest.importorskip("viser", reason="the live page's library is not installed")
-    from hapnet.view import page as pages
-
-    said: list[str] = []
-
-    def update(_: object, snapshot: Snapshot, state: str, troubles: Iterable[str]) -> None:
-        said.append(state)
-
-    monkeypatch.setattr(pages.Numbers, "update", update)
-    history = pair_of(2.0)
+@pytest.fixture
+def server() -> Iterator[Any]:
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    try:
-        page = pages.Page(server, history, FakeControls())
-        for now_s, paused in ((10.0, False), (10.1, True), (10.2, False), (100.0, False)):
-            history.take(replace(status("device", coupling="pspm"), paused=paused))
-            page.draw_scene(now_s)
-            page.draw_rest(now_s)
-    finally:
-        server.stop()
+    yield server
+    server.stop()
+
+
+class Drawn:
+    """A page of a pair that runs, drawn at given times."""
+
+    def __init__(self, server: Any) -> None:
+        self.history = pair_of()
+        self.page = pages.Page(server, self.history, FakeControls())
+
+    def draw(self, now_s: float, *, samples: bool = True, paused: bool = False) -> None:
+        """Both parts, as of `now_s`, with what came until then."""
+        if samples:
+            self.history.take(world(round(1000 * now_s) * MS))
+            self.history.take(device(round(1000 * now_s) * MS))
+        self.history.take(replace(reports("device"), paused=paused, time_ns=round(1000 * now_s) * MS))
+        self.page.draw_scene(now_s)
+        self.page.draw_rest(now_s)
+
+    @property
+    def content(self) -> str:
+        return str(self.page._numbers._html.content)
+
+    @property
+    def says(self) -> str:
+        return re.sub("<[^>]*>", " ", self.content)
+
+    @property
+    def state(self) -> str:
+        found = re.search('hapnet-state">([^<]*)<', self.content)
+        return "" if found is None else found[1]
+
+    @property
+    def grey(self) -> bool:
+        return "hapnet-old" in self.content
+
+
+def test_a_page_says_what_the_pair_does(server: Any) -> None:
+    drawn, said = Drawn(server), []
+    for now_s, samples, paused in ((10.0, True, False), (10.1, True, True), (10.2, True, False), (100.0, False, False)):
+        drawn.draw(now_s, samples=samples, paused=paused)
+        said.append(drawn.state)
     assert said == ["running", "paused", "running", "no telemetry"]
+
+
+def test_what_is_older_than_a_second_is_grey_unless_the_pair_is_paused(server: Any) -> None:
+    drawn = Drawn(server)
+    for now_s, samples, paused, grey in (
+        (10.0, True, False, False), (10.9, False, False, False), (11.1, False, False, True),
+        (11.2, True, False, False), (13.0, False, True, False),
+    ):  # fmt: skip
+        drawn.draw(now_s, samples=samples, paused=paused)
+        assert drawn.grey is grey, now_s
+    drawn.page.draw_rest(14.1)  # nothing comes of a pair that was paused
+    assert drawn.grey
+
+
+def test_each_drawing_begins_the_second_anew_in_the_browser(server: Any) -> None:
+    """A browser begins an animation anew where its name is another one (style.py)."""
+    drawn, names = Drawn(server), []
+    for number in range(3):
+        drawn.draw(10.0 + 0.25 * number)
+        names += re.findall("hapnet-drawn-[01]", drawn.content)
+    assert names == ["hapnet-drawn-0", "hapnet-drawn-1", "hapnet-drawn-0"] or names[0] == names[2] != names[1]
+
+
+def test_while_another_pair_starts_the_verdict_of_the_old_one_is_gone(server: Any) -> None:
+    drawn = Drawn(server)
+    drawn.draw(10.0)
+    assert re.search('hapnet-passive">passive<', drawn.content)
+    drawn.history.leave()
+    drawn.draw(10.1)
+    assert re.search('hapnet-passive">...<', drawn.content)
+    assert "margin now - mJ" in re.sub(" +", " ", drawn.says)
+
+
+@pytest.mark.parametrize(("owner", "name", "part"), [
+    ("Scene", "__init__", "scene"), ("Scene", "update", "scene"), ("Scene", "fit", "handle"),
+    ("Plots", "update", "plots"), ("ControlPanel", "update", "controls"), ("Numbers", "update", "numbers"),
+])  # fmt: skip
+def test_a_part_that_cannot_be_drawn_once_is_drawn_again_and_the_others_meanwhile(
+    owner: str, name: str, part: str, server: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = Drawn(server)
+    if name != "__init__":
+        drawn.draw(10.0)
+    kind, calls = getattr(pages, owner), []
+    real = getattr(kind, name)
+
+    def fails_once(*args: Any, **more: Any) -> None:
+        calls.append(1)
+        if len(calls) == 1:
+            raise RuntimeError("deque mutated during iteration")
+        real(*args, **more)
+
+    monkeypatch.setattr(kind, name, fails_once)
+    before = drawn.content
+    drawn.draw(10.5)
+    assert len(calls) == 1
+    if part != "numbers":
+        assert drawn.content != before
+        assert f"the {part} cannot be drawn now: RuntimeError: deque mutated during iteration" in drawn.says
+    drawn.draw(10.5 + RETRY_S)
+    drawn.draw(10.6 + RETRY_S)
+    assert len(calls) >= 2
+    assert "cannot be drawn" not in drawn.says
+    assert drawn.state == "running"
+
+
+def test_controls_that_were_shown_in_part_are_shown_in_full_afterwards(
+    server: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = Drawn(server)
+    panel = drawn.page._panel
+    real, failed = panel._show_scene, []
+
+    def fails_once(side: Any) -> None:
+        if not failed:
+            failed.append(side)
+            raise RuntimeError("once")
+        real(side)
+
+    monkeypatch.setattr(panel, "_show_scene", fails_once)
+    drawn.history = drawn.page._history = History()
+    for role in ("device", "world"):
+        status = reports(role, coupling="zoh")
+        drawn.history.take(replace(status, about={**status.about, "scene": "sphere"}))
+    drawn.page.draw_rest(10.0)
+    drawn.page.draw_rest(10.1)  # too soon
+    assert panel._scene.value != "sphere"
+    drawn.page.draw_rest(10.0 + RETRY_S)
+    assert (panel._choice.value, panel._scene.value) == ("zoh", "sphere")

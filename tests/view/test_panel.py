@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -33,7 +32,7 @@ def server() -> Iterator[viser.ViserServer]:
 def snapshot(coupling: str, rendering: str, past: tuple[Episode, ...] = ()) -> Snapshot:
     about = {"coupling": coupling, "params": Params().set({"rendering": rendering}).as_dict()}
     status = Status("device", 0, 1, True, False, "", about, {"profile": ""}, {})
-    return Snapshot(None, None, status, None, False, None, None, (), 0, past=past)
+    return Snapshot(None, None, status, None, False, (), 0, past=past)
 
 
 @pytest.mark.parametrize(("coupling", "rendering", "label", "asked"), [
@@ -117,11 +116,10 @@ def test_the_page_says_how_stiff_the_wall_is_felt(server: viser.ViserServer) -> 
 def test_each_pair_keeps_its_own_verdict(server: viser.ViserServer) -> None:
     """One that was not passive is still said when another coupling runs, and passive is not said of it."""
 
-    def account(coupling: str, margin_J: float) -> dict[str, Any]:
-        sides = {side: {"ledger": {"slack_J": 0.0}, "incarnations": 1} for side in ("device", "world")}
-        return {"theorem": {"margin_J": margin_J}, **sides, "coupling": coupling}
-
-    past = (Episode("zoh", "paper", account("zoh", -0.2)), Episode("pspm", "hapnet", account("pspm", 0.09)))
+    past = (
+        Episode("zoh", "paper", {"passive": False, "reason": "margin -0.2 mJ"}),
+        Episode("pspm", "hapnet", {"passive": True, "reason": "at most 12 mJ ever came out"}),
+    )
     numbers = Numbers(server.gui)
     numbers.update(snapshot("wave", "hapnet", past), "running")
     text = re.sub("<[^>]*>", "", numbers._html.content)

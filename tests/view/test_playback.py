@@ -54,7 +54,8 @@ def test_it_begins_again_as_another_pair_after_a_rest(recording: Recording) -> N
 
 
 def test_the_page_knows_of_it_what_it_knows_of_a_pair(recording: Recording) -> None:
-    history = History(keeps_past=False)
+    history = History(follows=False)
+    history.judge_by(recording.summary)
     playback = Playback(history.take, recording, "mine", START_NS)
     for at_ms in range(0, 8000, 10):  # more than two rounds
         playback.advance(START_NS + at_ms * MS)
@@ -63,8 +64,7 @@ def test_the_page_knows_of_it_what_it_knows_of_a_pair(recording: Recording) -> N
     assert shown.world is not None
     assert shown.aligned
     assert shown.past == ()
-    kept = verdict(shown)
-    assert kept["passive"] is True
+    assert verdict(shown) == recording.summary["verdict"]
     assert shown.device_status.path["round_trip_p50_ms"] > 60.0
     assert shown.device_status.about["name"] == "mine"
 

@@ -78,7 +78,7 @@ def test_the_depth_of_the_handle_is_drawn_where_it_is_known_else_the_proxys_cove
     device = replace(device, position_m=np.full((2, 1), 0.017))
     world = replace(device, parts_N=np.zeros((2, 0, 1)), penetration_m=np.full(2, 0.001))
     walls = [{"axis": 0, "position_m": 0.01, "solid": 1}]
-    shown = Snapshot(device, world, None, None, True, None, None, (), 2)
+    shown = Snapshot(device, world, None, None, True, (), 2)
     Plots(gui, 10.0).update(shown, walls if known else [])  # type: ignore[arg-type]
     *_, of_handle, of_proxy = gui.plots["depth in the wall [mm]"].data
     np.testing.assert_allclose(of_proxy, 1.0, rtol=1e-12)

@@ -40,7 +40,7 @@ def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(norma
     """Its near face is the proxy's radius behind the plane, and across its normal; what is no longer sent is hidden."""
     server = viser.ViserServer(port=0, verbose=False)
     scene = Scene(server, len(normal), [], None)
-    still = Snapshot(None, None, None, None, False, None, None, (), 0)
+    still = Snapshot(None, None, None, None, False, (), 0)
     scene.update(replace(still, planes=(Plane(normal, 0.02, 3000.0, 10.0),)))
     first, *others = scene._planes
     assert [first.visible, *(other.visible for other in others)] == [True, False, False, False]
@@ -78,7 +78,7 @@ def test_the_solids_of_a_rigid_scene_are_drawn_and_where_a_wall_is_touched(tmp_p
     parts = parts_of_words(words)
     assert len(parts) == 6
     scene = Scene(server, 3, [], None, parts=parts)
-    still = Snapshot(None, None, None, None, False, None, None, (), 0)
+    still = Snapshot(None, None, None, None, False, (), 0)
     many, none = np.zeros((1, 3)), np.zeros(1)
     place, force = np.array([[0.021, 0.0, 0.0]]), np.array([[-3.0, 0.0, 0.0]])
     world = Track(none, place, many, force, np.zeros((1, 0, 3)), none + 1e-3, none, none)
@@ -96,7 +96,7 @@ def test_an_arms_links_are_drawn_where_they_are(by_joints: bool) -> None:
     server = viser.ViserServer(port=0, verbose=False)
     arm = ArmPicture(described(omni(), by_joints))
     scene = Scene(server, 3, [{"axis": 0, "solid": 1, "position_m": 0.02}], None, arm=arm)
-    still = Snapshot(None, None, None, None, False, None, None, (), 0)
+    still = Snapshot(None, None, None, None, False, (), 0)
     none, at = np.zeros(1), np.array([[0.02, -0.01, 0.03]])
     device = Track(none, at, at, np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 4, 3)), none, none, none)
     posture = (0.4, 0.1, -0.3)
@@ -162,6 +162,6 @@ def test_names_stay_apart() -> None:
     proxy = Track(none, still, still, still, np.zeros((1, 0, 1)), none, none, none)
     for handle_m, anchors in ((0.03, ["top-left", "top-right"]), (-0.03, ["top-right", "top-left"])):
         handle = replace(proxy, position_m=np.array([[handle_m]]))
-        scene.update(Snapshot(handle, proxy, None, None, False, None, None, (), 0))
+        scene.update(Snapshot(handle, proxy, None, None, False, (), 0))
         assert [name.anchor for name in scene._names] == anchors
     server.stop()

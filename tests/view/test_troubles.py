@@ -22,7 +22,7 @@ def track(reservoir_mJ: float, empty_from_s: float = 1.0) -> Track:
 
 def snapshot(device: Track | None, world: Track | None, coupling: str = "pspm", *events: Event) -> Snapshot:
     status = Status("device", 0, 1, True, False, "", {"coupling": coupling}, {}, {})
-    return Snapshot(device, world, status, None, True, None, None, events, 0)
+    return Snapshot(device, world, status, None, True, events, 0)
 
 
 def test_where_all_is_well_nothing_is_said() -> None:
