@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapnet.checks import Vector
+from hapnet.errors import RecordingError
 from hapnet.params import Params, is_simulated
+from hapnet.recording.whole_file import complete_or_absent
 
 if TYPE_CHECKING:
     from hapnet.summary.structure import Summary
@@ -40,8 +42,9 @@ def remember(device: str, mass: Vector) -> None:
     known[device] = {MASS: list(mass)}
     try:
         file().parent.mkdir(parents=True, exist_ok=True)
-        file().write_text(json.dumps(known, indent=1), "utf-8")
-    except OSError:
+        with complete_or_absent(file(), "known devices") as part:
+            part.write_text(json.dumps(known, indent=1), "utf-8")
+    except (OSError, RecordingError):
         return
 
 

@@ -219,33 +219,35 @@ def discard(directory: Path, *names: str) -> None:
 
 
 def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: str | None) -> None:
-    """Write `value` to a file, or to standard output for "-"; None: nowhere. Raises OutputError if that fails."""
+    """Write `value` to a file, or to standard output for "-"; None: nowhere. A file appears when it is whole.
+
+    Raises OutputError: it cannot be written.
+    """
     if json_to is None:
         return
     from hapnet.recording.samples import plain  # JSON has no infinities and no NaN
+    from hapnet.recording.whole_file import complete_or_absent
 
     text = json.dumps(plain(value), indent=2, allow_nan=False)
+    if json_to != "-":
+        with complete_or_absent(Path(json_to), "", OutputError) as part:
+            part.write_text(text + "\n", encoding="utf-8")
+        return
     try:
-        if json_to == "-":
-            sys.stdout.write(text + "\n")
-            sys.stdout.flush()
-        else:
-            Path(json_to).write_text(text + "\n", encoding="utf-8")
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
     except OSError as error:
-        if json_to == "-":
-            silence(sys.stdout)
-        where = "standard output" if json_to == "-" else json_to
-        raise OutputError(f"cannot write {where}: {error.strerror or error}") from None
+        silence(sys.stdout)
+        raise OutputError(f"cannot write standard output: {error.strerror or error}") from None
 
 
 def write_csv(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
     """Write `rows`, which have the same keys; None is an empty cell. Raises OutputError if that fails."""
     from hapnet.recording import export
+    from hapnet.recording.whole_file import complete_or_absent
 
-    try:
-        export.write_csv(file, rows[0] if rows else [], (row.values() for row in rows))
-    except OSError as error:
-        raise OutputError(f"cannot write {file}: {error.strerror or error}") from None
+    with complete_or_absent(file, "", OutputError) as part:
+        export.write_csv(part, rows[0] if rows else [], (row.values() for row in rows))
 
 
 def write_line(file: int, line: bytes, name: str) -> None:

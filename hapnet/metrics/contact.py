@@ -12,6 +12,7 @@ from hapnet.checks import Array
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.metrics.measured import Mask, Measured, metric, scaled, tenths
 from hapnet.metrics.obstacles import Obstacle
+from hapnet.recording.durations import durations_s, quantile
 from hapnet.recording.samples import Columns, Recording
 
 _SETTLED_S = 0.1  # shortest settled contact for which a slope is computed
@@ -103,7 +104,7 @@ def _finite_ms(seconds: float | None) -> float | None:
 def rendered_stiffness(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
     """Slope of the resisting force over the device's penetration of the wall where it was deepest [N/m].
 
-    It is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the samples of settled
+    It is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the time of settled
     contact. A visit has settled when the wall acts on the device's spring: a round trip of the link plus two of the
     world's longest steps after the device entered. Before that the force is that of free space. A slope with a free
     intercept would depend on those samples, and on the damper's force during entry and exit. None with less than 0.1 s
@@ -112,43 +113,45 @@ def rendered_stiffness(recording: Recording, walls: Sequence[Obstacle], round_tr
     settled = _settled_contact(recording, walls, round_trip_s)
     if settled is None:
         return None
-    p, resistance = settled
-    return float(resistance @ p / (p @ p))
+    p, resistance, lasting = settled
+    return float(np.sum(resistance * p * lasting) / np.sum(p * p * lasting))
 
 
 def contact_force(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
     """Median of the resisting force in settled contact [N], as `rendered_stiffness` says; None as it says."""
     settled = _settled_contact(recording, walls, round_trip_s)
-    return None if settled is None else float(np.median(settled[1]))
+    return None if settled is None else quantile(settled[1], settled[2], 0.5)
 
 
 def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float, lasts_s: float) -> list[float]:
     """The share of the true environment's stiffness that is rendered in each tenth of a run with settled contact.
 
-    It is ``sum(F . W) / sum(W . W)`` over settled contact, with F the force on the device and W = `wanted` (N, n) that
-    of the true environment [N] (`environment_force`): for a wall the slope of `rendered_stiffness` over the stiffness
-    of springs and wall in series. Contact is where W is not zero, settled and at least 0.1 s long in a tenth as
-    `rendered_stiffness` says. If no tenth has that, as with taps shorter than a round trip, all contact counts.
+    It is ``sum(F . W) / sum(W . W)`` over the time of settled contact, with F the force on the device and W = `wanted`
+    (N, n) that of the true environment [N] (`environment_force`): for a wall the slope of `rendered_stiffness` over the
+    stiffness of springs and wall in series. Contact is where W is not zero, settled and at least 0.1 s long in a tenth
+    as `rendered_stiffness` says. If no tenth has that, as with taps shorter than a round trip, all contact counts.
     """
     device, world = recording.device, recording.world
     if device is None or world is None:
         return []
     inside = (wanted != 0.0).any(axis=1)
     settled = _settled(device, inside, round_trip_s + 2.0 * float(world["step_s"].max()))
-    parts = tenths(device["time_s"], lasts_s)
+    parts, lasting = tenths(device["time_s"], lasts_s), durations_s(device)
+    work, square = (np.sum(force * wanted, axis=1) * lasting for force in (device["force_N"], wanted))
     for contact in (settled, inside):
         chosen = [contact & part for part in parts]
-        long = [one for one in chosen if np.count_nonzero(one) * _period_s(device) >= _SETTLED_S]
+        long = [one for one in chosen if _is_long(lasting[one])]
         if long:
-            return [float(np.sum(device["force_N"][one] * wanted[one]) / np.sum(wanted[one] ** 2)) for one in long]
+            return [float(work[one].sum() / square[one].sum()) for one in long]
     return []
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[Obstacle]) -> Obstacle | None:
-    """The wall or solid where the device's depth, summed over all samples, is largest; None: it entered none."""
+    """The wall or solid where the device's depth, summed over time, is largest; None: it entered none."""
     if device is None or not walls:
         return None
-    depths = [float(np.maximum(wall.depths(device["position_m"]), 0.0).sum()) for wall in walls]
+    lasting = durations_s(device)
+    depths = [float(np.maximum(wall.depths(device["position_m"]), 0.0) @ lasting) for wall in walls]
     return walls[int(np.argmax(depths))] if max(depths) > 0.0 else None
 
 
@@ -163,17 +166,16 @@ def depth_and_resistance(device: Columns | None, walls: Sequence[Obstacle]) -> t
 
 def _settled_contact(
     recording: Recording, walls: Sequence[Obstacle], round_trip_s: float
-) -> tuple[Array, Array] | None:
-    """Depth [m] and resisting force [N] in the samples of settled contact; None with less than 0.1 s of them."""
+) -> tuple[Array, Array, Array] | None:
+    """Depth [m], resisting force [N] and duration [s] of the samples of settled contact; None with less than 0.1 s."""
     device, world = recording.device, recording.world
     found = depth_and_resistance(device, walls)
     if device is None or world is None or found is None:
         return None
     depth, resistance = found
     settled = _settled(device, depth > 0.0, round_trip_s + 2.0 * float(world["step_s"].max()))
-    if np.count_nonzero(settled) * _period_s(device) < _SETTLED_S:
-        return None
-    return depth[settled], resistance[settled]
+    lasting = durations_s(device)[settled]
+    return (depth[settled], resistance[settled], lasting) if _is_long(lasting) else None
 
 
 def _settled(device: Columns, inside: Mask, after_s: float) -> Mask:
@@ -183,9 +185,9 @@ def _settled(device: Columns, inside: Mask, after_s: float) -> Mask:
     return np.asarray(inside & (times - outside_last > after_s) & np.isfinite(outside_last))
 
 
-def _period_s(device: Columns) -> float:
-    times = device["time_s"]
-    return float(times[-1] - times[0]) / max(len(times) - 1, 1)
+def _is_long(lasting: Array) -> bool:
+    """Do these samples last long enough for a slope [s]?"""
+    return float(lasting.sum()) >= _SETTLED_S * (1.0 - 1e-9)
 
 
 class Touch(NamedTuple):
@@ -216,20 +218,22 @@ def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, r
     depth, resistance = found
     times = device["time_s"]
     inside = np.flatnonzero(depth > 0.0)
-    gone = np.flatnonzero(np.diff(times[inside]) > _AWAY_S)
+    gone = np.flatnonzero((np.diff(times[inside]) > _AWAY_S) & (np.diff(inside) > 1))  # in a gap nobody saw it leave
     first, last = inside[np.r_[0, gone + 1]], inside[np.r_[gone, len(inside) - 1]]
     ends_s = np.minimum(times[last] + round_trip_s, np.r_[times[first[1:]], np.inf])
-    total = np.r_[0.0, np.cumsum(resistance)]
+    lasting = durations_s(device)
+    total, age = np.r_[0.0, np.cumsum(resistance * lasting)], np.r_[0.0, np.cumsum(lasting)]
     result = []
     for enter, leave, end_s in zip(first, last, ends_s, strict=True):
         stiff = enter + np.flatnonzero(stiffness * depth[enter : leave + 1] >= _MIN_N)
         if enter == 0 or not len(stiff):
             continue
-        before = max(float(resistance[np.searchsorted(times, times[enter] - _BEFORE_S) : enter].max()), 0.0)
+        since = min(int(np.searchsorted(times, times[enter] - _BEFORE_S)), enter - 1)
+        before = max(float(resistance[since:enter].max()), 0.0)
         end = np.searchsorted(times, end_s)
         felt = enter + np.flatnonzero(resistance[enter:end] > (level := before + max(_MORE * before, _MIN_N)))
         until = np.searchsorted(times, times[felt] + _LASTING_S)
-        felt = felt[total[until] - total[felt] > level * (until - felt)]
+        felt = felt[total[until] - total[felt] > level * (age[until] - age[felt])]
         felt_s = float(times[felt[0]]) if len(felt) else None
         result.append(Touch(float(times[enter]), float(times[stiff[0]]), felt_s))
     return result

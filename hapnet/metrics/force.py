@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.metrics.measured import Measured, metric
+from hapnet.recording.durations import durations_s, rms
 from hapnet.recording.poses import of_point
 from hapnet.recording.samples import Columns, Recording
 
@@ -115,9 +116,11 @@ def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | 
     both = np.isfinite(wanted[:, 0])
     if not both.any():
         return None
-    rms = float(np.sqrt(np.mean(np.sum((ours["force_N"][both] - wanted[both]) ** 2, axis=1))))
+    apart = rms(np.linalg.norm(ours["force_N"][both] - wanted[both], axis=1), durations_s(ours)[both])
+    if apart is None:
+        return None
     peak = float(np.linalg.norm(theirs["force_N"], axis=1).max())
-    return rms, 100.0 * rms / peak if peak > 0.0 else None
+    return apart, 100.0 * apart / peak if peak > 0.0 else None
 
 
 def force_meanwhile(recording: Recording, other: Recording) -> Array:
@@ -145,9 +148,11 @@ def rms_difference(
     chosen = known if counts is None else known & counts
     if not chosen.any():
         return None, None
-    rms = float(np.sqrt(np.mean(np.sum((device["force_N"][chosen] - wanted[chosen]) ** 2, axis=1))))
+    apart = rms(np.linalg.norm(device["force_N"][chosen] - wanted[chosen], axis=1), durations_s(device)[chosen])
+    if apart is None:
+        return None, None
     peak = float(np.linalg.norm(wanted[known], axis=1).max())
-    return rms, 100.0 * rms / peak if peak > 0.0 else None
+    return apart, 100.0 * apart / peak if peak > 0.0 else None
 
 
 def largest_step(device: Columns) -> float | None:
@@ -226,5 +231,6 @@ def _stops(recording: Recording, until_s: float = UNTIL_S) -> list[float]:
 def _swing(recording: Recording, stop_s: float, since_s: float, until_s: float) -> float:
     assert recording.device is not None
     first, end = np.searchsorted(recording.device["time_s"], [stop_s + since_s, stop_s + until_s])
-    force = recording.device["force_N"][first:end]
-    return float(np.sqrt(np.mean(np.sum((force - force.mean(axis=0)) ** 2, axis=1))))
+    force, lasting = recording.device["force_N"][first:end], durations_s(recording.device)[first:end]
+    middle = np.average(force, axis=0, weights=lasting) if lasting.any() else 0.0
+    return rms(np.linalg.norm(force - middle, axis=1), lasting) or 0.0

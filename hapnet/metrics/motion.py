@@ -15,6 +15,7 @@ from hapnet.checks import Array
 from hapnet.metrics.contact import contact_force, pressed_wall
 from hapnet.metrics.measured import Measured, Span, metric, scaled
 from hapnet.metrics.obstacles import Obstacle, normal_where_deepest
+from hapnet.recording.durations import durations_s, evenly, rms
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import position_error, touching
 
@@ -125,8 +126,8 @@ def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | No
     if device is None or world is None or not recording.meta.get("aligned", True):
         return None
     error, known = position_error(device, world)
-    counted = error[free[known]]
-    return float(np.sqrt(np.mean(counted**2))) if len(counted) else None
+    counted = free[known]
+    return rms(error[counted], durations_s(device)[known][counted])
 
 
 class FreeWindows(NamedTuple):
@@ -176,10 +177,12 @@ def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: fl
     """The windows of free motion. None: the two sides are not on one clock.
 
     A window counts if neither the device nor the proxy was in a wall in it, nor during `settling_s` seconds before it.
+    Samples that are not evenly spaced are read on an even grid first.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True) or len(device["time_s"]) < 2:
         return None
+    device = evenly(device, ("position_m", "force_N"))
     times, x = device["time_s"], device["position_m"]
     period_s = float(times[-1] - times[0]) / (len(times) - 1)
     width = max(1, round(_WINDOW_S / period_s))

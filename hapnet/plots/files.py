@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hapnet.recording.mcap import complete_or_absent
+from hapnet.recording.whole_file import complete_or_absent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,10 @@ import os
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+from hapnet.recording.whole_file import complete_or_absent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,5 +82,6 @@ def log_ticks(axis: Any, low: float, high: float) -> None:
 def also_to(fig: Figure, file: str | os.PathLike[str] | None) -> Figure:
     """`fig`, which is also written to `file` (.png, .pdf, .svg), if that is given."""
     if file is not None:
-        fig.savefig(file)
+        with complete_or_absent(Path(file), "figure") as part:
+            fig.savefig(part, format=Path(file).suffix.removeprefix(".") or None)
     return fig

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.recording import rosbag
 from hapnet.recording.frames import knows_utc, table
-from hapnet.recording.mcap import complete_or_absent
 from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording, plain, utc_less_clock_ns
+from hapnet.recording.whole_file import complete_or_absent
 
 FORMATS = ("auto", "csv", "parquet", "both")
 ROSBAG = "rosbag2"

@@ -22,7 +22,7 @@ import json
 import os
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from errno import ENOENT
 from importlib import import_module
 from pathlib import Path
@@ -46,6 +46,7 @@ from hapnet.recording.samples import (
     plain,
     utc_less_clock_ns,
 )
+from hapnet.recording.whole_file import complete_or_absent
 from hapnet.units import text_in
 
 if TYPE_CHECKING:
@@ -314,23 +315,6 @@ def _mcap_writer(file: IO[bytes]) -> McapWriter:
     from hapnet.recording.mcap_writer import McapWriter
 
     return McapWriter(file, CHUNK_BYTES - _MESSAGE_ROOM)
-
-
-@contextmanager
-def complete_or_absent(target: Path, what: str = "recording") -> Iterator[Path]:
-    """Gives a path to write to. The file becomes `target` if the body succeeds, and is removed if not.
-
-    Raises RecordingError: the file cannot be written; the message calls it `what`.
-    """
-    part = target.with_name(target.name + ".part")
-    try:
-        yield part
-        part.replace(target)
-    except OSError as error:
-        raise RecordingError(f"cannot write {what} {target}: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 class _Records:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.recording.export import formats as formats, write_csv
-from hapnet.recording.mcap import complete_or_absent
+from hapnet.recording.whole_file import complete_or_absent
 from hapnet.study.journal import Journal, Row
 from hapnet.study.spec import LINK, SEED, flat_of, link_words, value_words
 

@@ -14,8 +14,8 @@ from rich.table import Table
 from hapnet.metrics import METRICS
 from hapnet.param_values import toml_value
 from hapnet.recording.export import write_csv
-from hapnet.recording.mcap import complete_or_absent
 from hapnet.recording.samples import plain
+from hapnet.recording.whole_file import complete_or_absent
 from hapnet.study.goal import Verdict
 from hapnet.study.search import Scores, Search, Trial
 from hapnet.study.spec import Values, value_words

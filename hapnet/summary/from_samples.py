@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.mechanics.pose import angles_between, wrench
+from hapnet.recording.durations import durations_s, rms
+from hapnet.recording.hand import left_out
 from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, DeviceSample, Recording, Sample, WorldSample
 from hapnet.units import METRES, POSE
@@ -36,7 +38,7 @@ def motion(recording: Recording) -> Motion:
 
     The position error is the Euclidean distance between device and proxy [m]. The proxy is interpolated linearly at the
     device's sample times; device samples before the proxy's first or after its last are left out. A sample is in
-    contact if the latest world sample has a positive penetration.
+    contact if the latest world sample has a positive penetration. Means are over time (`hapnet.recording.durations`).
 
     Returns
     -------
@@ -61,13 +63,13 @@ def motion(recording: Recording) -> Motion:
         result["contacts"] = int(inside[0]) + int(np.count_nonzero(inside[1:] & ~inside[:-1]))
     if device is not None and world is not None and recording.meta.get("aligned", True):
         error, known = position_error(device, world)
-        contact = touching(device, world)[known]
-        result["free_rms_m"] = _rms(error[~contact])
-        result["contact_rms_m"] = _rms(error[contact])
+        contact, lasting = touching(device, world)[known], durations_s(device, left_out(recording))[known]
+        result["free_rms_m"] = _rms(error, lasting, ~contact)
+        result["contact_rms_m"] = _rms(error, lasting, contact)
         if turning is not None and recording.device is not None and recording.world is not None:
             angles = angles_between(recording.device["position_m"][known], _proxy(recording.world, device, known))
-            result["free_rms_rad"] = _rms(angles[~contact])
-            result["contact_rms_rad"] = _rms(angles[contact])
+            result["free_rms_rad"] = _rms(angles, lasting, ~contact)
+            result["contact_rms_rad"] = _rms(angles, lasting, contact)
     return result
 
 
@@ -99,8 +101,9 @@ def _largest(device: Columns) -> float | None:
     return _finite(np.linalg.norm(device["force_N"], axis=1).max())
 
 
-def _rms(values: NDArray[np.float64]) -> float | None:
-    return _finite(np.sqrt(np.mean(values**2))) if len(values) else None
+def _rms(values: Array, lasting: Array, chosen: NDArray[np.bool_]) -> float | None:
+    found = rms(values[chosen], lasting[chosen])
+    return None if found is None else _finite(found)
 
 
 def _finite(value: float) -> float | None:

@@ -51,13 +51,17 @@ def of_side(role: Role, figures: PathFigures) -> Section:
 
 
 def of_both(device: Section | None, world: Section | None) -> Section:
-    """Both sides together: each knows the direction towards itself. The round trip is the device's, if it has one."""
+    """Both sides together. Each direction is as its receiver measured it; what a receiver told the other side counts
+    only where its own measure is missing. The round trip is the device's, if it has one."""
+    by_role: dict[Role, Section | None] = {"device": device, "world": world}
     sides = [side for side in (device, world) if side is not None]
     whole = unknown()
     for key in ROUND_TRIP:
         whole[key] = next((side[key] for side in sides if side.get(key) is not None), None)
-    for flow in DIRECTIONS.values():
-        whole[flow] = next((side[flow] for side in sides if side.get(flow) is not None), None)
+    for role, flow in DIRECTIONS.items():
+        receiver = by_role[role]
+        measured = [side[flow] for side in (receiver, *sides) if side is not None and side.get(flow) is not None]
+        whole[flow] = next(iter(measured), None)
     return whole
 
 

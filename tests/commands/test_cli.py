@@ -37,7 +37,9 @@ def test_a_simulation_whose_files_cannot_be_written_is_shown_all_the_same(capsys
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_summary_that_finds_no_room_is_exit_code_3(capsys: Capture) -> None:
     assert cli.main([*QUICK, "--json", "/dev/full"]) == 3
-    assert capsys.readouterr().err == "hapnet: cannot write /dev/full: No space left on device\n"
+    assert (
+        capsys.readouterr().err == "hapnet: cannot write /dev/full: No space left on device: the disk of /dev is full\n"
+    )
     command = [sys.executable, "-m", "hapnet", *QUICK, "--json"]
     asked = ([*command, "-"], 3), ([*command, "s.json"], 0), ([*command[:4], "--show-params"], 3)
     with Path("/dev/full").open("w") as full:

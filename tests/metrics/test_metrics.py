@@ -34,7 +34,8 @@ def test_hand_computed_case() -> None:
         device(5, (9.0,), (0.0,)),  # after the proxy is known
     )
     result = motion(run)
-    assert result["free_rms_m"] == pytest.approx(math.sqrt((0.09 + 0.16) / 3), rel=1e-12)
+    # each counts until the next: 1 s, 0.5 s and 2 s outside, 0.5 s and 0.5 s in contact
+    assert result["free_rms_m"] == pytest.approx(math.sqrt((1.0 * 0.09 + 0.5 * 0.16) / 3.5), rel=1e-12)
     assert result["contact_rms_m"] == pytest.approx(math.sqrt((0.36 + 0.64) / 2), rel=1e-12)
     assert result["peak_force_N"] == 7.0
     assert result["peak_penetration_m"] == 0.25

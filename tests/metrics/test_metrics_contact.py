@@ -85,7 +85,11 @@ def test_in_a_ball_the_force_is_taken_along_its_radius() -> None:
     """At (1, 2, 2) mm from the middle of a ball of 5 mm it is 2 mm deep, and the normal points to the middle."""
     ball = SolidObstacle(Solid(Sphere((0.05, 0.0, 0.0), 0.005), 700.0))
     places = np.array([(0.051, 0.002, 0.002), (0.05, 0.004, 0.0), (0.0, 0.0, 0.0)])
-    device = {"position_m": places, "force_N": np.array([(2.0, 4.0, 4.0), (0.0, -1.0, 0.0), (0.0, 0.0, 0.0)])}
+    device = {
+        "time_s": np.arange(3.0),
+        "position_m": places,
+        "force_N": np.array([(2.0, 4.0, 4.0), (0.0, -1.0, 0.0), (0.0, 0.0, 0.0)]),
+    }
     assert ball.depths(places) == pytest.approx([0.002, 0.001, -0.045])
     assert pressed_wall(device, [ball]) is ball
     found = depth_and_resistance(device, [ball])

@@ -260,3 +260,17 @@ def test_each_side_tells_the_way_to_it_and_both_make_a_whole() -> None:
     assert "from the device" in paths.words(world, "world")
     assert paths.words(paths.unknown(), "device") == ""
     assert math.isclose(whole["up"]["loss"], whole["up"]["lost"] / whole["up"]["sent"])
+
+
+def test_each_direction_is_as_its_receiver_measured_it_and_not_as_the_other_heard_of_it() -> None:
+    """After a run on one machine each side's summary has both directions: the far one is what it was told, in part."""
+    device, world = (paths.of_side(role, known) for role, known in zip(
+        ("device", "world"), figures(run("delay 30ms loss 5%", "delay 50ms", 3.0)), strict=True
+    ))  # fmt: skip
+    assert device["down"] is not None
+    assert world["up"] is not None
+    heard = dict.fromkeys(world["up"])
+    measured = {"device": {**device, "up": {**heard, "sent": 1}}, "world": {**world, "down": {**heard, "sent": 2}}}
+    whole = paths.of_both(measured["device"], measured["world"])
+    assert (whole["up"], whole["down"]) == (world["up"], device["down"])
+    assert paths.of_both(measured["device"], None)["up"] == {**heard, "sent": 1}
