@@ -89,6 +89,9 @@ class DeviceParams:
     dead_man: str = _p(
         "auto", "the button that must be held: auto (the one that the device declares), none, or its number from 0"
     )
+    enable: str = _p("auto", "when it leads: hold (only while its dead-man switch, else its first button, is held; or "
+                     "spans of time in which it is held, as in 0-2, 3-6.5 [s]); auto: hold, if it has a dead-man "
+                     "switch and leads a robot")  # fmt: skip
     clutch: str = _p("", "when the device moves alone, without force, and is coupled again from where it then is: "
                      "spans as in 2-3, 5-6.5 [s], or a button as in button 1; empty: never")  # fmt: skip
 
@@ -202,6 +205,10 @@ class FollowerParams:
     feedback: str = _p(
         "position", "the device's spring is tied to where the robot is (position), renders the force on the robot "
         "(force), or the planes near it, which the scene knows (planes)", ("position", "force", "planes")
+    )  # fmt: skip
+    on_stop: str = _p(
+        "freeze", "the robot when its leader lets go, is stopped or is silent: it holds its set-position (freeze), or "
+        "renders no force (release)", ("freeze", "release"),
     )  # fmt: skip
     fixtures: bool = _p(False, "a driver's motors render the scene's planes at the robot: virtual fixtures")
 

@@ -12,7 +12,16 @@ import numpy as np
 
 from hapnet.assembly import follower as followers
 from hapnet.assembly.arms import description, simulated_device, with_arm
-from hapnet.assembly.follower import arms_of, is_held, leaders_stiffness, on_link, seen, with_follower, writes_on_link
+from hapnet.assembly.follower import (
+    arms_of,
+    is_held,
+    leaders_stiffness,
+    on_link,
+    reindexing,
+    seen,
+    with_follower,
+    writes_on_link,
+)
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
@@ -48,14 +57,14 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
 from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.recording.samples import Event, MotionSample
-from hapnet.side.clutch import Clutch, button, spans
+from hapnet.side.clutch import ALLOWED, ENABLED, Clutch, button, spans
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.units import METRES, POSE, one_text, within
-from hapnet.wire.handshake import RESERVOIR, SHARED, UNITS
+from hapnet.wire.handshake import RESERVOIR, ROBOT, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session, SessionSettings
@@ -161,6 +170,8 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     if servo == "continuous":
         if device.clutch:
             raise InvalidParameter("device.clutch", device.clutch, "empty with the continuous servo")
+        if device.enable != "auto":
+            raise InvalidParameter("device.enable", device.enable, "auto with the continuous servo")
         if harvest == "measured":
             raise InvalidParameter("device.harvest", "measured", "range with the continuous servo: no torque is held")
         if device.resolution_m:
@@ -245,8 +256,9 @@ def device_side(
         hold = _held(setup)
         with named_section("device"):
             hold(simulated.position, False)
-        side = SampledDeviceSide(endpoint, simulated, hold, driven)
-        side.clutch = _clutch(setup, simulated)
+        side = led = SampledDeviceSide(endpoint, simulated, hold, driven)
+        led.clutch = _clutch(setup, simulated)
+        _let_lead(setup, led)
     moved = hand.hand if isinstance(hand, TurningHand) else hand
     if isinstance(moved, LiveHand):
         side.live_hand = moved
@@ -283,11 +295,34 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
             hold((0.0,) * setup.dof, False)
         driven = drive(setup, clock, write)
         if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
-            return SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
+            simulating = SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
+            _let_lead(setup, simulating)
+            return simulating
         check = device.check(params.device)
         side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
         side.clutch = _clutch(setup, device)
+        _let_lead(setup, side, has_switch=side.limiter.has_switch)
         return side
+
+
+def _let_lead(setup: Setup, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
+    """Say when the device leads what is at the other side. Raises InvalidParameter."""
+    side.same = _same(setup)
+    text = setup.params.device.enable
+    if text == "auto":
+        return
+    side.leads_while_held = True
+    if text != "hold":
+        held_at = spans("device.enable", text, ENABLED)
+        side.is_held = lambda t: any(begin <= t < end for begin, end in held_at)
+    elif not has_switch:
+        allowed = "auto, or spans of time [s]: this device has neither a dead-man switch nor a button"
+        raise InvalidParameter("device.enable", text, allowed)
+
+
+def _same(setup: Setup) -> Frame:
+    """The frame of a coupling that has the device's own axes."""
+    return PoseFrame(1.0, 1.0) if setup.units == POSE else Frame(1.0, 1.0, (0.0,) * setup.dof)
 
 
 def _clutch(setup: Setup, device: Device) -> Clutch | None:
@@ -295,9 +330,9 @@ def _clutch(setup: Setup, device: Device) -> Clutch | None:
     text = setup.params.device.clutch
     if not text:
         return None
-    frame = PoseFrame(1.0, 1.0) if setup.units == POSE else Frame(1.0, 1.0, (0.0,) * setup.dof)
+    frame = _same(setup)
     if (number := button(text)) is None:
-        open_at = spans(text)
+        open_at = spans("device.clutch", text, ALLOWED)
         return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
     if not isinstance(device, UserDevice) or not number < len(device.buttons()):
         raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
@@ -327,11 +362,14 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
             watchdog_s = servo_of(setup.params).watchdog_s or math.inf
             return HeldSteps(follower_servo(setup, position, empty), period_s, watchdog_s)
         end = _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
-        return setup.ends.steps(end, mass, setup.scene.contacts)
+        return end if setup.scene.robot else setup.ends.steps(end, mass, setup.scene.contacts)
 
     make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
-    write = writes_on_link(setup.params, write)
-    return WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
+    endpoint.reindexing = reindexing(setup.params, setup.coupling, setup.scene)
+    write = writes_on_link(setup.params, write, endpoint.reindexing)
+    side = WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
+    side.releases = setup.params.follower.on_stop == "release"
+    return side
 
 
 def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo:
@@ -399,6 +437,7 @@ def _session(setup: Setup, role: Role, name: str, incarnation: int, secret: Secr
             "coupling": setup.params.coupling,
             RESERVOIR: side.ceiling_J,
             **({} if setup.units == METRES else {UNITS: setup.units}),
+            **({ROBOT: True} if role == "world" and setup.scene.robot else {}),
             **({SHARED + "contact_model": True} if setup.coupling.staged(setup.params) else {}),
             **{SHARED + name: getattr(setup.tuning, name) for name in setup.coupling.shared},
         },

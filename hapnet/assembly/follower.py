@@ -19,6 +19,7 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.pose import ARM_M
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.follower import Robot, RobotScene
@@ -26,7 +27,9 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.engine_world import EngineMass
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.samples import WorldSample
+from hapnet.side.content import NANO
 from hapnet.side.device import Write
+from hapnet.side.reindexing import Reindexing
 from hapnet.units import POSE, POSE_AXES
 
 
@@ -154,6 +157,17 @@ def seen(params: Params) -> Params:
     })  # fmt: skip
 
 
+def reindexing(params: Params, spec: CouplingSpec[Any], scene: World) -> Reindexing | None:
+    """How the robot of this world meets a leader that was away; None: it goes to where that one is."""
+    here = params.follower.start == "here" or not follows(params)
+    if not scene.robot or not here or "world" not in spec.set_positions:
+        return None
+    arms = arms_of(params)
+    length = ARM_M if arms is None else ARM_M * arms.back.times
+    frame = PoseFrame(1.0, 1.0, length) if scene.units == POSE else Frame(1.0, 1.0, (0.0,) * scene.dof)
+    return Reindexing(frame, round(params.world.silence_after_s / NANO))
+
+
 def arms_of(params: Params) -> Arms | None:
     """From a tool's pose as its servo has it to that on the link (`hapnet.mechanics.pose_frame`); None: the same."""
     a = params.follower.motion_scale
@@ -177,14 +191,16 @@ def leaders_stiffness(params: Params, dof: int) -> Vector:
     return K if arms is None else arms.back.force(arms.back.force(K))
 
 
-def writes_on_link(params: Params, write: Write) -> Write:
-    """Writes a robot's samples along the coordinates of the link."""
+def writes_on_link(params: Params, write: Write, moved: Reindexing | None = None) -> Write:
+    """Writes a robot's samples along the coordinates of the link, in which its leader is."""
     arms = arms_of(params)
-    if arms is None:
+    if arms is None and moved is None:
         return write
 
     def changed(sample: Any) -> None:
-        if isinstance(sample, WorldSample):
+        if moved is not None:
+            sample = moved.recorded(sample)
+        if arms is not None and isinstance(sample, WorldSample):
             sample = sample._replace(
                 position_m=arms.place(sample.position_m),
                 velocity_mps=arms.place(sample.velocity_mps),

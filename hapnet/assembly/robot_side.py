@@ -7,7 +7,7 @@ import dataclasses
 from hapnet.assembly.build import Setup, drive, follower_servo
 from hapnet.assembly.contact_force import require_contact_force
 from hapnet.assembly.fixture import Fixture
-from hapnet.assembly.follower import arms_of, frame_of, held_warnings, seen, writes_on_link
+from hapnet.assembly.follower import arms_of, frame_of, held_warnings, reindexing, seen, writes_on_link
 from hapnet.assembly.own_parts import closed_if_refused, named_section
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
@@ -20,11 +20,11 @@ from hapnet.side.clutch import Clutch
 from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Clock, Write
 from hapnet.side.endpoint import DeviceControl
-from hapnet.side.real_device import RealDeviceSide
+from hapnet.side.robot import RobotSide
 from hapnet.units import within
 
 
-def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> RealDeviceSide:
+def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> RobotSide:
     """The robot with its servo, for an endpoint or its control half; it records as a world does.
 
     Raises InvalidParameter, HapnetError: there is no such driver, it cannot be opened, or it does not fit.
@@ -45,7 +45,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
 
 def _following(
     device: UserDevice, servo: DeviceParams, setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
-) -> RealDeviceSide:
+) -> RobotSide:
     """The side of a robot that is open. servo : the parameters of its servo."""
     params = setup.params
     robot = params.follower
@@ -80,14 +80,16 @@ def _following(
         hold((0.0,) * setup.dof, False)
     period_s = 1.0 / robot.servo_hz
     nothing = (0.0,) * setup.dof
-    endpoint.arms, on_link = arms_of(params), writes_on_link(params, write)
+    endpoint.arms, endpoint.reindexing = arms_of(params), reindexing(params, setup.coupling, setup.scene)
+    on_link = writes_on_link(params, write, endpoint.reindexing)
 
     def record(sample: Sample) -> None:
         felt = nothing if sensor is None else frame.coupled_force(sensor.force)
         on_link(_as_world(sample, period_s, felt))
 
-    side = RealDeviceSide(
-        endpoint, device, hold, drive(at_robot, clock, record), device.declared, device.limiter(servo), contact=sensor
+    side = RobotSide(
+        endpoint, device, hold, drive(at_robot, clock, record), device.declared, device.limiter(servo), contact=sensor,
+        releases=robot.on_stop == "release",
     )  # fmt: skip
     side.clutch = Clutch(frame, meets=robot.start == "here")
     return side

@@ -370,6 +370,8 @@ class UserDevice:
             dead_man = int(params.dead_man)
             if dead_man >= (count := len(self.buttons())):
                 raise InvalidParameter("device.dead_man", params.dead_man, f"a button of the device, which has {count}")
+        if params.enable == "hold" and dead_man is None and self.buttons():
+            dead_man = 0
         return ForceLimiter(
             ramp_s=params.force_ramp_s,
             dead_man=dead_man,

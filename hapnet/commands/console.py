@@ -1,8 +1,9 @@
 """Commands from `hapnet play` to the two running sides: one JSON object per line, on their standard input.
 
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}``,
-``{"do": "record", "path": "..." or null}`` and ``{"do": "stop_force", "why": "..."}``; ``{"do": "hurry"}`` before it
-is asked to stop. The network carries no commands: only the process that has started a side can command it.
+``{"do": "record", "path": "..." or null}``, ``{"do": "let_go", "why": "..."}`` and
+``{"do": "stop_force", "why": "..."}``; ``{"do": "hurry"}`` before it is asked to stop. The network carries no commands:
+only the process that has started a side can command it.
 
 A new command needs a case here and a method of `RealtimeSide`. A button for it needs a method of `Controls`
 (hapnet/view/controls.py) and a line in the panel beside it; `hapnet play` passes it on.
@@ -47,6 +48,8 @@ def _do(side: RealtimeSide, command: dict[str, Any]) -> None:
             side.record(None if command["path"] is None else Path(command["path"]))
         case "stop_force":
             side.stop_force(str(command["why"]))
+        case "let_go":
+            side.let_go(str(command["why"]))
         case "hurry":
             side.hurry()
         case other:

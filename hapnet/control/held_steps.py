@@ -20,6 +20,9 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.vectors import added, inner
 
+REST_S = 0.2
+"""A robot that is released holds its set-position for so long first [s]: without a force it would only drift on."""
+
 Said = Callable[[Vector, Vector, Vector], Vector]
 """The position to send [m], of the follower's position, the set-position that it follows [m], and the force of its
 surroundings on it [N]."""
@@ -50,19 +53,23 @@ class FollowerServo(SampledServo):
 
     Attributes
     ----------
-    said : see `Said`. sensed : the force of its surroundings on it, as whoever moves the robot knows it [N].
+    said : see `Said`. released : its leader has let go, so it renders no force once it has come to rest.
+    sensed : the force of its surroundings on it, as whoever moves the robot knows it [N].
     """
 
     def __init__(self, reporter: Teller | None, **servo: Any) -> None:
         super().__init__(**servo)
         self.reporter = reporter
         self.said: Said = position
+        self.released: bool = False
+        self._rested_s = 0.0
         self.sensed: Vector = (0.0,) * self.n
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         if self.reporter is not None:
             self.reporter.look(dt, x)
-        done = super().tick(dt, x, v, release=release)
+        self._rested_s = self._rested_s + dt if self.released else 0.0
+        done = super().tick(dt, x, v, release=release or self._rested_s > REST_S)
         if done is None or done.sample is None:
             return done
         level, said = self.coupling.level, self.said(x, self.coupling.target, self.sensed)

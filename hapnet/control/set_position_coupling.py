@@ -253,6 +253,14 @@ class SetPositionCoupling(Record):
         """Choose y for the next update, `dt` seconds after the last, at x [m]."""
         self.y[:] = self.received if self.source is None else self.source.step(dt, x)
 
+    def rest(self) -> None:
+        """Stay at ybar until a sample arrives; the motion that came before does not count any more."""
+        at = self.set_position
+        self.received, self.aim, self.fresh = list(at), list(at), 0
+        self.stages.reset(at)
+        if self.source is not None:
+            self.source.release(at)
+
     def release(self, x: Vector, dissipated: float) -> Modulation:
         """Run PSPM once and release the spring at once: ybar = x, and y stays there until a sample arrives.
 

@@ -236,6 +236,8 @@ class RobotScene(WorldDefaults):
     units, and where the leader has it.
     """
 
+    robot: bool = True
+
     def __init__(
         self,
         scene: World,

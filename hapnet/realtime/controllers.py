@@ -60,6 +60,9 @@ class Control(Protocol):
     def pause(self, paused: bool) -> None:
         """Halt the simulated device or world, or let it continue."""
 
+    def let_go(self, why: str) -> None:
+        """Let the device lead nothing, for this reason; empty: let it lead again."""
+
     def lead(self, position: Vector) -> None:
         """Lead a live hand to `position` [m], shape (n,)."""
 
@@ -131,6 +134,9 @@ class ThreadedDevice:
     def pause(self, paused: bool) -> None:
         self.side.paused = paused
 
+    def let_go(self, why: str) -> None:
+        self.side.let_go = why
+
     def lead(self, position: Vector) -> None:
         assert self.side.live_hand is not None
         self.side.live_hand.lead(position)
@@ -184,6 +190,9 @@ class ThreadedWorld:
 
     def pause(self, paused: bool) -> None:
         self.side.paused = paused
+
+    def let_go(self, why: str) -> None:
+        raise AssertionError("a world leads nothing")
 
     def lead(self, position: Vector) -> None:
         raise AssertionError("a world has no hand")

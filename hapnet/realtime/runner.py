@@ -327,6 +327,16 @@ class RealtimeSide:
         axes = 3 if self.setup.units == POSE else self.setup.dof
         self.control.lead(checks.vector("position", position, axes))
 
+    def let_go(self, why: str) -> None:
+        """Let the device move alone from now on, for this reason: a robot that it leads stops, and the device has no
+        force. Empty: let it lead again, from where it then is; the robot stays where it is. Only of a device.
+
+        Raises InvalidParameter: this side has no device.
+        """
+        if self.role != "device":
+            raise InvalidParameter("let_go", why, "a device's side: a world leads nothing")
+        self.control.let_go(why)
+
     def place(self, position: Vector) -> None:
         """Begin at `position` [m], shape (n,), not where the scene and the hand begin; before `run`.
 

@@ -118,10 +118,12 @@ class ServoChild:
                         control.credit(credited_nJ)
                     case ("beat",):
                         self._watch.beat()
-                    case ("pair", restarted):
-                        control.pair(restarted)
+                    case ("pair", restarted, leads_robot):
+                        control.pair(restarted, leads_robot)
                     case ("pause", paused):
                         self.side.paused = paused
+                    case ("let go", why):
+                        self.side.let_go = why
                     case ("place", position):
                         self.side.place(position)
                     case ("lead", position) if self.side.live_hand is not None:

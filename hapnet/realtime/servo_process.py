@@ -77,8 +77,8 @@ class ServoProcess:
 
     # -- the control half, as the wire half sees it -------------------------------------------------------------------
 
-    def pair(self, restarted: bool) -> None:
-        self._deliver("pair", restarted)
+    def pair(self, restarted: bool, leads_robot: bool = False) -> None:
+        self._deliver("pair", restarted, leads_robot)
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
         self._pay()
@@ -160,6 +160,9 @@ class ServoProcess:
 
     def pause(self, paused: bool) -> None:
         self._deliver("pause", paused)
+
+    def let_go(self, why: str) -> None:
+        self._deliver("let go", why)
 
     def lead(self, position: Vector) -> None:
         self._deliver("lead", position)

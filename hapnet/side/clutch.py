@@ -16,6 +16,8 @@ from hapnet.mechanics.frame import Frame
 
 ALLOWED = "spans of time as in 2-3, 5-6.5 [s], a button's number as in button 1, or empty"
 
+ENABLED = "auto, hold, or spans of time in which the device is held as in 0-2, 3-6.5 [s]"
+
 IsOpen = Callable[[float], bool]
 """Is it open, so many seconds after control began?"""
 
@@ -24,19 +26,24 @@ class Clutch:
     """Between a device's own axes and the coupling's.
 
     frame : where they are. is_open : see `IsOpen`. meets : does the device begin where the other side is first?
+
+    Attributes
+    ----------
+    open : does the device move alone? disengaged : does it so by `is_open`?
     """
 
     def __init__(self, frame: Frame, is_open: IsOpen = lambda t: False, *, meets: bool = False) -> None:
         self.frame = frame
         self.meets = meets
-        self.open = False
+        self.open = self.disengaged = False
         self._is_open = is_open
         self._rest: Vector = ()  # while it is open
 
-    def move(self, t: float, own: Vector, v: Vector, force: Vector) -> tuple[Vector, Vector]:
+    def move(self, t: float, own: Vector, v: Vector, force: Vector, *, lets_go: bool = False) -> tuple[Vector, Vector]:
         """The device has come to `own` [m] with velocity v [m/s], `t` seconds after control began. Returns both as the
         coupling has them.
 
+        lets_go : open the clutch for another reason than its own.
         force : that was held until now [N]. As long as there is one, after the clutch has opened too, its motion
             counts: an actuator may be slow, or may not have got the command.
         """
@@ -45,22 +52,26 @@ class Clutch:
             place = self._rest
         else:
             place = self.frame.coupled(own)
-        self.open = self._is_open(t)
+        self.disengaged = self._is_open(t)
+        self.open = lets_go or self.disengaged
         self._rest = place
         return place, (0.0,) * len(v) if self.open else self.frame.velocity(v)
 
 
-def spans(text: str) -> list[tuple[float, float]]:
-    """The spans of time in a text such as ``2-3, 5-6.5`` [s]. Raises InvalidParameter."""
+def spans(name: str, text: str, allowed: str) -> list[tuple[float, float]]:
+    """The spans of time in a text such as ``2-3, 5-6.5`` [s].
+
+    Raises InvalidParameter: with the parameter's `name`, and what it is `allowed` to be.
+    """
     found = []
     for part in text.split(","):
         first, _, last = part.partition("-")
         try:
             begin, end = float(first), float(last)
         except ValueError:
-            raise InvalidParameter("device.clutch", text, ALLOWED) from None
+            raise InvalidParameter(name, text, allowed) from None
         if not begin < end < float("inf"):  # none begins with a minus
-            raise InvalidParameter("device.clutch", text, ALLOWED)
+            raise InvalidParameter(name, text, allowed)
         found.append((begin, end))
     return found
 

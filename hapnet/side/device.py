@@ -92,6 +92,8 @@ class DeviceSide(ABC):
         """A simulated device and its hand stand still and nothing is recorded; all else continues."""
         self.applied = True
         """Has the device always reported the force that it really applied?"""
+        self.let_go = ""
+        """Why the device leads nothing for now, as its program says; empty: it does."""
         self.live_hand: LiveHand | None = None
         """The simulated hand, if somebody leads it during the run."""
         self._period_ns = drive.period_ns
@@ -149,6 +151,11 @@ class DeviceSide(ABC):
         """The summary's entries about a real device; None: it is simulated."""
         return None
 
+    @property
+    def _renders_none(self) -> bool:
+        """Does it render no force any more?"""
+        return self.stopped is not None
+
     def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
         """Render no force any more, for good; the rest goes on. `asked` : somebody wants it, and nothing is wrong."""
         if self.stopped is None:
@@ -182,7 +189,7 @@ class DeviceSide(ABC):
         self._excused = False
         if self.withheld:
             self.withheld_ns += since_ns
-        message = self._control(now_ns, release=released or self.stopped is not None)
+        message = self._control(now_ns, release=released or self._renders_none)
         self.last_ns = now_ns
         self.ticks += 1
         if self.ticks % self.record_every == 0 and not self.paused:

@@ -28,14 +28,15 @@ from hapnet.control.coupling import (
     counted,
 )
 from hapnet.control.deadband import Deadband
-from hapnet.control.set_position_coupling import SetPositionSteps
+from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
 from hapnet.side.content import NANO as NANO, energy_nJ, moment_ns, sample_of, span_ns, with_arms
+from hapnet.side.reindexing import Reindexing
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
-from hapnet.wire.handshake import EARLIER
+from hapnet.wire.handshake import EARLIER, ROBOT
 from hapnet.wire.path import InUse, age_of_content_s, age_s, transit_s
 from hapnet.wire.session import Outgoing, PositionStream, Session
 from hapnet.wire.signals import STOP
@@ -50,13 +51,20 @@ def backlog(expects: type[messages.Stream]) -> int:
     return BACKLOG if expects in (messages.Wave, messages.Position, messages.Port) else 1
 
 
+def rest(coupling: CouplingState) -> None:
+    """Let a coupling with set-positions stay where it is until a sample arrives."""
+    if isinstance(coupling, SetPositionCoupling):
+        coupling.rest()
+
+
 class ControlInbox(Protocol):
     """The control half as the wire half sees it; it may be in another thread or another process."""
 
-    def pair(self, restarted: bool) -> None:
+    def pair(self, restarted: bool, leads_robot: bool = False) -> None:
         """A peer was found. The first lets control start; a later one replaces the one before.
 
-        `restarted`: the peer was paired before, with another side in this side's place.
+        `restarted`: the peer was paired before, with another side in this side's place. `leads_robot`: this side's
+        device leads a robot there.
         """
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
@@ -97,6 +105,10 @@ class ControlHalf:
         self.restarted: bool = False
         """The peer was paired before, with another side in this side's place. So this side starts with an empty
         reservoir: each start with a full one would create energy, and a crash loop would pump it."""
+        self.leads_robot: bool = False
+        """Does this side's device lead a robot at the other side?"""
+        self.reindexing: Reindexing | None = None
+        """Where the leader of this side's robot is, if it meets the robot again after it was away."""
         self.deadband: Deadband | None = None
         """Decides which samples are worth sending; None: all are."""
         self.arms: Arms | None = None
@@ -105,6 +117,7 @@ class ControlHalf:
         self._pairs = 0
         self._pair = 1  # the one that control knows; another peer has another clock and another position
         self._coupling: CouplingState | None = None
+        self._still = False
         self._echo = 0, 0  # stamp and arrival of the peer's message that came last
         self.in_use: InUse = InUse()
         # what has come for the next tick: each sample with when it was sent and came, how long it took, and the pair
@@ -127,9 +140,10 @@ class ControlHalf:
 
     # -- called by the wire half: the methods of `ControlInbox` ------------------------------------------------------
 
-    def pair(self, restarted: bool) -> None:
+    def pair(self, restarted: bool, leads_robot: bool = False) -> None:
         if not self.paired:
             self.restarted = restarted
+        self.leads_robot = leads_robot
         self._pairs += 1
         self.paired = True
         self._echo = 0, 0
@@ -190,7 +204,9 @@ class ControlHalf:
             sample, sent_ns, came_ns, took_ns, pair = self.waiting.popleft()
             if pair > self._pair:  # paired since this tick began
                 self._change_peer(coupling, pair)
-            if pair == self._pair:
+            if pair == self._pair and not self._still:
+                if self.reindexing is not None:
+                    sample = self._as_led(self.reindexing, coupling, sample, came_ns)
                 used = self.in_use
                 used.sent_ns, used.came_ns, used.took_ns = sent_ns, came_ns, took_ns
                 aimed_s = sample.aimed_s if type(sample) is Proxy else 0.0
@@ -198,6 +214,26 @@ class ControlHalf:
         while self.credits:
             coupling.credit(self.credits.popleft() * NANO)
         return coupling
+
+    def _as_led(
+        self, reindexing: Reindexing, coupling: CouplingState, sample: CouplingSample, came_ns: int
+    ) -> CouplingSample:
+        """The sample of the leader for this side's robot, which stays where it is when its leader was away."""
+        if reindexing.begins_anew(came_ns):
+            rest(coupling)
+            reindexing.meet(coupling.set_position, sample)
+        return reindexing.inward(sample)
+
+    def stand_still(self) -> None:
+        """Hold the set-position from now on, whatever comes."""
+        self._still = True
+        if self._coupling is not None:
+            rest(self._coupling)
+
+    def meet_again(self) -> None:
+        """Wherever the leader is next is where this side's robot is, if it re-indexes."""
+        if self.reindexing is not None:
+            self.reindexing.due = True
 
     def used(self, now_ns: int) -> tuple[float, float]:
         """Age and transit of the newest sample that the coupling has been given, as in a `DeviceSample` [s]."""
@@ -207,6 +243,7 @@ class ControlHalf:
         self._pair, self.in_use.took_ns = pair, -1
         if self.deadband is not None:
             self.deadband.on_peer_changed()
+        self.meet_again()
         if (energy := coupling.on_peer_changed()) > 0.0:
             self._shuffled.append(energy)
 
@@ -224,6 +261,8 @@ class ControlHalf:
             sample = self.deadband.offer(now_ns * NANO, sample, self.coupling.set_position)
             if sample is None:
                 return None
+        if self.reindexing is not None:
+            sample = self.reindexing.outward(sample)
         if self.arms is not None:
             sample = with_arms(self.arms, sample)
         positions = self._positions
@@ -315,7 +354,8 @@ class WireHalf:
                 self._control.on_signal(event.name, event.value)
             elif isinstance(event, Paired):
                 self.planes = self._echoed = None
-                self._control.pair(bool(event.peer.about.get(EARLIER)))
+                about = event.peer.about
+                self._control.pair(bool(about.get(EARLIER)), about.get(ROBOT) is True)
 
 
 class DeviceControl(ControlHalf):

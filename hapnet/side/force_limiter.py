@@ -45,6 +45,11 @@ class ForceLimiter:
         self.limited_s: float = 0.0
         """How long the force was reduced because the actuators were hot [s]."""
 
+    @property
+    def has_switch(self) -> bool:
+        """Is there a dead-man switch?"""
+        return self._dead_man is not None
+
     def restart(self) -> None:
         """Let the force grow from zero again."""
         self._share = 0.0 if self._ramp_s else 1.0

@@ -241,6 +241,10 @@ class RealDeviceSide(SampledDeviceSide):
             self._turned_ns = now_ns
             self.endpoint.report("orientation", turned)
 
+    def _why_not_led(self, now_ns: int) -> str:
+        held = self.limiter.is_held(self._buttons)
+        return super()._why_not_led(now_ns) or ("" if held else "the dead-man switch is not held")
+
     def _start(self, x: Vector) -> None:
         super()._start(x)
         if self.device.watchdog_s is not None and isinstance(self.servo, SampledServo):
@@ -310,7 +314,7 @@ class RealDeviceSide(SampledDeviceSide):
         elif release or self._held_before is not None or self._reports:
             x = self._frame.coupled(self._reading[0])
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, x, self.x)))
-        if self.stopped is None:
+        if not self._renders_none:
             dt = (now_ns - self.last_ns) * NANO
             if wrong := self._agreement.wrong(dt, self._frame.own_force(self.servo.force), self._reading[0]):
                 self.stop_force(now_ns, wrong)

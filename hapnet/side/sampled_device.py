@@ -18,6 +18,7 @@ from hapnet.side.clutch import Clutch
 from hapnet.side.device import DeviceSide, Drive, Observe
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.held_device import HeldDevice
+from hapnet.wire.signals import LEADS
 
 
 class SampledDeviceSide(DeviceSide):
@@ -40,8 +41,14 @@ class SampledDeviceSide(DeviceSide):
         self._declared = declared
         self._watch: RangeWatch | None = None
         self.clutch: Clutch | None = None
-        """Between the device's own axes and the coupling's; None: they are the same, always."""
-        self._same = Frame(1.0, 1.0, (0.0,) * device.dof)
+        """Between the device's own axes and the coupling's; None: they are the same, so far."""
+        self.leads_while_held = False
+        """Does it lead whatever is at the other side only while it is held? Else only a robot."""
+        self._leads = True
+        self.same: Frame = Frame(1.0, 1.0, (0.0,) * device.dof)
+        """The coupling's axes before the device has let go for the first time: its own."""
+        self.is_held: Callable[[float], bool] = lambda t: True
+        """Does somebody hold it, so many seconds after control began?"""
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self.held: HeldDevice | None = None
@@ -62,7 +69,7 @@ class SampledDeviceSide(DeviceSide):
     @property
     def _frame(self) -> Frame:
         """Where the device's own axes are."""
-        return self._same if self.clutch is None else self.clutch.frame
+        return self.same if self.clutch is None else self.clutch.frame
 
     @property
     def quantisation(self) -> float | None:
@@ -118,6 +125,9 @@ class SampledDeviceSide(DeviceSide):
         x, v = self._read()
         dt = max(self._elapsed(), elapsed_s)
         if self._watch is None or self._watch.passes(dt, x, v):
+            why = self._why_not_led(now_ns) if self.leads_while_held or self.endpoint.leads_robot else ""
+            if bool(why) is self._leads:
+                self._let_go(now_ns, why)
             if self.clutch is not None:
                 x, v = self._through(self.clutch, now_ns, x, v)
                 release = release or self.clutch.open
@@ -137,12 +147,31 @@ class SampledDeviceSide(DeviceSide):
             servo.force = self._frame.coupled_force(applied)
         return message
 
+    def _why_not_led(self, now_ns: int) -> str:
+        """Why the device leads nothing now; empty: it leads."""
+        if self.stopped is not None:
+            return self.stopped.why
+        return self.withheld or self.let_go or ("" if self.is_held(self._since_s(now_ns)) else "it is not held")
+
+    def _since_s(self, now_ns: int) -> float:
+        """The time since control began [s]."""
+        return 0.0 if self.origin_ns is None else (now_ns - self.origin_ns) * NANO
+
+    def _let_go(self, now_ns: int, why: str) -> None:
+        """From now on the device moves alone, for this reason; empty: from now on it leads, from where it then is."""
+        self._leads = not why
+        self.endpoint.report(LEADS, self._leads)
+        text = f"the device leads no more: {why}" if why else "the device leads again, from where it is"
+        self._write(Event(now_ns, "leads", text, "warning" if why else "info"))
+        if self.clutch is None:
+            self.clutch = Clutch(self.same)
+
     def _through(self, clutch: Clutch, now_ns: int, x: Vector, v: Vector) -> tuple[Vector, Vector]:
         """Position and velocity as the coupling has them."""
-        was, origin_ns = clutch.open, now_ns if self.origin_ns is None else self.origin_ns
-        moved = clutch.move((now_ns - origin_ns) * NANO, x, v, self.servo.force)
-        if clutch.open != was:
-            state = "open: no force" if clutch.open else "closed: the device is coupled again"
+        was = clutch.disengaged
+        moved = clutch.move(self._since_s(now_ns), x, v, self.servo.force, lets_go=not self._leads)
+        if clutch.disengaged != was:
+            state = "open: no force" if clutch.disengaged else "closed: the device is coupled again"
             self._write(Event(now_ns, "clutch", f"the clutch is {state}"))
         return moved
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
-from hapnet.control.held_steps import HeldSteps
+from hapnet.control.held_steps import FollowerServo, HeldSteps
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.errors import HapnetError
 from hapnet.loading import failure
 from hapnet.mechanics.contacts import Mass
@@ -21,6 +22,7 @@ from hapnet.side.device import Write
 from hapnet.side.endpoint import NANO, WorldControl
 from hapnet.side.notices import signal_text
 from hapnet.wire.fields import Signal
+from hapnet.wire.signals import LEADS, STOP
 
 
 class WorldState(NamedTuple):
@@ -64,6 +66,9 @@ class WorldSide:
         """The environment's own account; None before control starts."""
         self.paused = False
         """The virtual mass stands still and nothing is recorded; all else continues."""
+        self.releases = False
+        """Does a robot render no force when its leader lets go? Else it holds its set-position."""
+        self._stands_still = self._released = False
         self._make_coupling = make_coupling
         self.rng: Final = rng
         self._name = name
@@ -96,11 +101,13 @@ class WorldSide:
             endpoint.start(self._world)
             self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
             self.origin_ns = self.last_ns = now_ns
+            if (servo := self._servo) is not None:
+                servo.released = self._released
             self._scene_writer = self._drawn(now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
         dt = (now_ns - self.last_ns) * NANO
         self.last_ns = now_ns
-        if self.paused:
+        if self.paused or (self._stands_still and not isinstance(endpoint.coupling, SetPositionCoupling)):
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         coupling = endpoint.coupling
         mass.afford(coupling.account)
@@ -144,6 +151,8 @@ class WorldSide:
         """Give the scene the signals that have come, if it takes any, and send the device those of the scene."""
         try:
             for name, value in self.endpoint.signals():
+                if self.scene.robot:
+                    self._let_go(now_ns, name, value)
                 self.scene.signal(name, value)
             for name, value in self.scene.signals().items():
                 if self._reported.get(name, self) != value:
@@ -153,6 +162,25 @@ class WorldSide:
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._name} failed: its signals raised {failure(error)}") from error
 
+    def _let_go(self, now_ns: int, name: str, value: Signal) -> None:
+        """The robot stops, or is led again."""
+        if name == STOP and isinstance(value, str):
+            self.endpoint.stand_still()
+            self._stands_still, self._released = True, self.releases
+            does = "renders no force" if self.releases and self._servo is not None else "holds its set-position"
+            self._write(Event(now_ns, "stopped", f"the robot {does} from now on: {value}"))
+        elif name == LEADS and self.releases and not self._stands_still:
+            self._released = value is False
+            if value is True:
+                self.endpoint.meet_again()
+        if (servo := self._servo) is not None:
+            servo.released = self._released
+
+    @property
+    def _servo(self) -> FollowerServo | None:
+        """Of a robot whose force is held; None: there is none."""
+        return self._world.servo if self.origin_ns is not None and isinstance(self._world, HeldSteps) else None
+
     def place(self, position: Vector) -> None:
         """Begin as near to `position` [m] as the walls let; before control starts."""
         assert self.origin_ns is None, "control has started"
@@ -160,8 +188,8 @@ class WorldSide:
 
     def held_forces(self) -> dict[str, Any]:
         """The summary's entries about a robot's forces that are held from tick to tick; empty where no robot is."""
-        held = self._world if self.origin_ns is not None and isinstance(self._world, HeldSteps) else None
-        return {} if held is None else {"quantisation_J": held.servo.quantisation, **held.servo.figures()}
+        servo = self._servo
+        return {} if servo is None else {"quantisation_J": servo.quantisation, **servo.figures()}
 
     def state(self) -> WorldState:
         """What `restore` takes."""

@@ -54,6 +54,9 @@ RESERVOIR = "reservoir_J"
 SAMPLED, MOST_SAMPLED = "sampled", 1000
 """Entry of `about`: nothing overtakes a message of the stream whose number is a multiple of it; 1 to so many."""
 
+ROBOT = "robot"
+"""Entry of a world's `about`: true if the device leads a robot there; else absent."""
+
 EARLIER = "earlier"
 """Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
 

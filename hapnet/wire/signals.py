@@ -14,6 +14,9 @@ from hapnet.wire.fields import Signal
 STOP = "stop"
 """This signal, a text with the reason, takes the device's force away for good."""
 
+LEADS = "leads"
+"""This signal, true or false, says whether the device's motion leads the robot at the other side now."""
+
 SPACING_NS = 10_000_000
 """The minimum time between two frames [ns]."""
 

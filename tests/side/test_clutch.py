@@ -7,7 +7,7 @@ from hapnet import simulate
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose import rotation_vectors
-from hapnet.side.clutch import Clutch, button, spans
+from hapnet.side.clutch import ALLOWED, Clutch, button, spans
 
 
 def test_while_it_is_open_the_coupled_position_stands_still() -> None:
@@ -71,12 +71,12 @@ def test_a_tool_rests_while_the_hand_turns_without_it() -> None:
 
 
 def test_texts_of_a_clutch() -> None:
-    assert spans("0-3, 5-6.5") == [(0.0, 3.0), (5.0, 6.5)]
+    assert spans("device.clutch", "0-3, 5-6.5", ALLOWED) == [(0.0, 3.0), (5.0, 6.5)]
     assert button("button 1") == 1
     assert button("1-2") is None
     for wrong in ("3-2", "2-2", "-1-2", "x", "1", "nan-2", "1-inf"):
         with pytest.raises(InvalidParameter):
-            spans(wrong)
+            spans("device.clutch", wrong, ALLOWED)
     with pytest.raises(InvalidParameter):
         simulate({"device.clutch": "button 0"})
     with pytest.raises(InvalidParameter):

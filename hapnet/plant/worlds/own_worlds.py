@@ -134,6 +134,7 @@ class SteppedWorld(ObservedWorld):
         names = ("dof", "name", "energy_J", "min_s", "max_s", "start", "surfaces", "units")
         own = {name: getattr(stepping, name) for name in names if hasattr(stepping, name)}
         super().__init__(**{**others, **own})
+        self.robot = bool(getattr(stepping, "robot", False))
         self._has_steps = bool({"min_s", "max_s"} & set(own))
         self._stepping = stepping
         self._velocity: Vector = (0.0,) * self.dof

@@ -36,6 +36,10 @@ class WorldDefaults(Protocol):
     moves_proxy: bool = False
     """It integrates the proxy itself: only couplings with a spring at the world fit, and `proxy` gives the mass."""
 
+    robot: bool = False
+    """It moves a robot to where the proxy is. So nothing moves while the device is let go, and afterwards the device
+    leads from where it then is."""
+
     @property
     def units(self) -> str:
         """Of its axes: ``m``, ``rad``, or one for each as in ``m,m,rad`` (`hapnet.units`)."""

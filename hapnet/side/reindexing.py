@@ -1,0 +1,89 @@
+"""Re-indexing at a robot: when its leader leads again, wherever that one then is, it is led from where it stands.
+
+The positions of the leader are moved when they come, and those of the robot when they go: `frame`. So nothing changes
+for the robot's coupling and its account, and for the leader the robot is where the leader is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.checks import Vector
+from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave, vector_of
+from hapnet.mechanics.frame import Frame
+from hapnet.recording.samples import WorldSample
+
+
+class Reindexing:
+    """Between what crosses the link and a robot's coupling.
+
+    frame : its own coordinates are those of the robot's coupling, the coupled ones those of the link.
+    silence_ns : a leader that was silent for longer has been away [ns].
+    """
+
+    def __init__(self, frame: Frame, silence_ns: int) -> None:
+        self.frame = frame
+        self.moved = False
+        """Was the robot re-indexed yet?"""
+        self.due = False
+        """The next position of the leader is where the robot is."""
+        self._silence_ns = silence_ns
+        self._came_ns: int | None = None
+
+    def begins_anew(self, came_ns: int) -> bool:
+        """Does the leader lead again with the sample that came at `came_ns`, after it was away?"""
+        before_ns, self._came_ns = self._came_ns, came_ns
+        return self.due or (before_ns is not None and came_ns - before_ns > self._silence_ns)
+
+    def meet(self, at: Vector, sample: CouplingSample) -> None:
+        """Choose the frame so that the leader's sample is at `at` [m]."""
+        self.due, self.moved = False, True
+        self.frame.meet(at, vector_of(sample))
+
+    def inward(self, sample: CouplingSample) -> CouplingSample:
+        """The leader's sample as the robot's coupling takes it."""
+        if not self.moved:
+            return sample
+        match sample:
+            case Position(position, level):
+                return Position(self.frame.own(position), level)
+            case Motion(position, velocity):
+                return Motion(self.frame.own(position), velocity)
+            case Port(position, energy):
+                return Port(self.frame.own(position), energy)
+            case Proxy() | Wave():
+                raise TypeError("of these no leader's law sends any to a robot that re-indexes")
+            case _:
+                return self.frame.own(sample)
+
+    def outward(self, sample: CouplingSample) -> CouplingSample:
+        """What the robot's coupling sends, as it crosses the link."""
+        if not self.moved:
+            return sample
+        frame = self.frame
+        match sample:
+            case Proxy(position, _, force, planes, _, _):
+                seen = None if planes is None else tuple([frame.plane(one) for one in planes])
+                return sample._replace(position=frame.coupled(position), force=frame.coupled_force(force), planes=seen)
+            case Position(position, level):
+                return Position(frame.coupled(position), level)
+            case Motion(position, velocity):
+                return Motion(frame.coupled(position), frame.velocity(velocity))
+            case Port() | Wave():
+                return sample
+            case _:
+                return frame.coupled(sample)
+
+    def recorded(self, sample: Any) -> Any:
+        """A sample of the robot in the leader's coordinates, as recordings have it."""
+        if not self.moved or not isinstance(sample, WorldSample):
+            return sample
+        frame = self.frame
+        return sample._replace(
+            position_m=frame.coupled(sample.position_m),
+            velocity_mps=frame.velocity(sample.velocity_mps),
+            set_position_m=frame.coupled(sample.set_position_m),
+            target_m=frame.coupled(sample.target_m),
+            coupling_force_N=frame.coupled_force(sample.coupling_force_N),
+            contact_force_N=frame.coupled_force(sample.contact_force_N),
+        )
