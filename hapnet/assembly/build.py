@@ -22,6 +22,7 @@ from hapnet.assembly.follower import (
     with_follower,
     writes_on_link,
 )
+from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
@@ -45,10 +46,8 @@ from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
-from hapnet.mechanics.frame import Frame
-from hapnet.mechanics.pose_frame import PoseFrame
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
-from hapnet.plant.device import Device, SimulatedDevice
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
@@ -57,7 +56,6 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
 from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.recording.samples import Event, MotionSample
-from hapnet.side.clutch import ALLOWED, ENABLED, Clutch, button, spans
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.real_device import RealDeviceSide
@@ -257,8 +255,8 @@ def device_side(
         with named_section("device"):
             hold(simulated.position, False)
         side = led = SampledDeviceSide(endpoint, simulated, hold, driven)
-        led.clutch = _clutch(setup, simulated)
-        _let_lead(setup, led)
+        led.clutch = clutch_of(setup.params, setup.units, simulated)
+        let_lead(setup.params, setup.units, led)
     moved = hand.hand if isinstance(hand, TurningHand) else hand
     if isinstance(moved, LiveHand):
         side.live_hand = moved
@@ -296,47 +294,13 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
         driven = drive(setup, clock, write)
         if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
             simulating = SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
-            _let_lead(setup, simulating)
+            let_lead(setup.params, setup.units, simulating)
             return simulating
         check = device.check(params.device)
         side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
-        side.clutch = _clutch(setup, device)
-        _let_lead(setup, side, has_switch=side.limiter.has_switch)
+        side.clutch = clutch_of(setup.params, setup.units, device)
+        let_lead(setup.params, setup.units, side, has_switch=side.limiter.has_switch)
         return side
-
-
-def _let_lead(setup: Setup, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
-    """Say when the device leads what is at the other side. Raises InvalidParameter."""
-    side.same = _same(setup)
-    text = setup.params.device.enable
-    if text == "auto":
-        return
-    side.leads_while_held = True
-    if text != "hold":
-        held_at = spans("device.enable", text, ENABLED)
-        side.is_held = lambda t: any(begin <= t < end for begin, end in held_at)
-    elif not has_switch:
-        allowed = "auto, or spans of time [s]: this device has neither a dead-man switch nor a button"
-        raise InvalidParameter("device.enable", text, allowed)
-
-
-def _same(setup: Setup) -> Frame:
-    """The frame of a coupling that has the device's own axes."""
-    return PoseFrame(1.0, 1.0) if setup.units == POSE else Frame(1.0, 1.0, (0.0,) * setup.dof)
-
-
-def _clutch(setup: Setup, device: Device) -> Clutch | None:
-    """The clutch of the device; None: it has none. Raises InvalidParameter."""
-    text = setup.params.device.clutch
-    if not text:
-        return None
-    frame = _same(setup)
-    if (number := button(text)) is None:
-        open_at = spans("device.clutch", text, ALLOWED)
-        return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
-    if not isinstance(device, UserDevice) or not number < len(device.buttons()):
-        raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
-    return Clutch(frame, lambda t: device.buttons()[number])
 
 
 def virtual_mass(setup: Setup) -> Mass:

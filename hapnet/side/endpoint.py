@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
-from typing import Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo, Passage
@@ -28,11 +27,12 @@ from hapnet.control.coupling import (
     counted,
 )
 from hapnet.control.deadband import Deadband
-from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
 from hapnet.side.content import NANO as NANO, energy_nJ, moment_ns, sample_of, span_ns, with_arms
-from hapnet.side.reindexing import Reindexing
+from hapnet.side.inbox import ControlInbox
+from hapnet.side.reindexing import Reindexing, rest
 from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
@@ -49,47 +49,6 @@ def backlog(expects: type[messages.Stream]) -> int:
     """How many messages of a peer's stream may wait for the next tick: every wave counts, and a predictor uses every
     position, that of a port too; of the other kinds only the newest counts."""
     return BACKLOG if expects in (messages.Wave, messages.Position, messages.Port) else 1
-
-
-def rest(coupling: CouplingState) -> None:
-    """Let a coupling with set-positions stay where it is until a sample arrives."""
-    if isinstance(coupling, SetPositionCoupling):
-        coupling.rest()
-
-
-class ControlInbox(Protocol):
-    """The control half as the wire half sees it; it may be in another thread or another process."""
-
-    def pair(self, restarted: bool, leads_robot: bool = False) -> None:
-        """A peer was found. The first lets control start; a later one replaces the one before.
-
-        `restarted`: the peer was paired before, with another side in this side's place. `leads_robot`: this side's
-        device leads a robot there.
-        """
-
-    def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
-        """A sample [m] left at `sent_ns`, on its sender's clock, and came at `came_ns`; `took_ns` is an estimate."""
-
-    def echo(self, sent_ns: int, came_ns: int) -> None:
-        """The next messages echo this stamp of the peer, whose message came at `came_ns`, used or not."""
-
-    def credit(self, credited_nJ: int) -> None:
-        """Shuffled energy came [nJ]."""
-
-    def on_signal(self, name: str, value: Signal) -> None:
-        """The peer reports another value beside the stream."""
-
-    def reported(self) -> tuple[str, Signal] | None:
-        """Take a signal that is to be sent to the peer; None if there is none."""
-
-    def shuffled(self) -> float:
-        """Take surplus energy that is to be shuffled [J]; 0 if there is none."""
-
-    @property
-    def has_shuffled(self) -> bool: ...
-
-    @property
-    def has_reported(self) -> bool: ...
 
 
 class ControlHalf:
@@ -206,7 +165,7 @@ class ControlHalf:
                 self._change_peer(coupling, pair)
             if pair == self._pair and not self._still:
                 if self.reindexing is not None:
-                    sample = self._as_led(self.reindexing, coupling, sample, came_ns)
+                    sample = self.reindexing.led(coupling, sample, came_ns)
                 used = self.in_use
                 used.sent_ns, used.came_ns, used.took_ns = sent_ns, came_ns, took_ns
                 aimed_s = sample.aimed_s if type(sample) is Proxy else 0.0
@@ -214,15 +173,6 @@ class ControlHalf:
         while self.credits:
             coupling.credit(self.credits.popleft() * NANO)
         return coupling
-
-    def _as_led(
-        self, reindexing: Reindexing, coupling: CouplingState, sample: CouplingSample, came_ns: int
-    ) -> CouplingSample:
-        """The sample of the leader for this side's robot, which stays where it is when its leader was away."""
-        if reindexing.begins_anew(came_ns):
-            rest(coupling)
-            reindexing.meet(coupling.set_position, sample)
-        return reindexing.inward(sample)
 
     def stand_still(self) -> None:
         """Hold the set-position from now on, whatever comes."""

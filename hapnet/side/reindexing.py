@@ -8,10 +8,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave, vector_of
+from hapnet.control.coupling import CouplingSample, CouplingState, Motion, Port, Position, Proxy, Wave, vector_of
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.mechanics.frame import Frame
 from hapnet.recording.samples import WorldSample
+
+
+def rest(coupling: CouplingState) -> None:
+    """Let a coupling with set-positions stay where it is until a sample arrives."""
+    if isinstance(coupling, SetPositionCoupling):
+        coupling.rest()
 
 
 class Reindexing:
@@ -30,20 +36,19 @@ class Reindexing:
         self._silence_ns = silence_ns
         self._came_ns: int | None = None
 
-    def begins_anew(self, came_ns: int) -> bool:
-        """Does the leader lead again with the sample that came at `came_ns`, after it was away?"""
+    def led(self, coupling: CouplingState, sample: CouplingSample, came_ns: int) -> CouplingSample:
+        """The leader's sample, which came at `came_ns`, as the robot's coupling takes it.
+
+        If the leader was away, the robot's set-position stays where it is.
+        """
         before_ns, self._came_ns = self._came_ns, came_ns
-        return self.due or (before_ns is not None and came_ns - before_ns > self._silence_ns)
+        if self.due or (before_ns is not None and came_ns - before_ns > self._silence_ns):
+            rest(coupling)
+            self.due, self.moved = False, True
+            self.frame.meet(coupling.set_position, vector_of(sample))
+        return self._inward(sample) if self.moved else sample
 
-    def meet(self, at: Vector, sample: CouplingSample) -> None:
-        """Choose the frame so that the leader's sample is at `at` [m]."""
-        self.due, self.moved = False, True
-        self.frame.meet(at, vector_of(sample))
-
-    def inward(self, sample: CouplingSample) -> CouplingSample:
-        """The leader's sample as the robot's coupling takes it."""
-        if not self.moved:
-            return sample
+    def _inward(self, sample: CouplingSample) -> CouplingSample:
         match sample:
             case Position(position, level):
                 return Position(self.frame.own(position), level)

@@ -1,0 +1,50 @@
+"""When a device leads what is at the other side: the clutch, and who holds the device."""
+
+from __future__ import annotations
+
+from hapnet.assembly.user_device import UserDevice
+from hapnet.errors import InvalidParameter
+from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.pose_frame import PoseFrame
+from hapnet.params import Params
+from hapnet.plant.device import Device
+from hapnet.side.clutch import ALLOWED, ENABLED, Clutch, button, spans
+from hapnet.side.sampled_device import SampledDeviceSide
+from hapnet.units import POSE
+
+
+def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
+    """Say when the device leads. units : of its axes. has_switch : has it a dead-man switch?
+
+    Raises InvalidParameter.
+    """
+    side.same = _same(units, side.device.dof)
+    text = params.device.enable
+    if text == "auto":
+        return
+    side.leads_while_held = True
+    if text != "hold":
+        held_at = spans("device.enable", text, ENABLED)
+        side.is_held = lambda t: any(begin <= t < end for begin, end in held_at)
+    elif not has_switch:
+        allowed = "auto, or spans of time [s]: this device has neither a dead-man switch nor a button"
+        raise InvalidParameter("device.enable", text, allowed)
+
+
+def clutch_of(params: Params, units: str, device: Device) -> Clutch | None:
+    """The clutch of the device; None: it has none. Raises InvalidParameter."""
+    text = params.device.clutch
+    if not text:
+        return None
+    frame = _same(units, device.dof)
+    if (number := button(text)) is None:
+        open_at = spans("device.clutch", text, ALLOWED)
+        return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
+    if not isinstance(device, UserDevice) or not number < len(device.buttons()):
+        raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
+    return Clutch(frame, lambda t: device.buttons()[number])
+
+
+def _same(units: str, dof: int) -> Frame:
+    """The frame of a coupling that has the device's own axes."""
+    return PoseFrame(1.0, 1.0) if units == POSE else Frame(1.0, 1.0, (0.0,) * dof)
