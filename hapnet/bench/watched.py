@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import secrets
 import shutil
 import time
 from collections.abc import Iterator
@@ -40,20 +41,20 @@ def servo_watched(options: Options) -> Row:
 @contextlib.contextmanager
 def _watching(browser: str | None, seconds: float, address: str) -> Iterator[None]:
     """Inside, somebody watches the pair whose world listens at `address`."""
-    port = int(free_address().rpartition(":")[2])
+    port, token = int(free_address().rpartition(":")[2]), secrets.token_urlsafe(16)
     with contextlib.ExitStack() as stack:
-        reader = stack.enter_context(Child(_watch, address, seconds, port if browser else None))
+        reader = stack.enter_context(Child(_watch, address, seconds, port if browser else None, token))
         if browser:
             profile = stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-", ignore_cleanup_errors=True))
             command = [browser, *HEADLESS, f"--user-data-dir={profile}", "--remote-debugging-port=0"]
-            program = started([*command, f"http://127.0.0.1:{port}"], stdout=NOTHING, stderr=NOTHING)
+            program = started([*command, f"http://127.0.0.1:{port}/{token}/"], stdout=NOTHING, stderr=NOTHING)
             stack.callback(kill, program)
         reader.wait_ready()
         reader.go()
         yield
 
 
-def _watch(wait_for_start: WaitForStart, address: str, seconds: float, port: int | None) -> None:
+def _watch(wait_for_start: WaitForStart, address: str, seconds: float, port: int | None, token: str) -> None:
     """Read all telemetry and, at a `port`, serve the page to a browser."""
     from hapnet.view.history import History
     from hapnet.view.watcher import Watcher
@@ -65,7 +66,7 @@ def _watch(wait_for_start: WaitForStart, address: str, seconds: float, port: int
         if port is not None:
             from hapnet.view.server import serve
 
-            page = stack.enter_context(serve(history, port=port))
+            page = stack.enter_context(serve(history, port=port, token=token))
             while not page.watched:
                 time.sleep(0.1)
         while watcher.pair is None:  # until then nothing is read

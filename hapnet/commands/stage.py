@@ -24,7 +24,7 @@ from hapnet.params import Params
 from hapnet.summary.run import merge
 from hapnet.summary.structure import SIDES, Summary
 from hapnet.summary.words import stated
-from hapnet.view.choices import label_of
+from hapnet.view.choices import CHOICES, label_of
 from hapnet.view.controls import Direction, require_no_file
 from hapnet.view.history import Episode, History
 from hapnet.view.scenes import SCENES
@@ -132,6 +132,10 @@ class Stage:
         self._call(self._link, direction, str(link_profile(f"link.{direction}", text)))
 
     def coupling(self, name: str, rendering: str) -> None:
+        if (name, rendering) not in CHOICES.values():  # nothing is loaded by a name from the page, but the run's own
+            if name != self._first.coupling:
+                raise InvalidParameter("coupling", name, ", ".join(CHOICES), CHOICES)
+            rendering = self._first.rendering
         changes: dict[str, object] = {"coupling": name, "rendering": rendering}
         if "device" not in coupling(name).set_positions:
             changes["device.smoothing_s"] = 0.0  # the filter needs set-positions

@@ -184,6 +184,8 @@ class ControlPanel:
         self._recording = not self._recording
 
     def _couple(self, label: str) -> None:
+        if label not in self._choice.options:
+            raise InvalidParameter("coupling", label, ", ".join(CHOICES), CHOICES)
         self._controls.coupling(*CHOICES.get(label, (label, "auto")))
 
     def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:

@@ -264,8 +264,8 @@ class Scene:
         camera.position, camera.look_at = position, middle
 
     def _follow(self, lead: Callable[[Vector], None], middle: Array) -> None:
-        place = np.clip(middle[: self.dof] / UNIT, -REACH_M, REACH_M)
-        lead(tuple(place.tolist()))
+        if np.isfinite(middle).all():
+            lead(tuple(np.clip(middle[: self.dof] / UNIT, -REACH_M, REACH_M).tolist()))
 
     def fit(self) -> None:
         """Let the handle be found as easily in every window; to be called now and then."""

@@ -22,9 +22,10 @@ from typing import TYPE_CHECKING
 
 import rich
 
-from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
 from hapnet.view.controls import Controls
 from hapnet.view.history import History
+from hapnet.view.inner_loop import InnerLoop, inner_loops
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -49,7 +50,14 @@ class PageServer:
     """The page at `url`, until `close`. See `serve`."""
 
     def __init__(
-        self, history: History, controls: Controls | None, player: Playback | None, host: str, port: int, frame_s: float
+        self,
+        history: History,
+        controls: Controls | None,
+        player: Playback | None,
+        host: str,
+        port: int,
+        frame_s: float,
+        token: str,
     ) -> None:
         self._frame_s = frame_s
         self._closed = False
@@ -58,6 +66,7 @@ class PageServer:
         try:
             import viser
 
+            from hapnet.view.gate import ANY_HOST, Gate, new_token
             from hapnet.view.page import Page
         except ImportError as error:
             raise MissingLibrary("the live page", error.name or "viser", "view") from None
@@ -67,17 +76,23 @@ class PageServer:
                 """Refuse: otherwise any open page could ask for a tunnel to a public server."""
                 return None
 
-        def make() -> ViserServer:
+        def make() -> tuple[ViserServer, InnerLoop]:
             _yield_to_servos()  # the server's own threads inherit it
-            with _quiet():
-                return Server(host, _free_port(host, port), label="hapnet", verbose=False)
+            with _quiet(), inner_loops() as made:
+                server = Server("127.0.0.1", 0, label="hapnet", verbose=False)
+            if len(made) != 1 or made[0].inner is None:
+                server.stop()
+                raise HapnetError(f"viser {viser.__version__} opens a port of its own, which nobody guards: no page")
+            return server, made[0]
 
+        self.port: int = _free_port(host, port)
         with ThreadPoolExecutor(1) as thread:
-            self._server = thread.submit(make).result()
-        self.port: int = self._server.get_port()
-        shown = {"0.0.0.0": "127.0.0.1", "": "127.0.0.1", "::": "::1"}.get(host, host)
-        self.url: str = f"http://[{shown}]:{self.port}" if ":" in shown else f"http://{shown}:{self.port}"
-        self._loop = self._server.get_event_loop()
+            self._server, self._loop = thread.submit(make).result()
+        token = token or new_token()
+        self._gate = Gate(self._loop.connect, token, host, viser.__version__)
+        asyncio.run_coroutine_threadsafe(self._gate.open(self.port), self._loop).result()
+        shown = {"::": "::1"}.get(host, "127.0.0.1") if host in ANY_HOST else host
+        self.url: str = f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/{token}/"
 
         async def begin() -> asyncio.Task[None]:
             self._page = Page(self._server, history, controls, player)
@@ -96,6 +111,7 @@ class PageServer:
             return
         self._closed = True
         asyncio.run_coroutine_threadsafe(_ended(self._drawing), self._loop).result()
+        asyncio.run_coroutine_threadsafe(self._gate.close(), self._loop).result()
         with _quiet():
             self._server.stop()
 
@@ -132,18 +148,19 @@ def serve(
     host: str = "127.0.0.1",
     port: int = 8080,
     frame_s: float = FRAME_S,
+    token: str = "",
 ) -> PageServer:
     """Serve the page that shows `history`, from threads of its own, until the server is closed.
 
     controls : what the page may change; None: it only watches. player : plays a recording, if it shows one.
-    host : the address to listen on; by default only this machine reaches it. Anybody who reaches it may press every
-        button.
+    host : the address to listen on; by default only this machine reaches it. Whoever knows the page's `url` may press
+        every button, nobody else: see gate.py.
     port : if it is taken, the next free one is used; 0: any.
-    frame_s : time between two pictures of the scene [s].
+    frame_s : time between two pictures of the scene [s]. token : what the address ends in; "": a new one.
 
     Raises MissingLibrary: viser is not installed. InvalidParameter: there is no such address here, or no port is free.
     """
-    return PageServer(history, controls, player, host, port, frame_s)
+    return PageServer(history, controls, player, host, port, frame_s, token)
 
 
 def _free_port(host: str, port: int) -> int:

@@ -1,5 +1,6 @@
 """Serving the page: addresses, what is said, what is not imported."""
 
+import re
 import socket
 import subprocess
 import sys
@@ -30,7 +31,7 @@ def test_a_taken_port_gives_the_next_free_one_and_nothing_is_printed(capfd: pyte
         port = taken.getsockname()[1]
         with serve(History(), port=port) as page:
             assert page.port > port
-            assert page.url == f"http://127.0.0.1:{page.port}"
+            assert re.fullmatch(rf"http://127\.0\.0\.1:{page.port}/[\w-]{{22}}/", page.url)
             assert not page.watched
             socket.create_connection(("127.0.0.1", page.port), timeout=5.0).close()
     page.close()
@@ -48,7 +49,7 @@ def test_an_ipv6_address_is_in_brackets_as_a_browser_wants_it(host: str) -> None
     except OSError:
         pytest.skip("there is no IPv6 here")
     with serve(History(), host=host, port=0) as page:
-        assert page.url == f"http://[::1]:{page.port}"
+        assert page.url.startswith(f"http://[::1]:{page.port}/")
         socket.create_connection(("::1", page.port), timeout=5.0).close()
 
 
