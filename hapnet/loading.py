@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -32,13 +32,15 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
     """The object that ``module:Name`` names. Importing it runs the user's code, which may raise anything.
 
     Raises InvalidParameter: `name` has no colon, or the import failed; it names `parameter`, and says what is
-    `allowed`, or which of the `known` names may be meant.
+    `allowed`, or which of the `known` names may be meant. The same where a file has named it: see `permitting`.
     """
     if name in _lent:
         return _lent[name]
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
         raise InvalidParameter(parameter, name, allowed, known)
+    if _permits is not None:
+        _permits(parameter, name)
     found: ModuleType | None = None
     try:
         found = import_module(module)
@@ -52,6 +54,48 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
     except BaseException as error:  # see `failure`
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
+
+
+Permits = Callable[[str, str], None]
+"""Takes a parameter and the name that stands there; raises HapnetError if that may not be loaded."""
+
+_permits: Permits | None = None
+
+
+@contextmanager
+def permitting(permits: Permits) -> Iterator[None]:
+    """While this is open, `load` asks `permits` first, in all threads. For names that may come from a stranger's file.
+
+    The parts that installed packages publish, and hapnet's drivers, need no permission: but nothing else of hapnet, as
+    a scene's text can call any function with any arguments. Inside another such context, that one goes on.
+    """
+    global _permits
+    before = _permits
+
+    def unless_installed(parameter: str, name: str) -> None:
+        driver = parameter in ("hardware", "follower.robot") and name.startswith("hapnet.devices.")
+        if not driver and not any(name == value for value, _ in _all_published()):
+            permits(parameter, name)
+
+    _permits = before or unless_installed
+    try:
+        yield
+    finally:
+        _permits = before
+
+
+def only_imported(parameter: str, name: str) -> None:
+    """Permits what needs no import. To be used where the object is looked at, but not called."""
+    if name.partition(":")[0] not in sys.modules:
+        raise InvalidParameter(
+            parameter, name, "a name that is imported already: a file names it, which imports nothing"
+        )
+
+
+@cache
+def _all_published() -> tuple[tuple[str, str], ...]:
+    groups = ("hapnet.couplings", "hapnet.worlds", "hapnet.devices", "hapnet.impairments")
+    return tuple(found for group in groups for found in published(group).values())
 
 
 LENT = "object:"

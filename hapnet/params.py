@@ -6,7 +6,6 @@ Defaults, units and meanings are in hapnet/param_sections.py, and in the laws' o
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields
@@ -16,8 +15,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import read_toml
 from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections, sections_of
-from hapnet.loading import published
+from hapnet.loading import only_imported, permitting, published
 from hapnet.param_sections import (
     ContactModelParams as ContactModelParams,
     DeviceParams as DeviceParams,
@@ -230,6 +230,11 @@ class Params:
 
         Raises InvalidParameter: as `set`.
         """
+        with permitting(only_imported):  # whoever wrote the recording may have named any module
+            return cls._recorded(flat)
+
+    @classmethod
+    def _recorded(cls, flat: Mapping[str, object]) -> Params:
         plain = cls().set({"coupling": flat.get("coupling", cls.coupling)})
         sections = {name.partition(".")[0] for name in plain.flat()}
         known = {name: value for name, value in flat.items() if "." not in name or name.partition(".")[0] in sections}
@@ -252,8 +257,8 @@ class Params:
     def load(self, file: Path) -> Params:
         """A copy changed by a TOML file; raises InvalidParameter if it cannot be read or has an unknown name."""
         try:
-            table = tomllib.loads(file.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            table = read_toml(file)
+        except (OSError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else error
             raise InvalidParameter("--params", str(file), f"a TOML file ({why})") from None
         return self.set(dict(flatten(table)))

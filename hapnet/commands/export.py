@@ -10,8 +10,10 @@ import typer
 from hapnet.commands import complete, flags, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import OutputError, RecordingError
+from hapnet.loading import only_imported, permitting
 
 
+@permitting(only_imported)
 def export(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help=flags.RECORDINGS)],
     table: Annotated[

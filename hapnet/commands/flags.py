@@ -85,6 +85,10 @@ ServoRate = Annotated[float | None, typer.Option("--servo-hz", help="Rate of the
 Duration = Annotated[float | None, typer.Option(help="Seconds from pairing; 0: until Ctrl-C (not in virtual time).")]
 Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the scene's own by default.")]
 Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Seed of everything random.")]
+Trust = Annotated[
+    bool,
+    typer.Option("--trust", help="Import the modules that the recording names, as its author's code, without asking."),
+]
 ReplaySeed = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of everything random.", show_default="the recording's"),

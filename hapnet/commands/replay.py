@@ -10,7 +10,10 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
+from hapnet.commands.trust import permits
 from hapnet.errors import InvalidParameter
+from hapnet.loading import permitting
+from hapnet.params import Params
 from hapnet.units import within
 from netem.groups import Without
 
@@ -29,6 +32,7 @@ def replay(
     seed: flags.ReplaySeed = None,
     links: LinkOptions,
     params: Annotated[ParamsOptions, Without("show_params", "schema")],
+    trust: flags.Trust = False,
     json_to: flags.Json = None,
     out: flags.Out = None,
     verbose: flags.Verbose = False,
@@ -36,7 +40,25 @@ def replay(
     """Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.
 
     Parameters and seed are the recording's, except those given here. Writes recording, figures and summary.
+    A recording may name a module as its scene, coupling or operator: it is imported if you say yes, or with --trust.
     """
+    file = () if params.params_file is None else Params().load(params.params_file).flat().values()
+    typed = [*model.named().values(), *(params.assign or ()), *file]
+    with permitting(permits(" and ".join(map(str, files)), typed, trust=trust)):
+        return _replay(files, model, seed, links, params, json_to, out, verbose=verbose)
+
+
+def _replay(
+    files: list[Path],
+    model: ModelOptions,
+    seed: int | None,
+    links: LinkOptions,
+    params: ParamsOptions,
+    json_to: str | None,
+    out: Path | None,
+    *,
+    verbose: bool,
+) -> int:
     from dataclasses import replace as changed
 
     from hapnet.plots.files import save_figure

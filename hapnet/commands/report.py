@@ -14,6 +14,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.extras import require
+from hapnet.loading import only_imported, permitting
 from hapnet.param_values import flatten
 from hapnet.params import Params
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from hapnet.reports.report import Report
 
 
+@permitting(only_imported)
 def report(
     files: flags.Recorded,
     json_to: flags.Json = None,

@@ -16,6 +16,7 @@ from hapnet.commands import output
 from hapnet.commands.options import PageOptions, ZenohOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.loading import only_imported, permitting
 from netem.groups import Without
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def view(
             time.sleep(LOOK_S)
 
 
+@permitting(only_imported)
 def play_back(files: list[Path], options: PageOptions) -> int:
     """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
     from hapnet.recording.opened import opened

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import cast
 
+from hapnet.loading import only_imported, permitting
 from hapnet.plots.files import png, save
 from hapnet.plots.run import figure
 from hapnet.recording.opened import Recorded, opened
@@ -72,6 +73,7 @@ class Report:
         return html(self.recording)
 
 
+@permitting(only_imported)
 def report(what: Recorded, directory: str | PathLike[str] | None = None) -> Report:
     """The report on a run, written into `directory` (``report.html`` and its pictures) if that is given.
 
