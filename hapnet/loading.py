@@ -60,6 +60,7 @@ Permits = Callable[[str, str], None]
 """Takes a parameter and the name that stands there; raises HapnetError if that may not be loaded."""
 
 _permits: Permits | None = None
+_LONGEST = 400
 
 
 @contextmanager
@@ -138,5 +139,6 @@ def failure(error: BaseException) -> str:
 
 
 def cause(error: BaseException) -> str:
-    """The error in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    """The error in one line, which is cut if it is long: it may quote a whole file."""
+    line = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]} ..."

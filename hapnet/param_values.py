@@ -133,7 +133,7 @@ def converted(name: str, value: object, default: Any, spec: dataclasses.Field[An
     if isinstance(value, str) and (matrix or not isinstance(default, str)):
         try:
             value = json.loads(re.sub(r"^([+-]?)\.(?=\d)", r"\g<1>0.", value.strip()).removeprefix("+"))  # .5 is 0.5
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):
             raise InvalidParameter(name, value, words) from None
     if matrix and isinstance(value, list | tuple):
         return tuple(tuple(row) if isinstance(row, list | tuple) else row for row in value)

@@ -14,6 +14,7 @@ import numpy as np
 from hapnet import checks
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import read_text
 from hapnet.params import DeviceParams, Params, arm_file, is_arm, is_tool
 from hapnet.plant.arms.device import TIP_AXES, SimulatedArm
 from hapnet.plant.arms.omni import omni
@@ -43,7 +44,7 @@ def table_of(hardware: str) -> ArmTable:
     if not file:
         return omni()
     try:
-        text = Path(file).read_text("utf-8")
+        text = read_text(file)
     except (OSError, UnicodeDecodeError) as error:
         why = f"{error.strerror}: {Path(file).absolute()}" if isinstance(error, OSError) else error
         raise InvalidParameter("hardware", hardware, f"a URDF file that can be read ({why})") from None

@@ -8,13 +8,13 @@ are, and its range is its stops. The offset is in the servo itself. Joints that 
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from hapnet import checks
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import read_json, read_text
 from hapnet.plant.arms.chain import Chain, difference, gravity, height
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.table import ArmTable, chain_of
@@ -68,11 +68,11 @@ def joints_of(table: ArmTable, calibration: str, *, in_servo: bool) -> tuple[Joi
         )
     text = _text("calibration", calibration, "a file of JSON that can be read")
     try:
-        found = json.loads(text)
+        found = read_json(text)
         return tuple(
             _joint(joint.name, found[joint.name], joint.lower, joint.upper, in_servo) for joint in table.joints
         )
-    except json.JSONDecodeError as error:
+    except ValueError as error:
         raise InvalidParameter("calibration", calibration, f"a file of JSON ({error})") from None
     except (KeyError, TypeError, AttributeError) as error:
         names = ", ".join(joint.name for joint in table.joints)
@@ -95,7 +95,7 @@ def _joint(name: str, given: dict[str, Any], lower: float, upper: float, in_serv
 
 def _text(name: str, path: str, allowed: str) -> str:
     try:
-        return Path(path).read_text("utf-8")
+        return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidParameter(name, path, f"{allowed} ({getattr(error, 'strerror', None) or error})") from None
 

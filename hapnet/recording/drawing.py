@@ -25,6 +25,7 @@ LARGEST = 4 * 1024 * 1024
 """No drawing is larger [bytes]. A larger one is not sent; a viewer that has the scene's files can still draw it."""
 
 _UNPACKED = 32 * 1024 * 1024
+_MARKS = 1024 * 1024  # what msgpack adds to the numbers [bytes], at most
 _POSE, _TOUCH, _VERTEX = 7, 10, 3  # numbers in each
 
 
@@ -114,11 +115,18 @@ def unpack(data: bytes) -> tuple[Part, ...]:
         return ()
     try:
         opened = zlib.decompressobj()
-        reported = msgpack.unpackb(opened.decompress(data, 2 * _UNPACKED), use_list=False)
-        parts = tuple([_part(*one) for one in reported])
+        reported = msgpack.Unpacker(use_list=False, max_array_len=4, max_map_len=0, max_ext_len=0, max_buffer_size=0)
+        reported.feed(opened.decompress(data, _UNPACKED + _MARKS))
+        parts = tuple([_next_part(reported) for _ in range(reported.read_array_header())])
     except (TypeError, ValueError, OverflowError, zlib.error, msgpack.UnpackException) as error:
         raise BadMessage("drawing", f"no parts ({error})") from None
     return parts
+
+
+def _next_part(reported: msgpack.Unpacker) -> Part:
+    if reported.read_array_header() != len(Part._fields):
+        raise ValueError("a part that is none")
+    return _part(*[reported.unpack() for _ in Part._fields])
 
 
 def _part(vertices: bytes, triangles: bytes, color: Any, body: int, smooth: bool) -> Part:

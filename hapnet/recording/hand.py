@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import read_bytes
 from hapnet.params import Params, is_simulated
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Followed, Impedance
@@ -25,6 +25,7 @@ PAUSED = "paused"
 LATE_NS = 500_000_000
 """A recording began late if its first sample comes more than this after the session's start [ns]."""
 
+_LARGEST = 1 << 30  # of a file that is read again [bytes]
 _PAUSED_WITHIN_NS = 200_000_000  # a pause reaches a servo in a process of its own a little later
 
 
@@ -129,6 +130,6 @@ def _own(recording: Recording) -> dict[str, Any]:
 def fingerprint(operator: str) -> str | None:
     """SHA-256 of the file from which the operator is read; None for any other operator."""
     try:
-        return hashlib.sha256(Path(operator).read_bytes()).hexdigest()
+        return hashlib.sha256(read_bytes(operator, _LARGEST)).hexdigest()
     except (OSError, ValueError):
         return None

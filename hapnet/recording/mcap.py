@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import json
 import os
-import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from errno import ENOENT
 from importlib import import_module
@@ -31,10 +30,13 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
 from hapnet.extras import require
+from hapnet.file_content import read_json
+from hapnet.loading import cause
 from hapnet.plant.arms.picture import ArmPicture
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.foxglove import PERIOD_NS, Shapes, Shown, bodies, shapes, shown
+from hapnet.recording.mcap_reader import MAGIC, Records
 from hapnet.recording.samples import (
     DeviceSample,
     Event,
@@ -50,7 +52,7 @@ from hapnet.recording.whole_file import complete_or_absent
 from hapnet.units import text_in
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, McapRecord, Schema
+    from mcap.records import Channel, Schema
 
     from hapnet.recording.mcap_writer import McapWriter
 
@@ -61,7 +63,6 @@ FLUSH_NS = 500_000_000
 """How old unwritten samples may become while `RecordingWriter.flush` is called [ns]. Each flush ends a chunk."""
 
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
-_MAGIC = b"\x89MCAP0\r\n"
 _META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
 _DRAWING, _PACKED = "drawing", "application/zlib"
 _BODY, _LINK, _ARM = "/world/body", "/device/link", "/device/shapes"
@@ -215,7 +216,7 @@ def is_mcap(path: str | os.PathLike[str]) -> bool:
     """Does the file exist, and does it begin as MCAP files do?"""
     try:
         with open(path, "rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
+            return file.read(len(MAGIC)) == MAGIC
     except (OSError, ValueError):
         return False
 
@@ -237,11 +238,11 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     samples: list[Sample] = []
     texts: dict[str, str] = {}
     utc_ns = 0
-    records = _Records(Path(path))
+    records = Records(Path(path))
     try:
         for record in records:
             if isinstance(record, Message) and record.channel_id in decoders:
-                samples.append(decoders[record.channel_id](record.log_time - utc_ns, record.data))
+                samples.append(decoders[record.channel_id](_time(record.log_time - utc_ns), record.data))
             elif isinstance(record, Schema):
                 found[record.id] = record
             elif isinstance(record, Channel) and record.topic in kinds:
@@ -249,16 +250,30 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
             elif isinstance(record, Metadata) and _KEY in record.metadata:
                 texts[record.name] = record.metadata[_KEY]
                 if record.name == _META:  # it comes before all samples
-                    utc_ns = utc_less_clock_ns(json.loads(texts[_META]))
+                    utc_ns = _time(utc_less_clock_ns(_settings(texts[_META])))
             elif isinstance(record, Attachment) and record.name == _DRAWING:
                 unpack(record.data)
-                samples.append(Drawing(record.log_time - utc_ns, record.data))
+                samples.append(Drawing(_time(record.log_time - utc_ns), record.data))
         if _META not in texts:
             raise RecordingError(f"{path} is not a recording: it is an MCAP file without the metadata record {_META!r}")
-        summary = json.loads(texts[_SUMMARY]) if _SUMMARY in texts else None
-        return from_samples(json.loads(texts[_META]), samples, summary, records.torn)
-    except (AttributeError, BadMessage, DecodeError, KeyError, RecursionError, TypeError, ValueError) as error:
-        raise RecordingError(f"{path} is not a recording: its content does not fit ({error})") from error
+        summary = _settings(texts[_SUMMARY]) if _SUMMARY in texts else None
+        return from_samples(_settings(texts[_META]), samples, summary, records.torn)
+    except (ArithmeticError, AttributeError, BadMessage, DecodeError, KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f"{path} is not a recording: its content does not fit ({cause(error)})") from error
+
+
+def _settings(text: str) -> dict[str, Any]:
+    found = read_json(text)
+    if not isinstance(found, dict):
+        raise ValueError("its settings are no table")
+    return found
+
+
+def _time(time_ns: int) -> int:
+    """A time such that the distance of two is a number of 64 bits."""
+    if abs(time_ns) >= 1 << 62:
+        raise ValueError(f"a time of {time_ns} ns")
+    return time_ns
 
 
 def save(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -283,7 +298,7 @@ def repair(path: str | os.PathLike[str]) -> Path:
     source = Path(path)
     target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
     known, channels = {0: 0}, dict[int, int]()
-    records = _Records(source)
+    records = Records(source)
     with complete_or_absent(target) as part, part.open("w+b") as file:
         writer = _mcap_writer(file)
         writer.start()
@@ -317,44 +332,10 @@ def _mcap_writer(file: IO[bytes]) -> McapWriter:
     return McapWriter(file, CHUNK_BYTES - _MESSAGE_ROOM)
 
 
-class _Records:
-    """The records of an MCAP file in order, up to the first that is not whole; `torn` is known after the last."""
-
-    def __init__(self, path: Path) -> None:
-        self.torn = False
-        self._path = path
-
-    def __iter__(self) -> Iterator[McapRecord]:
-        import zstandard
-        from mcap.exceptions import McapError
-        from mcap.stream_reader import StreamReader
-
-        # what the reader and the decompressors raise on a record that is cut short or damaged (lz4: RuntimeError)
-        damage = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
-        try:
-            with self._path.open("rb") as file:
-                if file.read(len(_MAGIC)) != _MAGIC:
-                    raise RecordingError(f"{self._path} is not a recording: expected an MCAP file written by hapnet")
-                file.seek(0)
-                size = os.fstat(file.fileno()).st_size
-                records = iter(StreamReader(file, validate_crcs=True, record_size_limit=size).records)
-                while not self.torn:
-                    try:
-                        record = next(records, None)
-                    except damage:
-                        self.torn = True
-                    else:
-                        if record is None:
-                            return
-                        yield record
-        except OSError as error:
-            raise RecordingError(f"cannot read recording {self._path}: {error.strerror or error}") from error
-
-
 def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Callable[[int, bytes], Sample]:
     """The function from log time [ns] and data to a channel's samples. An error if it has no such samples."""
     if channel.message_encoding == "json":
-        return lambda time_ns, data: _json_sample(kind, time_ns, json.loads(data))
+        return lambda time_ns, data: _json_sample(kind, time_ns, read_json(data))
     if channel.message_encoding != "protobuf" or schema is None:
         raise ValueError(f"{channel.topic} is encoded as {channel.message_encoding}")
     return schemas.decoder(kind, schema.name, schema.data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import read_text
 from hapnet.params import OperatorParams
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Impedance, Recorded
@@ -18,6 +20,8 @@ from netem.files import read_once
 
 _HAND = OperatorParams()
 _GRID_S = 1e-3
+_LARGEST = 16 << 20  # of a file [bytes]
+_LONGEST_S, _SPARSE_S, _ROW_S = 3600.0, 60.0, 1.0  # of a motion: all; with few rows; for each row, where that is more
 _GAP_S = 0.05  # a longer gap in a recording at 133 Hz means that the tablet lost the pen
 _JUMP_MPS = 0.5  # faster than a hand writes: the tablet lost the pen and found it elsewhere
 _JUMP_S = 0.06  # samples this near to a jump are dropped, so that the motion across is slow enough for a hand
@@ -71,8 +75,7 @@ def read_motion(
 def _read_columns(file: Path) -> dict[str, Array]:
     wanted = "a CSV file with the columns time_s, x_m[, y_m[, z_m | pen_down, pressure]]"
     try:
-        with file.open(newline="", encoding="utf-8") as lines:
-            rows = list(csv.DictReader(lines))
+        rows = list(csv.DictReader(io.StringIO(read_text(file, _LARGEST), newline="")))
         table = {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = error.strerror if isinstance(error, OSError) else error
@@ -85,6 +88,10 @@ def _read_columns(file: Path) -> dict[str, Array]:
         raise InvalidParameter("operator", str(file), f"{wanted}, with finite numbers and at least two rows")
     if np.any(np.diff(table["time_s"]) <= 0.0):
         raise InvalidParameter("operator", str(file), f"{wanted}, with increasing time_s")
+    most_s = min(_LONGEST_S, max(_SPARSE_S, _ROW_S * len(table["time_s"])))
+    if (lasts_s := float(np.ptp(table["time_s"]))) > most_s:
+        allowed = f"{most_s:g} s at most: {_LONGEST_S:g} s, and {_ROW_S:g} s a row above {_SPARSE_S:g} s"
+        raise InvalidParameter("operator", f"{file}, {lasts_s:g} s", allowed)
     return table
 
 

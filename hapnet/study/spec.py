@@ -20,7 +20,6 @@ import hashlib
 import json
 import math
 import re
-import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import read_toml
 from hapnet.param_values import LARGEST_SEED, flatten
 from hapnet.params import Params
 from netem.errors import NetemError
@@ -196,8 +196,8 @@ def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 def table_of(file: Path) -> Values:
     """The table in a TOML file. Raises InvalidParameter."""
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return read_toml(file)
+    except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise InvalidParameter("SPEC", str(file), f"a TOML file ({why})") from None
 

@@ -32,7 +32,7 @@ MOST_ATTRIBUTES = 20
 
 BASE = {
     "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema",
-    "loading", "units", "versions",
+    "loading", "units", "versions", "file_content",
 }  # fmt: skip
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
@@ -64,6 +64,7 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
 }
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",
+    "hapnet/file_content.py": "reads what others may have written: all that is a plain file and not too large",
     "hapnet/params.py": "--params names a file",
     "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
     "netem/trace.py": "a recorded link is a file",

@@ -83,9 +83,11 @@ class _Robot:
 
     def __init__(self, text: str, name: str) -> None:
         self.name = name
+        if "<!DOCTYPE" in text:  # only there can a few bytes become many
+            raise InvalidParameter("the arm " + name, "<!DOCTYPE ...>", "URDF, which declares no entities")
         try:
             root = ElementTree.fromstring(text)
-        except ElementTree.ParseError as error:
+        except (ElementTree.ParseError, ValueError) as error:
             raise InvalidParameter("the arm " + name, "its file", f"URDF ({error})") from None
         if root.tag != "robot":
             raise InvalidParameter("the arm " + name, f"<{root.tag}>", "URDF, whose root is <robot> (is it xacro?)")

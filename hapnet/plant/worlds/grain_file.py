@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from hapnet.checks import MOST_GRAIN
 from hapnet.errors import InvalidParameter
+from hapnet.file_content import LARGEST_TEXT, read_bytes
 from hapnet.mechanics.effects import Grain
 from hapnet.plant.worlds.mesh_file import require_file
 
@@ -25,7 +24,11 @@ def read_grain(file: str, along: tuple[float, ...]) -> Grain:
     Raises InvalidParameter.
     """
     require_file(file)
-    header, *rows = Path(file).read_text(encoding="utf-8-sig", errors="replace").strip().split("\n")
+    try:
+        text = read_bytes(file, LARGEST_TEXT).decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise InvalidParameter("grain", file, f"a file that can be read ({error.strerror})") from None
+    header, *rows = text.replace("\r\n", "\n").strip().split("\n")
     if header.strip() != _HEADER:
         raise InvalidParameter("grain", file, f"a file whose first line is {_HEADER}")
     try:

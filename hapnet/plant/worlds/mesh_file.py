@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.file_content import read_bytes
 from hapnet.loading import cause
 from hapnet.plant.worlds.mesh_surface import Triangles, volume
 
@@ -41,6 +43,7 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
         import trimesh
     except ImportError:
         raise MissingLibrary("a scene with a mesh", "libigl trimesh", "mesh") from None
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its tracebacks would go to standard error
     data = _read(file)
     try:
         loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind[1:], force="mesh", process=False)
@@ -116,7 +119,7 @@ def require_file(file: str) -> None:
 def _read(file: str) -> bytes:
     require_file(file)
     try:
-        return Path(file).read_bytes()
+        return read_bytes(file, LARGEST_BYTES)
     except OSError as error:
         raise InvalidParameter("file", file, f"a file that can be read ({error.strerror})") from None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +11,14 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.file_content import open_plain
 from hapnet.loading import cause
 from hapnet.plant.worlds.mesh_file import LARGEST_M, SMALLEST_M, require_file
 
 NUMPY = ".npy"
 IMAGES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".gz", ".dcm")
 MOST_VOXELS = 30_000_000
+_LARGEST_HEADER = 4096  # of a numpy file [bytes]
 
 _EXACT_VOXELS = 1.5
 """So near to the surface the distance is made of the image's own numbers, to a part of a voxel."""
@@ -54,10 +58,23 @@ def _numpy(file: str, spacing_m: float | None) -> tuple[Array, Array]:
     if spacing_m is None or not spacing_m > 0.0:
         raise InvalidParameter("spacing", spacing_m or "none", "the distance between two voxels: &spacing=1mm")
     try:
-        values = np.asarray(np.load(file, allow_pickle=False), dtype=np.float64)
-    except (OSError, ValueError, TypeError, EOFError) as error:
+        values = np.asarray(_array(file), dtype=np.float64)
+    except Exception as error:  # of a broken header numpy may raise anything
         raise InvalidParameter("voxels", file, f"numbers in numpy's format ({cause(error)})") from None
     return values, np.full(3, spacing_m)
+
+
+def _array(file: str) -> Array:
+    """The array in a numpy file. What its header says is a claim: the file must have as many bytes."""
+    with open_plain(file) as content:
+        version = np.lib.format.read_magic(content)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, by_columns, kind = read(content, max_header_size=_LARGEST_HEADER)
+        there = os.fstat(content.fileno()).st_size - content.tell()
+        size = math.prod(shape)
+        if kind.kind not in "fiub" or min(shape, default=0) < 0 or size > MOST_VOXELS or size * kind.itemsize != there:
+            raise ValueError(f"{there} bytes of data, where {' x '.join(map(str, shape))} of {kind} are announced")
+        return np.frombuffer(content.read(there), kind).reshape(shape, order="F" if by_columns else "C")
 
 
 def _image(file: str, unit_m: float, spacing_m: float | None) -> tuple[Array, Array]:
