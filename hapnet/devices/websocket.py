@@ -49,9 +49,9 @@ def dial(family: int, where: tuple[Any, ...]) -> WebSocket:
 
 
 def answer(connection: socket.socket) -> WebSocket:
-    """The server's end of a connection that it has just accepted."""
+    """The server's end of a connection that it has just accepted. A browser, which names an origin, is refused."""
     connection.setblocking(False)
-    return WebSocket(connection, ServerProtocol(max_size=_MOST_MESSAGE))
+    return WebSocket(connection, ServerProtocol(origins=[None], max_size=_MOST_MESSAGE))
 
 
 class Caller:

@@ -105,6 +105,11 @@ class PageServer:
         """Does a browser show the page now?"""
         return bool(self._server.get_clients())
 
+    @property
+    def refused(self) -> int:
+        """How many requests and messages were refused."""
+        return self._gate.refused
+
     def close(self) -> None:
         """Stop drawing and serving; calling it twice does no harm."""
         if self._closed:
