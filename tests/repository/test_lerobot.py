@@ -3,11 +3,13 @@
 import abc
 import math
 import sys
+import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -44,7 +46,9 @@ def lerobot(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, dict[str, typ
     robots, teleops = ModuleType("lerobot.robots"), ModuleType("lerobot.teleoperators")
     vars(robots).update(Robot=robot, RobotConfig=robot_config)
     vars(teleops).update(Teleoperator=teleop, TeleoperatorConfig=teleop_config)
-    for module in (ModuleType("lerobot"), robots, teleops):
+    utils = ModuleType("lerobot.robots.utils")
+    vars(utils).update(make_robot_from_config=lambda config: config.made)
+    for module in (ModuleType("lerobot"), robots, teleops, utils):
         monkeypatch.setitem(sys.modules, module.__name__, module)
     for package in PACKAGES:
         monkeypatch.syspath_prepend(str(FOLDER / package))
@@ -72,6 +76,67 @@ class Blocked:
         self.at = min(action["x.pos"], -12.0)
 
 
+class Arm:
+    """A robot of LeRobot's that goes to each action at once."""
+
+    def __init__(self) -> None:
+        self.at, self.told = -20.0, list[dict[str, float]]()
+
+    def get_observation(self) -> dict[str, float]:
+        return {"x.pos": self.at, "gripper.pos": 3.0}
+
+    def send_action(self, action: dict[str, float]) -> dict[str, float]:
+        self.told.append(action)
+        self.at = action["x.pos"]
+        return action
+
+
+def loop(teleop: Any, robot: Any, frames: int) -> None:
+    """LeRobot's `teleop_loop` (0.4.4): the observation, the action, the robot, with processors that change nothing."""
+    for _ in range(frames):
+        robot.get_observation()
+        robot.send_action(teleop.get_action())
+        time.sleep(1.0 / 60.0)
+
+
+def test_the_first_action_is_where_the_arm_is_and_there_is_none_without_a_peer(
+    lerobot: dict[str, dict[str, type]],
+) -> None:
+    import importlib
+
+    far = importlib.import_module("lerobot_robot_hapnet")
+    hand = importlib.import_module("lerobot_teleoperator_hapnet")
+    address, params = free_address(), {"link.up": LINK, "link.down": LINK}
+    teleop = hand.HapnetTeleoperator(hand.HapnetTeleoperatorConfig(connect=address, params=params))
+    plain, arm = Arm(), Arm()
+    led = hand.HapnetArm(hand.HapnetArmConfig(arm=SimpleNamespace(made=arm)))
+    ran = threading.Thread(target=lambda: (teleop.connect(), loop(teleop, led, 20)))
+    ran.start()  # as LeRobot's program does
+    time.sleep(1.0)
+    assert arm.told == []
+    assert plain.told == []
+    robot = far.HapnetRobot(far.HapnetRobotConfig(listen=address, params=params))
+    robot.connect()
+    try:
+        ran.join(60.0)
+        assert len(arm.told) == 20
+        assert arm.told[0]["x.pos"] == pytest.approx(-20.0, abs=0.1)
+        assert max(abs(one["x.pos"] + 20.0) for one in arm.told) < 1.0
+    finally:
+        teleop.disconnect()
+        robot.disconnect()
+
+
+def test_without_knowing_where_the_arm_is_there_is_no_action(lerobot: dict[str, dict[str, type]]) -> None:
+    import importlib
+
+    hand = importlib.import_module("lerobot_teleoperator_hapnet")
+    teleop, arm = hand.HapnetTeleoperator(hand.HapnetTeleoperatorConfig()), Arm()
+    with pytest.raises(RuntimeError, match="hapnet_arm"):
+        loop(teleop, arm, 1)
+    assert arm.told == []
+
+
 @pytest.mark.slow
 def test_a_hand_feels_a_robot_that_is_blocked_over_a_lossy_link(lerobot: dict[str, dict[str, type]]) -> None:
     """As LeRobot's loop does, 60 times a second on each side."""
@@ -79,7 +144,8 @@ def test_a_hand_feels_a_robot_that_is_blocked_over_a_lossy_link(lerobot: dict[st
 
     far = importlib.import_module("lerobot_robot_hapnet")
     hand = importlib.import_module("lerobot_teleoperator_hapnet")
-    assert lerobot == {"robot": {"hapnet": far.HapnetRobotConfig}, "teleop": {"hapnet": hand.HapnetTeleoperatorConfig}}
+    robots = {"hapnet": far.HapnetRobotConfig, "hapnet_arm": hand.HapnetArmConfig}
+    assert lerobot == {"robot": robots, "teleop": {"hapnet": hand.HapnetTeleoperatorConfig}}
     address = free_address()
     robot = far.HapnetRobot(far.HapnetRobotConfig(listen=address, params={"link.up": LINK, "scene": "free"}))
     teleop = hand.HapnetTeleoperator(hand.HapnetTeleoperatorConfig(connect=address, params={"link.down": LINK}))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from typing import Any
@@ -27,6 +28,13 @@ class Side:
         self._thread.start()
         self._changed.wait()
         self.check()
+
+    def wait_for_peer(self) -> None:
+        """Returns when there is a peer, and this side has a place. Raises what the side failed with before that."""
+        while self.sample is None:
+            if not self.is_open:
+                raise ConnectionError("hapnet: the run ended before there was a peer")
+            time.sleep(0.01)
 
     def check(self) -> None:
         """Raise what the side failed with."""

@@ -2,7 +2,8 @@
 
 The other side, on the hand's host, is `hapnet device` with any haptic device, or LeRobot with ``--robot.type=hapnet``.
 Here a virtual mass follows the hand, passively over any link, and an action is where it is. What `send_feedback` says
-of the robot acts on the mass, and so on the hand.
+of the robot acts on the mass, and so on the hand, and the first of it says where the mass begins: before that there is
+no action. LeRobot's loop hands observations to nobody, so the robot is ``--robot.type=hapnet_arm`` around any other.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
+from lerobot.robots import Robot, RobotConfig
+from lerobot.robots.utils import make_robot_from_config
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot_robot_hapnet.side import Side
 
@@ -45,6 +48,8 @@ class HapnetTeleoperator(Teleoperator):
 
     config_class = HapnetTeleoperatorConfig
     name = "hapnet"
+    opened: ClassVar[list[HapnetTeleoperator]] = []
+    """Those that are connected."""
 
     def __init__(self, config: HapnetTeleoperatorConfig) -> None:
         super().__init__(config)
@@ -52,7 +57,7 @@ class HapnetTeleoperator(Teleoperator):
         self.robot = Measured(len(config.joints), config.stiffness, config.damping)
         self.side: Side | None = None
         self._first = dict.fromkeys(self.action_features, 0.0)
-        self._fed = False
+        self._fed = self.waits = False
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -78,18 +83,29 @@ class HapnetTeleoperator(Teleoperator):
         ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
         self.side = Side(lambda: connect_world(params, scene=lambda **_: self.robot, **ends))
         self.side.open()
+        self.side.wait_for_peer()
+        self.opened.append(self)
 
     def get_action(self) -> dict[str, float]:
-        """Where the mass is. With feedback it begins where the robot is, without at 0."""
+        """Where the mass is, which begins where the robot is. Empty before it is known where that is, for a processor
+        that feeds it back.
+
+        Raises RuntimeError: nobody says where the robot is.
+        """
+        if not self._fed:
+            if self.waits:
+                return {}
+            raise RuntimeError("it is not known where the arm is: use --robot.type=hapnet_arm, see hapnet's README")
         return {
             name: first + x / self.config.scale
             for (name, first), x in zip(self._first.items(), self._at(), strict=True)
         }
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Where the robot is (``x.pos``), or the force on it (``x.force``, in N), which counts more."""
+        """Where the robot is (``x.pos``), or the force on it (``x.force``, in N), which counts more once it is known
+        where the robot is."""
         forces = [feedback.get(f"{joint}.force") for joint in self.config.joints]
-        if None not in forces:
+        if self._fed and None not in forces:
             self.robot.tell(force=tuple(map(float, forces)))
             return
         now = {name: float(feedback[name]) for name in self.action_features}
@@ -104,14 +120,78 @@ class HapnetTeleoperator(Teleoperator):
         return (0.0,) * self.robot.dof if sample is None else tuple(sample.position_m)
 
     def disconnect(self) -> None:
+        if self in self.opened:
+            self.opened.remove(self)
         if self.side is not None:
             self.side.close()
+
+
+@RobotConfig.register_subclass("hapnet_arm")
+@dataclass(kw_only=True)
+class HapnetArmConfig(RobotConfig):
+    """arm : any robot of LeRobot's, as in ``--robot.arm.type=so101_follower --robot.arm.port=/dev/ttyACM0``."""
+
+    arm: RobotConfig
+
+
+class HapnetArm(Robot):
+    """A robot of LeRobot's that tells hapnet's teleoperators in this program where it is.
+
+    LeRobot's loop asks for the observation first, so the first action is where the arm is.
+    """
+
+    config_class = HapnetArmConfig
+    name = "hapnet_arm"
+
+    def __init__(self, config: HapnetArmConfig) -> None:
+        super().__init__(config)
+        self.arm: Robot = make_robot_from_config(config.arm)
+
+    @property
+    def observation_features(self) -> dict[str, Any]:
+        return self.arm.observation_features
+
+    @property
+    def action_features(self) -> dict[str, Any]:
+        return self.arm.action_features
+
+    @property
+    def is_connected(self) -> bool:
+        return self.arm.is_connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        return self.arm.is_calibrated
+
+    def connect(self, calibrate: bool = True) -> None:
+        self.arm.connect(calibrate)
+
+    def calibrate(self) -> None:
+        self.arm.calibrate()
+
+    def configure(self) -> None:
+        self.arm.configure()
+
+    def get_observation(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.arm.get_observation()
+        for teleop in HapnetTeleoperator.opened:
+            if teleop.action_features.keys() <= found.keys():
+                teleop.send_feedback(found)
+        return found
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+        sent: dict[str, Any] = self.arm.send_action(action) if action else action
+        return sent
+
+    def disconnect(self) -> None:
+        self.arm.disconnect()
 
 
 class Measured:
     """The robot as a world: what it does to the mass, as of the last feedback. hapnet keeps its account."""
 
     name = "lerobot"
+    robot = True
 
     def __init__(self, dof: int, stiffness: float, damping: float) -> None:
         self.dof = dof
@@ -135,11 +215,12 @@ class Measured:
         )
 
 
-def with_feedback(teleop: Teleoperator) -> Callable[[tuple[dict[str, Any], dict[str, Any]]], dict[str, Any]]:
+def with_feedback(teleop: HapnetTeleoperator) -> Callable[[tuple[dict[str, Any], dict[str, Any]]], dict[str, Any]]:
     """A `teleop_action_processor` for LeRobot's own loop, which hands observations to nobody else (but for one robot).
 
     It feeds the observation back first, so that the first action is where the robot is.
     """
+    teleop.waits = True
 
     def process(action_and_observation: tuple[dict[str, Any], dict[str, Any]]) -> dict[str, Any]:
         teleop.send_feedback(action_and_observation[1])
