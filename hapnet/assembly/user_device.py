@@ -276,6 +276,11 @@ class UserDevice:
         """Readings that it made and nobody took, as far as it counts them."""
         return int(getattr(self.device, "missed", 0) or 0)
 
+    @property
+    def blocks(self) -> bool:
+        """Does `read` wait for its next reading?"""
+        return bool(getattr(self.device, "blocking", False))
+
     def buttons(self) -> tuple[bool, ...]:
         """Which buttons were pressed at the last reading; HapnetError if the device fails."""
         if not self._has_buttons:

@@ -83,6 +83,11 @@ class ActuatorCheck:
         self._age_s = self._from_m = 0.0
         self._group = -1
 
+    def restart(self) -> None:
+        """Begin again with the first axis."""
+        self.responses.clear()
+        self._rows, self._group, self._age_s = [], -1, 0.0
+
     def step(self, dt: float, acted: Vector, x: Vector, v: Vector) -> Vector:
         """Take a reading, `dt` seconds after the last, with the force that acted in between; returns the next force."""
         axis = len(self.responses)
@@ -171,6 +176,19 @@ def response(rows: Sequence[tuple[float, float, float, float]]) -> Response:
         late = in_time
     gain, error, _ = fits[late]
     return Response(1.0 / gain if gain else math.inf, late, abs(gain) / error, _velocity(x, v, dt), False)
+
+
+def pushed(time: Array, force: Array, x: Array, lags: int) -> tuple[float, float]:
+    """1/m [1/kg] of an axis that was pushed by `force` [N] up to each reading of x [m], and how sure it is, in standard
+    errors; of the `lags` the one that fits best."""
+    x = x - x[0]
+    dt, s = np.diff(time), (time - time[0]) / (time[-1] - time[0])
+    span = float(time[-1] - time[0])
+    once = _integral(x, dt)
+    base = np.column_stack([once / span, _integral(once, dt) / span**2, np.ones_like(s), s, s**2, s**3])
+    fits = [_fit(np.r_[np.zeros(late), force[: len(force) - late]], x, dt, base) for late in range(lags)]
+    gain, error, _ = min(fits, key=lambda fit: fit[2])
+    return gain, abs(gain) / error
 
 
 def _fit(force: Array, x: Array, dt: Array, base: Array) -> tuple[float, float, float]:

@@ -13,11 +13,13 @@ from hapnet.assembly.robot_side import robot_side
 from hapnet.assembly.user_device import is_blocking
 from hapnet.checks import Vector
 from hapnet.kernel.real_time import ends
+from hapnet.processes.thread_time import ThreadTime
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
+from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.summary.run import SidePart, device_summary, robot_summary, world_summary
 from hapnet.wire.session import Session
@@ -100,6 +102,8 @@ class ThreadedDevice:
         else:
             self.side = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
             driver, rate_hz = params.hardware, params.device.servo_hz
+        if isinstance(self.side, RealDeviceSide):
+            self.side.waited = ThreadTime()
         self._follows = follows
         self._coupling = setup.params.coupling
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write

@@ -22,6 +22,7 @@ from hapnet.assembly.user_device import is_blocking
 from hapnet.errors import HapnetError
 from hapnet.kernel.real_time import ends
 from hapnet.params import Params
+from hapnet.processes.thread_time import ThreadTime
 from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.parent_watch import ParentWatch
 from hapnet.realtime.servo import Servo, tuned_interpreter
@@ -29,6 +30,7 @@ from hapnet.realtime.servo_pipe import Pipe, PipeClosed, sample_of
 from hapnet.recording.samples import DeviceSample, PostureSample, Sample
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceControl, backlog
+from hapnet.side.real_device import RealDeviceSide
 from hapnet.summary.run import device_summary
 from hapnet.wire.session import PositionStream
 
@@ -50,6 +52,8 @@ class ServoChild:
         waiting = backlog(prepared.coupling.sends("world", params))
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
         self.side: DeviceSide = device_side(prepared, self._control, time.monotonic_ns, self._write)
+        if isinstance(self.side, RealDeviceSide):
+            self.side.waited = ThreadTime()
         self.servo: Servo = Servo(
             round(1e9 / prepared.params.device.servo_hz),
             self._tick,

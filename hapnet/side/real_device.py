@@ -21,11 +21,14 @@ from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.agreement import Agreement
 from hapnet.plant.device import Device
+from hapnet.plant.force_probe import ForceProbe
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
 from hapnet.records.vectors import inner
+from hapnet.side.clocks import Clocks
 from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Drive
+from hapnet.side.driver_times import DriverTimes
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.side.notices import signal_text
@@ -47,6 +50,10 @@ class RealDevice(Device, Protocol):
 
     knows_force: bool
     """Is what `acted` returns known from the device?"""
+
+    @property
+    def blocks(self) -> bool:
+        """Does `read` wait for its next reading?"""
 
     @property
     def missed(self) -> int:
@@ -107,7 +114,7 @@ class RealDeviceSide(SampledDeviceSide):
         self.limiter = limiter
         self._contact = contact
         self._check = check
-        self._agreement = Agreement(device.smallest_mass)
+        self._agreement = Agreement()
         self._mass: Vector = ()
         self._impossible = ""
         self._begun = False
@@ -132,15 +139,28 @@ class RealDeviceSide(SampledDeviceSide):
         self._closed = False
         self._buttons: tuple[bool, ...] = ()
         self._turned_ns = 0
-        self._clocks = _Clocks()
+        self._clocks = Clocks()
+        self._waits_for_switch = False
+        self._probe: ForceProbe | None = None
+        self._period_s = drive.period_ns * NANO
+        if check is not None:
+            self._probe = ForceProbe(self._period_s, device.smallest_mass, device.resolution)
+        self._times = DriverTimes(
+            device.name, drive.period_ns, drive.watchdog_ns or 10 * drive.period_ns, paced=not device.blocks
+        )
+        self.waited: Callable[[], int] = lambda: 0
+        """How long the calling thread ran or waited for a processor so far [ns]."""
 
     def tick(self, now_ns: int) -> bytes | None:
+        begun_ns, self._waited_ns = self._clock(), self.waited()
+        self._times.between(begun_ns)
         try:
             self._reading = self.device.read()
         except DeviceSilent as error:
+            self._called("read", begun_ns)
             self._keep_still(self._clock(), error)
             return None
-        now_ns = self._clock()  # a reading may have been waited for
+        now_ns = self._called("read", begun_ns)  # a reading may have been waited for
         if self._silent:
             self._go_on(now_ns)
         self._heard_ns = now_ns
@@ -152,18 +172,33 @@ class RealDeviceSide(SampledDeviceSide):
             self._send((0.0,) * self.device.dof)  # a device's watchdog may want to hear from us
         return super().tick(now_ns)
 
+    def _called(self, call: str, begun_ns: int) -> int:
+        """A call of the driver has ended; returns when."""
+        ended_ns = self._clock()
+        if (event := self._times.called(call, begun_ns, ended_ns, self.waited, self._waited_ns)) is not None:
+            self._write(event)
+        return ended_ns
+
     def _push(self, check: ActuatorCheck, now_ns: int) -> None:
-        """Push the handle before control begins. The last push is no force, and ends it."""
+        """Push the handle before control begins, as soon as somebody holds it. The last push is no force, and ends
+        it."""
         none = (0.0,) * self.device.dof
+        if not self.limiter.is_held(self.device.buttons()):
+            if not self._waits_for_switch:
+                text = f"hold the dead-man switch of {self.device.name}: its force and motion are checked first"
+                self._write(Event(now_ns, "dead-man", text))
+            self._waits_for_switch = True
+            check.restart()
+            self.last_ns = now_ns
+            self._send(none)
+            return
         if not self._begun:
             self._require_inside(self._reading[0])
         acted = self.device.acted() if self._begun else none
         dt = (now_ns - self.last_ns) * NANO if self._begun else 0.0
         self._begin()
         self.last_ns = now_ns
-        why = self.withheld or self.device.braked()
-        why = why or ("" if self.limiter.is_held(self.device.buttons()) else "its switch is not held")
-        if why:
+        if why := self.withheld or self.device.braked():
             self._write(Event(now_ns, "device", f"force and motion of {self.device.name} are not checked: {why}"))
             self._check = None
             self._send(none)
@@ -180,7 +215,7 @@ class RealDeviceSide(SampledDeviceSide):
             self._write(Event(now_ns, "device", f"the device {self.device.name}: {doubt}", "warning"))
         if masses := check.masses:
             self._mass = masses
-            self._agreement = Agreement(min(masses))
+            self._probe = ForceProbe(self._period_s, min(masses), self.device.resolution)
 
     def withhold(self, now_ns: int, why: str) -> None:
         if self.withheld and not why:
@@ -223,6 +258,8 @@ class RealDeviceSide(SampledDeviceSide):
             "silent_s": self.silent_ns * NANO,
             "hot_s": self.limiter.limited_s,
             "mass_kg": list(self._mass) or None,
+            "blocked": self._times.blocked or None,
+            "reads_hz": self._times.rate_hz,
             "contact_missed": None if self._contact is None else self._contact.missed,
         }
 
@@ -286,6 +323,8 @@ class RealDeviceSide(SampledDeviceSide):
             state = "not held: no force" if self._was_released else "held: the force grows"
             level = "warning" if self._was_released else "info"
             self._write(Event(self._clock(), "dead-man", f"the dead-man switch is {state}", level))
+        if self._probe is not None and self._probe.share < 1.0:
+            permitted = tuple([self._probe.share * one for one in permitted])
         applied = self._send(permitted)
         if isinstance(self.servo, SampledServo) and (model := self.servo.model) is not None:
             grain = model.grain_force(self.servo.coupling.spring)
@@ -296,9 +335,12 @@ class RealDeviceSide(SampledDeviceSide):
         return applied
 
     def _send(self, force: Vector) -> Vector | None:
+        begun_ns = self._clock()
         try:
             applied = self.device.apply(force)
+            self._called("apply", begun_ns)
         except DeviceSilent as error:
+            self._called("apply", begun_ns)
             self._held_before = self._sent
             self._keep_still(self._clock(), error)
             return force
@@ -316,7 +358,11 @@ class RealDeviceSide(SampledDeviceSide):
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, x, self.x)))
         if not self._renders_none:
             dt = (now_ns - self.last_ns) * NANO
-            if wrong := self._agreement.wrong(dt, self._frame.own_force(self.servo.force), self._reading[0]):
+            acted = self._frame.own_force(self.servo.force)
+            wrong = self._agreement.wrong(dt, acted, self._reading[0])
+            if not wrong and self._probe is not None:
+                wrong = self._probe.wrong(dt, acted, self._reading[0])
+            if wrong:
                 self.stop_force(now_ns, wrong)
                 release = True
         return super()._control(now_ns, release=release)
@@ -362,30 +408,3 @@ class RealDeviceSide(SampledDeviceSide):
         self.silent_ns += lasted_ns
         text = f"the device {self.device.name} is back after {lasted_ns * 1e-6:.1f} ms: the force grows"
         self._write(Event(now_ns, "device", text))
-
-
-class _Clocks:
-    """The same intervals by a device's clock and by ours, added up."""
-
-    LATE_S = 0.1
-    RATE = 0.02
-    """Readings may wait for so long, and the clocks run at rates that differ by so much: resonators are within 1 %."""
-
-    def __init__(self) -> None:
-        self._reported_s = self._lived_s = 0.0
-        self._reported_on_time_s = self._on_time_s = 0.0
-
-    def apart(self, reported_s: float, lived_s: float, *, late: bool) -> str | None:
-        """Another interval [s]; returns by how much the clocks differ, in words, if that cannot be.
-
-        late : the servo stalled. Of what the device reported meanwhile some may be lost, and the rest comes later.
-        """
-        self._reported_s += reported_s
-        self._lived_s += lived_s
-        if not late:
-            self._reported_on_time_s += reported_s
-            self._on_time_s += lived_s
-        slack_s = self.LATE_S + self.RATE * self._lived_s
-        if self._reported_s <= self._lived_s + slack_s and self._reported_on_time_s >= self._on_time_s - slack_s:
-            return None
-        return f"{self._reported_s:.3g} s in {self._lived_s:.3g} s (is the unit s?)"

@@ -24,6 +24,7 @@ class RobotSide(RealDeviceSide):
         super().__init__(*given, **named)
         self._releases = releases
         self._stands_still = self._released = False
+        self._probe = None
 
     def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
         """As a device's. If somebody asks for it, the robot stands still, as `follower.on_stop` says."""

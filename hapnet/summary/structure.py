@@ -161,8 +161,9 @@ class Stopped(TypedDict):
 
 class DriverPart(TypedDict):
     """A real device: how many readings were missed, how often and for how long that was a silence, how long heat
-    limited its force, the apparent mass of each axis, as pushes at the start showed it, None: they did not, and how
-    many of its contact forces were missing, None: nobody asked for them."""
+    limited its force, the apparent mass of each axis, as pushes at the start showed it, None: they did not, which
+    of its calls blocked the servo, None: none did, how many readings it made in a second, None: as many as it was asked
+    for, and how many of its contact forces were missing, None: nobody asked for them."""
 
     name: str | None
     missed: Count
@@ -170,6 +171,8 @@ class DriverPart(TypedDict):
     silent_s: Number
     hot_s: Number
     mass_kg: list[float] | None
+    blocked: str | None
+    reads_hz: Number
     contact_missed: Count | None
 
 

@@ -117,6 +117,15 @@ def stopped(tree: object) -> str | None:
     return _stop(read(tree))
 
 
+def blocked(tree: object) -> str | None:
+    """One line if a driver blocked the servo; None if none did."""
+    for side, part in _parts(read(tree)):
+        driver = part["driver"]
+        if driver is not None and driver["blocked"] is not None:
+            return f"the {_WHO[side]}'s driver blocks: {driver['blocked']}"
+    return None
+
+
 def _stop(summary: Summary) -> str | None:
     for side, part in _parts(summary):
         if (stop := part["stopped"]) is not None and stop["why"] is not None:

@@ -133,6 +133,8 @@ def test_a_silent_device_gets_no_force_and_one_line_each_way() -> None:
         "silent_s": 0.202,
         "hot_s": 0.0,
         "mass_kg": None,
+        "blocked": None,
+        "reads_hz": None,
         "contact_missed": None,
     }
 
