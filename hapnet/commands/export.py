@@ -34,7 +34,7 @@ def export(
     """
     from hapnet.recording import alignment
     from hapnet.recording.export import ROSBAG, export as exported, formats
-    from hapnet.recording.opened import opened
+    from hapnet.recording.opened import fitting, opened
 
     if table != ROSBAG:
         formats(table, ROSBAG)
@@ -49,7 +49,7 @@ def export(
         words.print(f"clocks: {alignment.words(whole.meta)}")
     directory = found.files[0].parent if out is None else output.run_directory(out, None)
     try:
-        with Progress(output.progress_console(), "writing"):
+        with Progress(output.progress_console(), "writing"), fitting(files[0]):
             paths = exported(found, directory, format=table)
     except RecordingError as error:
         raise OutputError(str(error)) from None

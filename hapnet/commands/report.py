@@ -32,12 +32,13 @@ def report(
 ) -> int:
     """Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy."""
     from hapnet.recording.mcap import repair
+    from hapnet.recording.opened import fitting
     from hapnet.reports.report import names_of, report as reported
 
     require("report", "hapnet report")
     words = output.console(json_to)
     written = output.Written()
-    with Progress(output.progress_console(), "reading"):
+    with Progress(output.progress_console(), "reading"), fitting(files[0]):
         found = reported(files)
     sources = []
     for source in found.sources:
@@ -51,10 +52,11 @@ def report(
     first = found.sources[0].path
     directory = first.parent if out is None else output.run_directory(out, None)
     stem = "-".join(source.path.stem for source in found.sources)
-    there = write(found, directory, f"{stem}.html", names_of(stem), written)
-    output.show_summary(words, found.summary, verbose=verbose)
-    virtual = found.recording.meta.get("clock") == "virtual"
-    written.judge(found.summary, asked(found.parts), virtual=virtual, ran=False)
+    with fitting(first):
+        there = write(found, directory, f"{stem}.html", names_of(stem), written)
+        output.show_summary(words, found.summary, verbose=verbose)
+        virtual = found.recording.meta.get("clock") == "virtual"
+        written.judge(found.summary, asked(found.parts), virtual=virtual, ran=False)
     output.show_files(words, there, directory)
     with written.part():
         output.write_json(found.summary, json_to)

@@ -74,7 +74,7 @@ def view(
 @permitting(only_imported)
 def play_back(files: list[Path], options: PageOptions) -> int:
     """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
-    from hapnet.recording.opened import opened
+    from hapnet.recording.opened import fitting, opened
     from hapnet.summary.recorded import of_recordings
     from hapnet.view.history import History
     from hapnet.view.playback import Playback
@@ -87,10 +87,13 @@ def play_back(files: list[Path], options: PageOptions) -> int:
     if whole.device is None and whole.world is None:
         raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
     history = History(follows=False)
-    history.judge_by(of_recordings(found.files, found.parts))
-    playback = Playback(history.take, whole, files[0].stem, time.monotonic_ns())
+    with fitting(files[0]):
+        history.judge_by(of_recordings(found.files, found.parts))
+        playback = Playback(history.take, whole, files[0].stem, time.monotonic_ns())
     with serve(history, player=playback, host=options.host, port=options.port) as page:
-        words.print(f"open {page.url} to see {' and '.join(map(str, files))}; Ctrl-C ends", markup=False)
+        words.print(
+            f"open {page.url} to see {' and '.join(map(str, files))}; Ctrl-C ends", markup=False, soft_wrap=True
+        )
         if options.browser:
             show(page.url)
         while True:

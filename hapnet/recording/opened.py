@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
-from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.errors import HapnetError, InvalidParameter, RecordingError
+from hapnet.loading import cause
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 
 ROLES = ("device", "world")
 WHOLE = "run.mcap"
 """The recording of both sides, as a simulation writes it."""
+
+
+@contextmanager
+def fitting(what: object) -> Iterator[None]:
+    """Whoever wrote a recording may have put anything in the place of a number or a table of its settings.
+
+    Raises RecordingError: the content of `what` is of other types than a recording's.
+    """
+    try:
+        yield
+    except HapnetError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise RecordingError(f"{what} cannot be used: its settings do not fit ({cause(error)})") from error
 
 
 class HasRecording(Protocol):
@@ -65,7 +80,8 @@ def opened(what: Recorded) -> Opened:
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
     parts = [read_recording(file) for file in files]
-    return Opened(parts[0] if len(parts) == 1 else join(*parts), tuple(parts), tuple(files))
+    with fitting(" and ".join(map(str, files))):
+        return Opened(parts[0] if len(parts) == 1 else join(*parts), tuple(parts), tuple(files))
 
 
 def _recordings_in(directory: Path) -> list[Path]:

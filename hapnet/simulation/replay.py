@@ -20,6 +20,7 @@ from hapnet.params import Params, arm_file, is_arm, is_simulated
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
+from hapnet.recording.opened import fitting
 from hapnet.recording.samples import Columns, Recording, join, on_device_clock
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_recordings
@@ -64,6 +65,11 @@ def read_original(files: Sequence[Path]) -> Original:
     """
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
+    with fitting(" and ".join(map(str, files))):
+        return _original(files)
+
+
+def _original(files: Sequence[Path]) -> Original:
     parts = [read_recording(file) for file in files]
     recording = parts[0] if len(parts) == 1 else join(*parts)
     if recording.device is None:

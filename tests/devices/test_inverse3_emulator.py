@@ -185,3 +185,14 @@ def test_of_several_addresses_the_one_that_answers_is_used(monkeypatch: pytest.M
 def test_a_host_that_does_not_exist_is_named() -> None:
     with pytest.raises(InvalidParameter, match=r"no-such-host\.invalid:1"):
         websocket.Caller("no-such-host.invalid", 1)
+
+
+@pytest.mark.parametrize(("origin", "status"), [("", b"101"), ("Origin: http://evil.example\r\n", b"403")])
+def test_a_web_page_cannot_command_it(origin: str, status: bytes) -> None:
+    """A browser names the page's origin in each WebSocket; a driver names none."""
+    with steered() as rig, socket.create_connection(("127.0.0.1", rig.emulator.port), timeout=20.0) as browser:
+        browser.sendall(
+            f"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n{origin}"
+            "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
+        )
+        assert browser.recv(100).split()[1] == status
