@@ -62,7 +62,7 @@ from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.units import METRES, POSE, one_text, within
-from hapnet.wire.handshake import RESERVOIR, ROBOT, SHARED, UNITS
+from hapnet.wire.identity import RESERVOIR, ROBOT, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session, SessionSettings

@@ -229,7 +229,7 @@ Encrypt = Annotated[
     bool,
     _security(
         "--encrypt",
-        help="Encrypt all that the two sides send, also over udp; the other side follows. Best with --secret-file.",
+        help="Pair with nobody who cannot encrypt; telemetry is encrypted too. Best with --secret-file.",
     ),
 ]
 

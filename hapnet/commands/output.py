@@ -139,10 +139,10 @@ class Written:
         """
         from hapnet.assembly.own_parts import named_failures
         from hapnet.couplings import registry
-        from hapnet.summary import verdict
+        from hapnet.summary import verdict, who
 
         spec = registry.coupling(params.coupling) if ran and params is not None else None
-        self.contradicted = verdict.contradicted(summary)
+        self.contradicted = who.contradicted(summary)
         with nullcontext() if params is None else named_failures(params):  # a user's own law says what it covers
             broken = verdict.broken(summary, params, virtual=virtual, spec=spec)
         if broken:

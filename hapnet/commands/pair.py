@@ -139,10 +139,10 @@ class Pair:
             (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
         except OSError as error:
             raise HapnetError(f"cannot write to {self._directory}: {error.strerror or error}") from None
-        link = self._link()
+        link, secret = self._link()
         listens = ["--listen", link] if self._address is None else ["--listen", link, "--listen", self._address]
         for role, endpoints in (("world", listens), ("device", ["--connect", link])):
-            self._children[role] = await self._start(role, endpoints, ready.get(role))
+            self._children[role] = await self._start(role, [*endpoints, *secret], ready.get(role))
 
     async def run(self, stop: asyncio.Event) -> None:
         """Wait until both have ended: normally, because one failed or stood still, or because `stop` was set."""
@@ -192,14 +192,17 @@ class Pair:
         if sys.platform != "win32":
             self._signal(signal.SIGCONT)
 
-    def _link(self) -> str:
-        """Where the world listens for the device."""
+    def _link(self) -> tuple[str, list[str]]:
+        """Where the world listens for the device, and the flags of a word that nobody else knows."""
         try:
-            sockets = tempfile.mkdtemp(prefix="hapnet-")
+            sockets = tempfile.mkdtemp(prefix="hapnet-")  # nobody but this user may look into it
+            word = Path(sockets) / "word"
+            word.write_text(secrets.token_hex(16), encoding="ascii")
+            word.chmod(0o600)
         except OSError:  # nothing can be written there
-            return free_address()
+            return free_address(), []
         self._at_end.callback(shutil.rmtree, sockets, ignore_errors=True)
-        return local_address(sockets)
+        return local_address(sockets), ["--secret-file", str(word)]
 
     async def _start(self, role: str, endpoints: list[str], standby: Standby | None) -> ProgramOnLoop:
         if standby is not None:
@@ -223,7 +226,8 @@ class Pair:
         return child
 
     def _command(self, role: str, endpoints: list[str], report: int) -> list[str]:
-        flags = [*endpoints, "--progress", "--no-files", *["--realtime"] * (self._realtime and role == "device")]
+        flags = [*endpoints, "--progress", "--no-files"]
+        flags += ["--realtime"] * (self._realtime and role == "device")
         record = self.recording(role) if self._record else None
         return side_command(
             role, *flags, session=self._session, params=self._directory / "params.toml", seed=self._seed,

@@ -10,11 +10,11 @@ from hapnet.kernel.link import ENERGY, STREAM, Link, Message
 from hapnet.records.equation import equation
 from hapnet.records.record import Reals, Record, Wholes
 from hapnet.side.content import energy_nJ, span_ns
-from hapnet.wire import energy_channel as channels, replay_window
+from hapnet.wire import energy_channel as channels
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
 from hapnet.wire.integral import Integral, integrate
-from hapnet.wire.numbering import DOUBTFUL, LATE
+from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
 from hapnet.wire.path import InUse, Path, arrive
 from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
 from hapnet.wire.replay_window import ReplayWindow
@@ -39,8 +39,8 @@ class Endpoint(Record):
     used : the newest sample in use.
     kind : what it sends. waves : are waves sent to it? accepts_stale : does it accept such messages?
     stream_bytes, energy_bytes : the smallest size of its messages. plane_bytes, level_bytes : what each plane, and the
-    level, add. stale, leaps : messages that were dropped, and the number of the last stale one; came_late : did it come
-    after later ones? impossible : it would send what no receiver accepts.
+    level, add. stale, leaps : messages that were dropped; last_stale, stale_place : the last stale one's number and
+    place. impossible : it would send what no receiver accepts.
     """
 
     n: int
@@ -62,7 +62,7 @@ class Endpoint(Record):
     energy_bytes: int
     stale: int
     last_stale: int
-    came_late: int
+    stale_place: int
     leaps: int
     impossible: int
 
@@ -109,12 +109,15 @@ def credit(wire: Wire, credited_nJ: int) -> None:
 def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     """`Session._on_stream`."""
     endpoint, path, sequence = wire.endpoint, wire.path, message.sequence
-    place = arrive(path, wire.monitor, now_ns, sequence, message.stamp_ns, message.echo_ns, message.came_ns)
+    once = endpoint.waves != 0
+    place = arrive(
+        path, wire.monitor, wire.window, once, now_ns, sequence, message.stamp_ns, message.echo_ns, message.came_ns
+    )
     if place == DOUBTFUL:
         endpoint.leaps += 1
-    elif replay_window.is_stale(wire.window, place, sequence, endpoint.waves != 0, endpoint.accepts_stale != 0):
+    elif place == SEEN or (place == LATE and not once and endpoint.accepts_stale == 0):
         endpoint.stale += 1
-        endpoint.last_stale, endpoint.came_late = sequence, int(place == LATE)
+        endpoint.last_stale, endpoint.stale_place = sequence, place
     else:
         _put(wire, message, now_ns, path.under_way_ns)
 

@@ -73,8 +73,11 @@ class Notifier:
             return None
         if notice.kind == "paired":
             self._refusal = ""
-        if notice.kind == "refused":
-            refuses = "refuses this side" if isinstance(event, PeerRefused) else "was refused"
+        if notice.kind in ("refused", "unproven"):
+            if notice.kind == "unproven":
+                refuses = "does not prove its key"
+            else:
+                refuses = "refuses this side" if isinstance(event, PeerRefused) else "was refused"
             self._refusal = f"the one that is connected {refuses}"
             if self._refused_ns is not None and now_ns - self._refused_ns < REPORT_EVERY_NS:
                 return None

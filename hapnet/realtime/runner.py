@@ -46,7 +46,7 @@ from hapnet.side.endpoint import NANO, WireHalf
 from hapnet.side.link_port import LinkPort
 from hapnet.side.notices import OVER, Notice, signal_text
 from hapnet.summary.run import Summary, has_account
-from hapnet.transport.config import ZenohSettings
+from hapnet.transport.config import ZenohSettings, proof_of
 from hapnet.transport.diagnosis import ConnectionDiagnosis
 from hapnet.transport.entities import TELEMETRY
 from hapnet.transport.zenoh import ZenohTransport
@@ -104,7 +104,10 @@ class RealtimeSide:
         self._write: Callable[[Sample], None] = early.append
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
-        secret = Secret(secrets.token_bytes(32), zenoh.security.secret_word(), encrypts=zenoh.security.encrypt)
+        security = zenoh.security
+        secret = Secret(
+            secrets.token_bytes(32), security.secret_word(), encrypts=security.encrypt, proof=proof_of(zenoh)
+        )
         if record is not None:
             require_writable(record)
         mean_step_s = 0.5 * (setup.params.world.step_min_s + setup.params.world.step_max_s)
@@ -236,7 +239,7 @@ class RealtimeSide:
                 self._link_driver.arm()
                 opened()
                 await self._housekeeping.run(stop, duration_s, collect)
-                self.wire.session.leave(self._clock())
+                self.wire.session.monitor.leave(self._clock())
                 await off_loop(self.control.stop)
                 self._figures.stopped_ns = self._clock()
             if self._failure is not None:

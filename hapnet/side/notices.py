@@ -18,6 +18,7 @@ from hapnet.wire.events import (
     PeerRefused,
     PeerSilent,
     SignalReceived,
+    Unproven,
 )
 from hapnet.wire.fields import Signal
 
@@ -50,10 +51,15 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
     other : the other side's role. on_silence : what this side does when nothing arrives.
     """
     match event:
-        case Paired(_, number, encrypts):
+        case Paired(_, number, encrypts, proof, fingerprint):
             again = "" if number == 1 else f" (another process; pair {number})"
             how = ", encrypted" if encrypts else ""
-            return Notice("paired", f"paired with the {other}{again}{how}", now_ns, values={"pair": number})
+            text = f"paired with the {other}{again}{how}"
+            if proof == "nobody":
+                text += f", key {fingerprint}; the {other} must show the same" if fingerprint else ", without a key"
+                text += ": nobody has proved who it is"
+            values: dict[str, str | int | float] = {"pair": number, **({"key": fingerprint} if fingerprint else {})}
+            return Notice("paired", text, now_ns, values=values)
         case SignalReceived(name, value):
             return Notice("signal", signal_text(name, value), now_ns)
         case PeerLeft(reason):
@@ -63,6 +69,8 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case PeerRefused(reason, by_peer):
             who = f"the {other}" if by_peer else f"a {other} that is not this side's peer"
             return Notice("refused", f"{who} refuses this side: {reason}", now_ns, "error", {"reason": reason})
+        case Unproven(reason):
+            return Notice("unproven", f"a {other} is ignored: {reason}", now_ns, "warning", {"reason": reason})
         case Contradiction(kind, detail):
             text = f"somebody else speaks in the {other}'s name ({detail}): it is not known whether this run is passive"
             return Notice("contradiction", text, now_ns, "error", {"kind": kind})

@@ -15,7 +15,17 @@ from hapnet.errors import RecordingError
 from hapnet.recording.samples import Columns, Recording, join
 from hapnet.summary.from_samples import START_S
 from hapnet.summary.run import combine, has_account, judged, merge, recorded_margins, unknown_device
-from hapnet.summary.structure import SIDES, Contradictions, EnvironmentPart, Ledger, Outages, SidePart, Summary, unknown
+from hapnet.summary.structure import (
+    SIDES,
+    Contradictions,
+    EnvironmentPart,
+    Ledger,
+    Outages,
+    PeerPart,
+    SidePart,
+    Summary,
+    unknown,
+)
 from hapnet.summary.verdict import has_reservoirs
 from hapnet.units import METRES, text_in
 from hapnet.wire.messages import Role
@@ -109,6 +119,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
         "missing": None,
         "dropped": None,
         "contradictions": unknown(Contradictions),
+        "peer": unknown(PeerPart),
     }
 
 

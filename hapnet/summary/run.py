@@ -145,6 +145,10 @@ def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
         "missing": outages.missing,
         "dropped": dict(session.dropped),
         "contradictions": cast(Contradictions, {kind: session.sums.contradictions[kind] for kind in sums.KINDS}),
+        "peer": {
+            "proof": session.proof if session.incarnations else None,
+            "fingerprint": session.fingerprint or None,
+        },
     }
 
 

@@ -182,6 +182,15 @@ class Contradictions(TypedDict):
     tellers: Count
     credited: Count
     acknowledged: Count
+    keys: Count
+    seals: Count
+
+
+class PeerPart(TypedDict):
+    """Who a side's last peer is. `proof` : what proves it, as in `Session.proof`. `fingerprint` : of the pair's key."""
+
+    proof: str | None
+    fingerprint: str | None
 
 
 class DevicePart(TypedDict, total=False):
@@ -227,6 +236,7 @@ class SidePart(DevicePart, total=False):
     missing: Count
     dropped: dict[str, int] | None
     contradictions: Contradictions
+    peer: PeerPart
     failed: str | None
     step: Step
     environment: EnvironmentPart

@@ -17,12 +17,13 @@ it breaks no claim. The port of a simulated device is known meanwhile, so there 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, cast
+from typing import Any
 
 from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
+from hapnet.summary import who
 from hapnet.summary.from_samples import START_S
 from hapnet.summary.servos import (
     DEFICIT_J as DEFICIT_J,
@@ -53,6 +54,7 @@ def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
     gave = [*_givers(summary), *_stalls(summary), *_rates(summary), *_reporter(summary), *_cut_short(summary)]
+    gave += who.unproved(summary)
     if against := list(_against(summary)):
         return {"passive": False, "reason": "; ".join([*against, *gave])}
     if doubts := list(_doubts(summary)):
@@ -302,7 +304,7 @@ def _doubts(summary: Summary) -> Iterator[str]:
             yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
         if silent_s is not None and silent_s > UNANSWERED_S:
             yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
-        yield from _contradictions(side, part)
+        yield from who.contradictions(side, part)
     if (line := _stop(summary)) is not None and not _was_asked(summary):
         yield line
     if any(_leak(summary, side) and not _known_port(part) for side, part in _parts(summary)):
@@ -314,27 +316,6 @@ def _doubts(summary: Summary) -> Iterator[str]:
         yield f"the world failed, and its own account is not known: {world['failed']}"
     if summary["environment"]["env_diverged"] is True:
         yield "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known"
-
-
-def contradicted(tree: object) -> bool:
-    """Did somebody else speak in a side's name? Then the exit code is 5, unless a claim was broken."""
-    return any(any(part["contradictions"].values()) for _, part in _parts(read(tree)))
-
-
-_CONTRADICTIONS = {
-    "acknowledged": "acknowledged energy that was never announced",
-    "credited": "reported less energy than was credited before",
-    "tellers": "cannot all be of one sender",
-}
-
-
-def _contradictions(side: Role, part: SidePart) -> Iterator[str]:
-    """The sum of both halves is a bound only if nobody credits what was not sent by then."""
-    other = SIDES[1 - SIDES.index(side)]
-    reported = cast(Mapping[str, int | None], part["contradictions"])
-    found = [f"{count} {_CONTRADICTIONS.get(kind, kind)}" for kind, count in reported.items() if count]
-    if found:
-        yield f"somebody else spoke in the {other}'s name: of its energy messages {', '.join(found)}"
 
 
 def _doubts_of_servo(side: Role, device: SidePart, margin: float | None) -> Iterator[str]:

@@ -15,6 +15,7 @@ import zenoh
 from hapnet.checks import one_of
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.transport.security import ANYBODY, ENCRYPTED, Security, is_exposed
+from hapnet.wire.secret import Proof
 
 Mode = Literal["peer", "client", "router"]
 _LOOPBACK = "127.0.0.1"
@@ -49,6 +50,10 @@ _DEFAULTS: dict[str, object] = {
         {"flows": ["ingress"], "messages": ["put"], "key_exprs": ["hapnet/**"], "size_limit": 65536},
     ],
 }
+
+
+End = Literal["connect", "listen"]
+ENDS: tuple[End, End] = ("connect", "listen")
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +167,27 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     return warnings
 
 
-def endpoints_of(config: zenoh.Config, side: Literal["connect", "listen"]) -> list[str]:
+def endpoints_of(config: zenoh.Config, side: End) -> list[str]:
     """The endpoints that a configuration dials or listens on, in whatever form it gives them."""
     return list(_flat(_endpoints(config, side), json.loads(config.get_json("mode"))))
+
+
+def proof_of(settings: ZenohSettings) -> Proof | None:
+    """What proves who is on this side's links, besides a word; None: anybody may be.
+
+    Certificates do if each link asks both ends for one, or for a password of one of them; so does a socket that only
+    this machine's user can open. Whether the other side's links ask for as much only that side knows.
+
+    Raises InvalidParameter, TransportError: as `zenoh_config`.
+    """
+    config, security = zenoh_config(settings), settings.security
+    protocols = {each.partition("/")[0] for side in ENDS for each in endpoints_of(config, side)}
+    if _scouts(config):
+        return None
+    if protocols <= {"unixsock-stream"}:
+        return "socket"
+    asks = _is_mutual(config) or security.users is not None or security.user is not None
+    return "certificate" if asks and protocols <= {*ENCRYPTED, "unixsock-stream"} else None
 
 
 def may_lose(config: zenoh.Config) -> bool:

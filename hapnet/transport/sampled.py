@@ -17,7 +17,7 @@ import zenoh
 
 from hapnet.transport.config import endpoints_of
 from hapnet.transport.entities import POSITION, publisher
-from hapnet.wire.handshake import MOST_SAMPLED
+from hapnet.wire.identity import MOST_SAMPLED
 from hapnet.wire.stream_frames import sequence_of
 
 SPACING_S = 0.15

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, NamedTuple
 
+from hapnet.wire.fields import ANSWERS
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
 
 PROMPT_NS = 20_000_000  # minimum time between two hellos, when strangers call for them
@@ -13,6 +15,13 @@ BYE_COPIES = 3
 BYE_SPACING_NS = 20_000_000
 
 ControlMessage = Hello | Welcome | Refuse | Bye
+
+
+class Addressed(NamedTuple):
+    """A message to send. `key`: what seals it; None: nothing does, as it is to anybody or to who shares no key."""
+
+    message: ControlMessage
+    key: bytes | None = None
 
 
 class ControlSender:
@@ -29,9 +38,9 @@ class ControlSender:
         self._period_ns = hello_period_ns
         self._hello_ns: int | None = 0
         self._prompt_ns = 0  # no hello before this time
-        self._replies: dict[int, Welcome | Refuse] = {}
+        self._replies: dict[tuple[int, bytes | None, bool], Hello | Welcome | Refuse] = {}
         self._reply_ns = 0
-        self._bye: Bye | None = None
+        self._bye: Addressed | None = None
         self._byes_left = 0
         self._bye_ns = 0
 
@@ -44,20 +53,37 @@ class ControlSender:
         """Send no hello until `say_hello` is called."""
         self._hello_ns = None
 
-    def reply(self, message: Welcome | Refuse) -> None:
-        """Queue a reply; it replaces one that waits for the same addressee. More than `MAX_REPLIES` are not kept."""
-        if message.addressee in self._replies or len(self._replies) < MAX_REPLIES:
-            self._replies[message.addressee] = message
+    @property
+    def is_full(self) -> bool:
+        """Do so many replies wait that there is no room for another addressee?"""
+        return len(self._replies) >= MAX_REPLIES
 
-    def reply_to(self, incarnation: int) -> Welcome | Refuse | None:
-        """The reply that waits for `incarnation`, if there is one."""
-        return self._replies.get(incarnation)
+    def reply(self, message: Welcome | Refuse, key: bytes | None = None) -> None:
+        """Queue a reply, to be sealed with `key`; it replaces one that waits for the same addressee and key.
 
-    def say_bye(self, bye: Bye, now_ns: int) -> None:
-        """Send `bye` a few times, and nothing else from now on."""
-        self._bye, self._byes_left, self._bye_ns = bye, BYE_COPIES, now_ns
+        More than `MAX_REPLIES` are not kept.
+        """
+        self._queue(message.addressee, message, key)
 
-    def poll(self, now_ns: int, *, searching: bool) -> list[ControlMessage]:
+    def answer(self, incarnation: int, number: int, key: bytes) -> None:
+        """Queue a hello that answers hello `number` of `incarnation`, sealed with the key that the two share."""
+        me, more = self._identity, {**(self._offer or {}), ANSWERS: (incarnation, number)}
+        self._queue(incarnation, Hello(me.incarnation, 0, me.role, me.dof, me.name, me.about, more), key)
+
+    def _queue(self, addressee: int, message: Hello | Welcome | Refuse, key: bytes | None) -> None:
+        place = addressee, key, isinstance(message, Hello)
+        if place in self._replies or not self.is_full:
+            self._replies[place] = message
+
+    def reply_to(self, incarnation: int) -> Hello | Welcome | Refuse | None:
+        """A reply that waits for `incarnation`, if there is one."""
+        return next((reply for (addressee, *_), reply in self._replies.items() if addressee == incarnation), None)
+
+    def say_bye(self, bye: Bye, key: bytes | None, now_ns: int) -> None:
+        """Send `bye` a few times, sealed with `key`, and nothing else from now on."""
+        self._bye, self._byes_left, self._bye_ns = Addressed(bye, key), BYE_COPIES, now_ns
+
+    def poll(self, now_ns: int, *, searching: bool) -> list[Addressed]:
         """The messages to send now. `searching`: hellos repeat at their period; otherwise one is enough."""
         if self._bye is not None:
             if not self._byes_left or now_ns < self._bye_ns:
@@ -65,18 +91,25 @@ class ControlSender:
             self._byes_left -= 1
             self._bye_ns = now_ns + BYE_SPACING_NS
             return [self._bye]
-        out: list[ControlMessage] = []
+        out: list[Addressed] = []
         if self._replies and now_ns >= self._reply_ns:
-            out.extend(self._replies.values())
+            out.extend(Addressed(self._numbered(reply), key) for (_, key, _), reply in self._replies.items())
             self._replies.clear()
             self._reply_ns = now_ns + REPLY_SPACING_NS
         if self._hello_ns is not None and now_ns >= self._hello_ns:
             me = self._identity
-            self.hellos += 1
-            out.append(Hello(me.incarnation, self.hellos, me.role, me.dof, me.name, me.about, self._offer))
+            hello = Hello(me.incarnation, 0, me.role, me.dof, me.name, me.about, self._offer)
+            out.append(Addressed(self._numbered(hello)))
             self._prompt_ns = now_ns + PROMPT_NS
             self._hello_ns = now_ns + self._period_ns if searching else None
         return out
+
+    def _numbered(self, message: Hello | Welcome | Refuse) -> Hello | Welcome | Refuse:
+        """The message as it is sent: hellos are numbered as they leave."""
+        if not isinstance(message, Hello):
+            return message
+        self.hellos += 1
+        return dataclasses.replace(message, number=self.hellos)
 
     @property
     def next_due_ns(self) -> int | None:

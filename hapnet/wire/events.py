@@ -14,11 +14,15 @@ class Paired:
     """`peer` has answered this side, and the two are a pair. `number` counts this session's pairs from 1.
 
     encrypts : does the pair encrypt?
+    proof : what proves who the peer is: a word, a certificate, a socket of this machine, or nobody; None: no keys.
+    fingerprint : of the pair's key; empty: there is none.
     """
 
     peer: Identity
     number: int
     encrypts: bool = False
+    proof: str | None = None
+    fingerprint: str = ""
 
 
 class PositionReceived(NamedTuple):
@@ -71,6 +75,13 @@ class Mismatch:
 
 
 @dataclass(frozen=True, slots=True)
+class Unproven:
+    """Somebody wants to be the peer, or to refuse this side, and does not prove who he is: he is ignored."""
+
+    reason: str = "it does not prove its key: it has another secret, or it is a stranger"
+
+
+@dataclass(frozen=True, slots=True)
 class PeerLeft:
     """The peer ended on purpose, and why."""
 
@@ -79,7 +90,7 @@ class PeerLeft:
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """What came in the peer's name about energy cannot all be the peer's: see `hapnet.wire.sums`.
+    """What came in the peer's name cannot all be the peer's: see `hapnet.wire.sums`.
 
     kind : which of the contradictions it is. Each is reported once for each pair.
     """
@@ -117,6 +128,7 @@ Event = (
     | SignalReceived
     | PeerRefused
     | Mismatch
+    | Unproven
     | PeerLeft
     | Contradiction
     | PeerSilent

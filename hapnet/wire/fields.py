@@ -59,6 +59,9 @@ ENCRYPTS = "encrypts"
 KEY = "key"
 """The further entry of a hello or a welcome: its sender's public key, of X25519."""
 
+ANSWERS = "answers"
+"""The further entry of a hello that is addressed: incarnation and hello number of the side that it answers."""
+
 TAG = "tag"
 """The last further entry of a frame that is sealed, which ends with these 8 bytes."""
 
@@ -172,6 +175,14 @@ def more(value: object) -> None:
 def public_key(value: object) -> None:
     if type(value) is not bytes or len(value) != KEY_BYTES:
         raise BadMessage("type", f"{_kind(value)}; allowed: a key of {KEY_BYTES} bytes")
+
+
+def answers(value: object) -> None:
+    """An incarnation and the number of one of its hellos."""
+    if type(value) is not tuple or len(value) != 2:
+        raise BadMessage("type", f"{_kind(value)}; allowed: an array of an incarnation and a number")
+    if min(map(natural, value)) == 0:
+        raise BadMessage("range", f"an answer to hello {value[1]} of {value[0]:#x}; allowed: from 1")
 
 
 def ciphertext(value: object) -> None:

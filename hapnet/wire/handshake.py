@@ -13,8 +13,12 @@ An incarnation, 64 random bits, is one start of a process. The rules:
   dropped and not answered; only a hello that does not fit is refused. A stranger keeps saying hello; its turn comes
   when the peer is silent.
 * Of several that look for a peer at once the first is the candidate. The others are dropped until it has become the
-  peer, or was not heard for `CANDIDATE_NS`. If all were welcomed, each would take itself for the peer and start with a
-  full reservoir.
+  peer, was not heard for `CANDIDATE_NS`, or has been the candidate for `CANDIDATURE_NS`. Then it waits itself for
+  `CANDIDATE_NS`. If all were welcomed, each would take itself for the peer and start with a full reservoir.
+* Who offers a key proves first that he holds it. His hello is answered with a hello that is addressed to him and sealed
+  with the key of the two. An addressed hello that answers a recent hello of this side proves its sender. Where this
+  side has a word (`hapnet.wire.secret`) everybody must do so, and needs the word for it. Who cannot holds no place and
+  ends nothing.
 * A peer that was displaced, left or refused is retired for as long as this side runs, and is refused when it speaks.
   Its totals continue where they were, so a new pair with it, counted from zero, would credit them twice. After
   `MAX_PEERS` retired peers a side pairs with nobody else, so the list is bounded and never shortened.
@@ -28,37 +32,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.units import METRES
-from hapnet.wire.control_sender import ControlMessage, ControlSender
-from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused
-from hapnet.wire.fields import MAX_TEXT
-from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome, decode, encode
+from hapnet.errors import BadMessage
+from hapnet.wire.control_sender import Addressed, ControlMessage, ControlSender
+from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused, Unproven
+from hapnet.wire.fields import ANSWERS, MAX_TEXT
+from hapnet.wire.identity import EARLIER, misfit
+from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome
 from hapnet.wire.pairing import Action, Input, State, transition
 from hapnet.wire.secret import Keys, Secret
 
 CANDIDATE_NS = 500_000_000  # several hello periods: one that still looks for a peer is heard meanwhile
+CANDIDATURE_NS = 2_000_000_000  # so long others wait for a candidate that is heard and does not become the peer
 REPORT_SPACING_NS = 100_000_000  # minimum time between two reports that somebody does not fit
 MAX_PEERS = 4096
-
-COUPLING = "coupling"
-"""Entry of `about`: the coupling that a side runs. Both must run the same."""
-UNITS = "units"
-"""Entry of `about`: the units of a side's axes, as `hapnet.units` has them; absent: metres. Both must have the same."""
-SHARED = "shared."
-"""An entry of `about` that begins so is a number of the coupling that must be equal on both sides."""
-
-RESERVOIR = "reservoir_J"
-"""Entry of `about`: the energy in a side's reservoir when it starts, unless it takes the place of another side [J]."""
-
-SAMPLED, MOST_SAMPLED = "sampled", 1000
-"""Entry of `about`: nothing overtakes a message of the stream whose number is a multiple of it; 1 to so many."""
-
-ROBOT = "robot"
-"""Entry of a world's `about`: true if the device leads a robot there; else absent."""
-
-EARLIER = "earlier"
-"""Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
 
 
 class Said(NamedTuple):
@@ -71,6 +57,17 @@ class Said(NamedTuple):
     reason: str = ""
     """Refusal or bye: the sender's reason. Hello or welcome: why it does not fit."""
     more: dict[str, Any] | None = None
+    """Its further entries."""
+    proven: bool = False
+    """Hello or welcome: it is sealed with the key that it offers."""
+
+
+class Ignored(BadMessage):
+    """The message does not count. events : what is reported all the same."""
+
+    def __init__(self, kind: str, detail: str, events: tuple[Event, ...]) -> None:
+        self.events: tuple[Event, ...] = events
+        super().__init__(kind, detail)
 
 
 class Handshake:
@@ -95,6 +92,9 @@ class Handshake:
         self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last
         self._candidate: int | None = None
         self._candidate_ns = 0  # when it was heard last
+        self._candidate_since_ns = 0  # when it became the candidate
+        self._candidate_proven = False
+        self._answered: dict[int, int] = {}  # of the proven: the highest hello of this side that they have answered
         self._reported: dict[type[Event], tuple[int, str, int]] = {}
 
     def receive(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Event, ...]:
@@ -135,10 +135,12 @@ class Handshake:
         Raises LocalProtocolError: this side has said bye already.
         """
         self.state = transition(self.state, Input.CLOSE).state
-        addressee = self.peer.incarnation if self.peer is not None else self.keys.met
-        self.control.say_bye(Bye(self.identity.incarnation, addressee, acked_nJ, reason), now_ns)
+        addressee, key = self.keys.met
+        if self.peer is not None:
+            addressee, key = self.peer.incarnation, self.keys.shared_with(self.peer.incarnation)
+        self.control.say_bye(Bye(self.identity.incarnation, addressee, acked_nJ, reason), key, now_ns)
 
-    def poll(self, now_ns: int) -> list[ControlMessage]:
+    def poll(self, now_ns: int) -> list[Addressed]:
         """The messages to send now."""
         return self.control.poll(now_ns, searching=self.state is State.SEARCHING)
 
@@ -154,56 +156,72 @@ class Handshake:
         match message:
             case Hello():
                 identity = _identity(message)
-                reason = self._misfit(identity) or self.keys.misfit(message.name, message.more)
+                reason = misfit(self.identity, identity) or self.keys.misfit(message.name, message.more)
                 said = Said(sender, number=message.number, identity=identity, reason=reason, more=message.more)
-                happened = self._classify_hello(said, now_ns)
-                if happened is Input.HELLO_OF_PEER and self.keys.is_other(sender, message.more):
-                    return Input.FORGED_HELLO, said
-                return happened, said
+                return self._classify_hello(said, now_ns, data)
             case Welcome():
                 identity = _identity(message)
-                reason = self._misfit(identity) or self._no_more_peers() or self.keys.misfit(message.name, message.more)
-                said = Said(sender, message.addressee, message.number, identity, reason)
-                happened = self._classify_welcome(said, now_ns)
-                if happened is Input.WELCOME and (why := self.keys.prove(message.name, sender, message.more, data)):
-                    return Input.UNFIT_WELCOME, said._replace(reason=why)
-                return happened, said
+                reason = misfit(self.identity, identity) or self.keys.misfit(message.name, message.more)
+                reason = reason or self._no_more_peers()
+                said = Said(sender, message.addressee, message.number, identity, reason, message.more)
+                return self._classify_welcome(said, now_ns, data)
             case Refuse():
-                said = Said(sender, message.addressee, reason=message.reason)
-                return self._classify_refusal(said, now_ns), said
+                said = Said(sender, message.addressee, reason=message.reason, more=message.more)
+                return self._classify_refusal(said, now_ns, data), said
             case Bye():
                 return self._classify_bye(sender), Said(sender, reason=message.reason)
 
-    def _classify_hello(self, said: Said, now_ns: int) -> Input:
-        if (never := self._never_a_peer(said.sender)) is not None:
-            return never
-        if self._is_peer(said.sender):
-            return Input.FORGED_HELLO if said.reason else Input.HELLO_OF_PEER
+    def _classify_hello(self, said: Said, now_ns: int, data: bytes) -> tuple[Input, Said]:
+        sender = said.sender
+        if (never := self._never_a_peer(sender)) is not None:
+            return never, said
+        if self._is_peer(sender):
+            forged = bool(said.reason) or self.keys.is_other(sender, said.more)
+            return Input.FORGED_HELLO if forged else Input.HELLO_OF_PEER, said
+        if self.keys.must_prove(said.more):
+            answered, number = (said.more or {}).get(ANSWERS, (0, 0))
+            if answered == self.identity.incarnation:
+                if not self.keys.is_proven(sender, said.more, data):
+                    return Input.FALSE_PROOF, said
+                oldest = max(self._stale_hellos, self._answered.get(sender, 0))
+                said = said._replace(proven=oldest < number <= self.control.hellos)
+            if not said.proven:
+                return Input.UNPROVEN_UNFIT_HELLO if said.reason else Input.UNPROVEN_HELLO, said
         if said.reason:
-            return Input.UNFIT_HELLO
-        return Input.OTHER_CANDIDATE if self._is_other_candidate(said.sender, now_ns) else Input.HELLO
+            return Input.UNFIT_HELLO, said
+        waits = self._is_other_candidate(sender, now_ns, said.proven) or self._must_wait(sender, now_ns)
+        return Input.OTHER_CANDIDATE if waits else Input.HELLO, said
 
-    def _classify_welcome(self, said: Said, now_ns: int) -> Input:
+    def _classify_welcome(self, said: Said, now_ns: int, data: bytes) -> tuple[Input, Said]:
+        sender = said.sender
         if said.addressee != self.identity.incarnation:
-            return Input.MISADDRESSED
-        if self._is_peer(said.sender):
-            return Input.WELCOME_OF_PEER
-        if (never := self._never_a_peer(said.sender)) is not None:
-            return never
-        if self._is_other_candidate(said.sender, now_ns):
-            return Input.OTHER_CANDIDATE
-        if not self._stale_hellos < said.number <= self.control.hellos:
-            return Input.STALE_WELCOME
-        return Input.UNFIT_WELCOME if said.reason else Input.WELCOME
+            return Input.MISADDRESSED, said
+        if self._is_peer(sender):
+            return Input.WELCOME_OF_PEER, said
+        if (never := self._never_a_peer(sender)) is not None:
+            return never, said
+        stale = not self._stale_hellos < said.number <= self.control.hellos
+        if self.keys.must_prove(said.more) and not stale:
+            if not self.keys.is_proven(sender, said.more, data):
+                return Input.FALSE_PROOF, said
+            said = said._replace(proven=True)
+        if self._is_other_candidate(sender, now_ns, said.proven):
+            return Input.OTHER_CANDIDATE, said
+        if stale:
+            return Input.STALE_WELCOME, said
+        return Input.UNFIT_WELCOME if said.reason else Input.WELCOME, said
 
-    def _classify_refusal(self, said: Said, now_ns: int) -> Input:
-        if said.sender == self.identity.incarnation:
+    def _classify_refusal(self, said: Said, now_ns: int, data: bytes) -> Input:
+        sender = said.sender
+        if sender == self.identity.incarnation:
             return Input.OWN
         if said.addressee != self.identity.incarnation:
             return Input.MISADDRESSED
-        if self._is_peer(said.sender):
+        if self._is_peer(sender):
             return Input.REFUSAL_OF_PEER
-        return Input.OTHER_CANDIDATE if self._is_other_candidate(said.sender, now_ns) else Input.REFUSAL
+        if not self.keys.may_refuse(sender, said.more, data):
+            return Input.FALSE_PROOF
+        return Input.OTHER_CANDIDATE if self._is_other_candidate(sender, now_ns, proven=False) else Input.REFUSAL
 
     def _classify_bye(self, sender: int) -> Input:
         if self._is_peer(sender):
@@ -219,27 +237,17 @@ class Handshake:
             return Input.OWN
         return Input.RETIRED if sender in self._retired else None
 
-    def _is_other_candidate(self, sender: int, now_ns: int) -> bool:
-        return self._candidate not in (None, sender) and now_ns - self._candidate_ns <= CANDIDATE_NS
+    def _is_other_candidate(self, sender: int, now_ns: int, proven: bool) -> bool:
+        """Must others wait for the candidate? It holds its place for a time, and against none that has proven more."""
+        if self._candidate in (None, sender) or (proven and not self._candidate_proven):
+            return False
+        held_ns = now_ns - self._candidate_since_ns
+        return now_ns - self._candidate_ns <= CANDIDATE_NS and held_ns <= CANDIDATURE_NS
 
-    def _misfit(self, peer: Identity) -> str:
-        """Why `peer` and this side cannot be a pair; empty if they can."""
-        me = self.identity
-        if peer.role == me.role:
-            return f"both sides are a {me.role}: {peer.name} and {me.name}"
-        if peer.dof != me.dof:
-            return f"{peer.name} has {peer.dof} degrees of freedom, {me.name} has {me.dof}"
-        mine, theirs = me.about.get(COUPLING), peer.about.get(COUPLING)
-        if mine is not None and theirs is not None and mine != theirs:
-            return f"{peer.name} runs the coupling {theirs}, {me.name} runs {mine}"
-        units = peer.about.get(UNITS, METRES), me.about.get(UNITS, METRES)
-        if units[0] != units[1]:
-            return f"{peer.name} has axes in {units[0]}, {me.name} in {units[1]}: both must have the same"
-        for key, value in me.about.items():
-            if key.startswith(SHARED) and key in peer.about and value != peer.about[key]:
-                name = key.removeprefix(SHARED)
-                return f"{peer.name} has {name} {peer.about[key]}, {me.name} has {value}: both must have the same"
-        return ""
+    def _must_wait(self, sender: int, now_ns: int) -> bool:
+        """Was this one the candidate for long enough, so that it is another's turn?"""
+        over_ns = now_ns - self._candidate_since_ns - CANDIDATURE_NS
+        return self._candidate == sender and 0 < over_ns <= CANDIDATE_NS
 
     def _no_more_peers(self) -> str:
         return f"this side has seen {MAX_PEERS} peers; restart it" if len(self._retired) >= MAX_PEERS else ""
@@ -260,21 +268,23 @@ class Handshake:
             events += self._do(action, said, now_ns)
         if row.drop is not None:
             kind, detail = row.drop.value
-            raise BadMessage(kind, detail.format_map(said._asdict()))
+            raise Ignored(kind, detail.format_map(said._asdict()), events)
         return events
 
     def _do(self, action: Action, said: Said, now_ns: int) -> tuple[Event, ...]:
         match action:
             case Action.MAKE_CANDIDATE:
-                self._candidate, self._candidate_ns = said.sender, now_ns
+                self._make_candidate(said, now_ns)
             case Action.SEND_WELCOME:
-                self.keys.meet(said.sender, said.more)
                 self._send_welcome(said)
+            case Action.ASK_PROOF:
+                return self._ask_proof(said, now_ns)
+            case Action.REPORT_UNPROVEN:
+                return self._report(Unproven(), said.sender, now_ns)
             case Action.SEND_REFUSAL:
-                self._send_refusal(said.sender, said.reason)
-                return self._report(Mismatch(said.reason[:MAX_TEXT]), said.sender, now_ns)
+                return self._refuse(said, now_ns)
             case Action.REFUSE_RETIRED:
-                self._send_refusal(said.sender, self._retired[said.sender])
+                self._send_refusal(said.sender, self._retired[said.sender], self.keys.shared_with(said.sender))
             case Action.SEND_HELLO:
                 self.control.say_hello(now_ns)
             case Action.PAIR:
@@ -295,14 +305,42 @@ class Handshake:
         assert identity is not None  # only a welcome pairs
         why = f"replaced by {identity.name}"
         if self.peer is not None:
-            self._send_refusal(self.peer.incarnation, why)
+            self._send_refusal(self.peer.incarnation, why, self.keys.shared_with(self.peer.incarnation))
         self._retire_peer(why)
         self.peer = identity
-        self.keys.keep(identity.incarnation)
+        self.keys.keep(identity.incarnation, said.more)
         self._candidate = None
+        self._answered.clear()
         self.pairs += 1
         self.control.stop_hellos()
-        return (Paired(identity, self.pairs, self.keys.cipher(identity.incarnation) is not None),)
+        return (self._paired(identity),)
+
+    def _paired(self, peer: Identity) -> Paired:
+        encrypts = self.keys.cipher(peer.incarnation) is not None
+        return Paired(peer, self.pairs, encrypts, self.keys.proof, self.keys.fingerprint(peer.incarnation))
+
+    def _make_candidate(self, said: Said, now_ns: int) -> None:
+        if said.sender != self._candidate or now_ns - self._candidate_since_ns > CANDIDATURE_NS:
+            self._candidate_since_ns = now_ns
+        self._candidate, self._candidate_ns, self._candidate_proven = said.sender, now_ns, said.proven
+        if said.proven and ANSWERS in (said.more or {}):
+            if len(self._answered) >= MAX_PEERS:
+                self._answered.clear()
+            self._answered[said.sender] = (said.more or {})[ANSWERS][1]
+
+    def _ask_proof(self, said: Said, now_ns: int) -> tuple[Event, ...]:
+        if not self.keys.has_key(said.more):
+            self._send_refusal(said.sender, f"{_name(said)} has no secret, and this side has one")
+            return self._report(Unproven(), said.sender, now_ns)
+        if not self.control.is_full and (key := self.keys.key_for(said.sender, said.more)) is not None:
+            self.control.answer(said.sender, said.number, key)
+        return ()
+
+    def _refuse(self, said: Said, now_ns: int) -> tuple[Event, ...]:
+        self._send_refusal(said.sender, said.reason, self.keys.key_for(said.sender, said.more))
+        if self.keys.must_prove(said.more) and not said.proven:
+            return self._report(Unproven(), said.sender, now_ns)
+        return self._report(Mismatch(said.reason[:MAX_TEXT]), said.sender, now_ns)
 
     def _retire_peer(self, why: str = "this incarnation was retired; restart it") -> None:
         if self.peer is not None:
@@ -315,12 +353,15 @@ class Handshake:
         others = len(self._retired) + (self.peer is not None and not self._is_peer(said.sender))
         about = {**me.about, EARLIER: others} if others else me.about
         welcome = Welcome(me.incarnation, said.sender, said.number, me.role, me.dof, me.name, about, self.keys.offer)
-        self.control.reply(welcome)
+        key = self.keys.key_for(said.sender, said.more)
+        if not self._is_peer(said.sender):
+            self.keys.meet(said.sender, key)
+        self.control.reply(welcome, key)
 
-    def _send_refusal(self, incarnation: int, reason: str) -> None:
-        self.control.reply(Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT]))
+    def _send_refusal(self, incarnation: int, reason: str, key: bytes | None = None) -> None:
+        self.control.reply(Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT]), key)
 
-    def _report(self, event: Mismatch | PeerRefused, incarnation: int, now_ns: int) -> tuple[Event, ...]:
+    def _report(self, event: Mismatch | PeerRefused | Unproven, incarnation: int, now_ns: int) -> tuple[Event, ...]:
         """The event, unless one of its type was just reported, or the last one said the same about the same sender."""
         if (last := self._reported.get(type(event))) is not None:
             *what, reported_ns = last
@@ -330,22 +371,9 @@ class Handshake:
         return (event,)
 
 
+def _name(said: Said) -> str:
+    return "a side" if said.identity is None else said.identity.name
+
+
 def _identity(message: Hello | Welcome) -> Identity:
     return Identity(message.incarnation, message.role, message.dof, message.name, message.about)
-
-
-def check_identity(identity: Identity) -> None:
-    """Check that a side can read its own hello and welcome, whatever their numbers: the largest are tried.
-
-    Raises InvalidParameter: it could not.
-    """
-    try:
-        me = identity
-        about = {**me.about, EARLIER: 2**63}
-        data = encode(Welcome(me.incarnation, 2**64 - 1, 2**64 - 1, me.role, me.dof, me.name, about))
-        if not me.name:
-            raise BadMessage("range", "name is empty")
-        decode(data)
-    except (BadMessage, TypeError, ValueError, OverflowError) as error:
-        allowed = f"incarnation of 64 bits, not 0; role device or world; 1 to 64 dof; short texts and numbers ({error})"
-        raise InvalidParameter("identity", identity, allowed) from None

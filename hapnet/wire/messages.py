@@ -206,7 +206,10 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """ "Who is there?", to anyone. `number` counts the hellos of this incarnation from 1; a welcome repeats it."""
+    """ "Who is there?", to anyone. `number` counts the hellos of this incarnation from 1; a welcome repeats it.
+
+    With the further entry `fields.ANSWERS` it is to the side whose hello it answers, and sealed for it.
+    """
 
     KIND: ClassVar[int] = 3
     CHANNEL: ClassVar[Channel] = "control"
@@ -405,7 +408,7 @@ _FURTHER: dict[type[Message], dict[str, Callable[[object], object]]] = {
     Position: {fields.LEVEL: fields.level},
     Proxy: {fields.LEVEL: fields.level, fields.REACH: fields.reach},
     Energy: {fields.SUMS: fields.sums},
-    Hello: {fields.KEY: fields.public_key, fields.ENCRYPTS: fields.flag},
+    Hello: {fields.KEY: fields.public_key, fields.ENCRYPTS: fields.flag, fields.ANSWERS: fields.answers},
     Welcome: {fields.KEY: fields.public_key, fields.ENCRYPTS: fields.flag},
 }
 _STREAM = (Position, Motion, Port, Wave, Proxy)

@@ -20,9 +20,9 @@ from __future__ import annotations
 from hapnet.records.equation import equation
 from hapnet.records.record import Record
 
-NEW, AGAIN, LATE, DOUBTFUL = range(4)
+NEW, AGAIN, LATE, DOUBTFUL, SEEN = range(5)
 """How a message relates to the run so far: newer than all before; the first of another run, which is believed from here
-on; older than one before; no part of the run."""
+on; older than one before; no part of the run; a copy of one that came before (`hapnet.wire.path.arrive` finds it)."""
 
 MIN_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
 """In the long run a sender's messages are at least this far apart; at most this many may come ahead of that."""

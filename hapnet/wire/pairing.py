@@ -42,6 +42,9 @@ class Input(Enum):
     HELLO_OF_PEER = "the peer's hello"
     HELLO = "a hello that fits"
     UNFIT_HELLO = "a hello that does not fit"
+    UNPROVEN_HELLO = "a hello that fits, of a side that must prove first that it holds its key"
+    UNPROVEN_UNFIT_HELLO = "the same, but it does not fit"
+    FALSE_PROOF = "a hello, a welcome or a refusal without the seal that its sender would have"
     FORGED_HELLO = "a hello in the peer's name that does not fit: the peer did"
     WELCOME_OF_PEER = "the peer's welcome"
     WELCOME = "a welcome that fits and answers a recent hello"
@@ -60,6 +63,8 @@ class Action(Enum):
 
     MAKE_CANDIDATE = "the sender is the candidate from now on"
     SEND_WELCOME = "answer with a welcome"
+    ASK_PROOF = "answer with a hello to it, which only its welcome can answer; with a refusal if it has no key"
+    REPORT_UNPROVEN = "report that somebody does not prove who he is"
     SEND_REFUSAL = "answer with a refusal that says why, and report the mismatch"
     REFUSE_RETIRED = "answer with a refusal: an incarnation that was the peer once never is again"
     SEND_HELLO = "say hello soon"
@@ -78,6 +83,7 @@ class Drop(Enum):
     MISADDRESSED = "addressee", "meant for incarnation {addressee:#x}"
     PEER_IS_HEARD = "rival", "incarnation {sender:#x} wants the place of a peer that is alive"
     OTHER_CANDIDATE = "rival", "incarnation {sender:#x} speaks while another one is about to be the peer"
+    FALSE_PROOF = "forged", "incarnation {sender:#x} does not prove that it holds the key that it offers"
     STALE_WELCOME = "stale", "welcome to hello {number}; the last pairing was after it, or it was never said"
     UNPAIRED = "unpaired", "incarnation {sender:#x} is not the peer yet"
     STRANGER = "stranger", "incarnation {sender:#x} is not the peer's"
@@ -105,6 +111,7 @@ def _in_any(state: State) -> dict[Input, Transition]:
         Input.RETIRED: _row(state, Action.REFUSE_RETIRED, drop=Drop.RETIRED),
         Input.MISADDRESSED: _row(state, drop=Drop.MISADDRESSED),
         Input.UNFIT_HELLO: _row(state, Action.SEND_REFUSAL),
+        Input.UNPROVEN_UNFIT_HELLO: _row(state, Action.ASK_PROOF),
         Input.BYE_OF_RETIRED: _row(state, drop=Drop.BYE_OF_RETIRED),
         Input.BYE: _row(state, drop=Drop.BYE_OF_STRANGER),
     }
@@ -128,8 +135,10 @@ def _open_to_strangers(state: State, no_peer: Drop) -> dict[Input, Transition]:
     return {
         Input.OTHER_CANDIDATE: _row(state, drop=Drop.OTHER_CANDIDATE),
         Input.HELLO: _row(state, Action.MAKE_CANDIDATE, Action.SEND_WELCOME, Action.SEND_HELLO),
+        Input.UNPROVEN_HELLO: _row(state, Action.ASK_PROOF),
+        Input.FALSE_PROOF: _row(state, Action.REPORT_UNPROVEN, drop=Drop.FALSE_PROOF),
         Input.WELCOME: _row(State.PAIRED, Action.PAIR),
-        Input.STALE_WELCOME: _row(state, Action.MAKE_CANDIDATE, Action.SEND_HELLO, drop=Drop.STALE_WELCOME),
+        Input.STALE_WELCOME: _row(state, Action.SEND_HELLO, drop=Drop.STALE_WELCOME),
         Input.UNFIT_WELCOME: _row(state, Action.MAKE_CANDIDATE, Action.SEND_REFUSAL),
         Input.REFUSAL: _row(state, Action.REPORT_REFUSAL),
         Input.DATA: _row(state, Action.SEND_HELLO, drop=no_peer),

@@ -26,8 +26,9 @@ from hapnet.records.equation import equation
 from hapnet.records.histogram import Histogram, add
 from hapnet.records.record import NEVER, Record
 from hapnet.wire import peer_monitor as monitors
-from hapnet.wire.numbering import DOUBTFUL, LATE, NEW, place
+from hapnet.wire.numbering import AGAIN, DOUBTFUL, LATE, NEW, SEEN, place
 from hapnet.wire.peer_monitor import PeerMonitor
+from hapnet.wire.replay_window import ReplayWindow, accept, restart
 
 _NANO = 1e-9
 
@@ -230,13 +231,32 @@ class Path(Record):
 
 
 @equation
-def arrive(path: Path, monitor: PeerMonitor, now_ns: int, number: int, sent_ns: int, echo_ns: int, came_ns: int) -> int:
-    """A message of the peer's stream came: returns its place, and counts what it shows unless it is doubtful."""
+def arrive(
+    path: Path,
+    monitor: PeerMonitor,
+    window: ReplayWindow,
+    counts_once: bool,
+    now_ns: int,
+    number: int,
+    sent_ns: int,
+    echo_ns: int,
+    came_ns: int,
+) -> int:
+    """A message of the peer's stream came: returns its place, and counts what it shows unless it is doubtful.
+
+    A late message whose number `window` has seen is a copy: it shows nothing of the path, whoever sent it. Where each
+    message counts once (waves), one with a number that was seen is a copy wherever it stands.
+    """
     numbers = monitor.numbers
     newest = numbers.newest
     found = place(numbers, now_ns, number, sent_ns)
     if found == DOUBTFUL:
         return found
+    if found == AGAIN:
+        restart(window, number)
+    copy = not accept(window, number)
+    if copy and found == LATE:
+        return SEEN
     since = 1 if newest < 0 else number - newest
     if on_position(path, now_ns, number, sent_ns, since, numbers.min_ns, found) and echo_ns:
         on_echo(path, now_ns, sent_ns, echo_ns, came_ns)
@@ -245,7 +265,7 @@ def arrive(path: Path, monitor: PeerMonitor, now_ns: int, number: int, sent_ns: 
         monitors.on_any_message(monitor, now_ns)
     else:
         monitors.on_position(monitor, now_ns, since)
-    return found
+    return SEEN if copy and counts_once else found
 
 
 on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns

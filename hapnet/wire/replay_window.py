@@ -1,4 +1,4 @@
-"""Which numbers were seen already, for messages that may come late but must be used at most once."""
+"""Which numbers were seen already: a copy of a message is not counted, and a wave is used at most once."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated
 
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes
-from hapnet.wire.numbering import AGAIN, LATE
+from hapnet.wire.numbering import SEEN
 
 WINDOW = 1024
 
@@ -56,18 +56,8 @@ accept, restart = ReplayWindow.accept, ReplayWindow.restart
 """As equations call them."""
 
 
-@equation
-def is_stale(window: ReplayWindow, place: int, number: int, counts_once: bool, may_be_late: bool) -> bool:
-    """Is a message in this place used no more? Those that count once are used however late they come."""
-    if not counts_once:
-        return place == LATE and not may_be_late
-    if place == AGAIN:
-        restart(window, number)
-    return not accept(window, number)
-
-
-def stale_detail(name: str, number: int, counts_once: bool, late: bool) -> str:
-    """Why it is used no more."""
-    if not counts_once:
-        return f"{name} {number} comes after a later one"
-    return f"{name} {number} came before{', or comes long after later waves' if late else ''}"
+def stale_detail(name: str, number: int, place: int) -> str:
+    """Why a message in this place is used no more."""
+    if place == SEEN:
+        return f"{name} {number} came before, or comes long after later ones"
+    return f"{name} {number} comes after a later one"

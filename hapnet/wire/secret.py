@@ -3,22 +3,24 @@
 Each process has a key pair of X25519 (RFC 7748). Its public half is in its hello and its welcome; both sides derive
 the same key from it (RFC 5869). A tag is HMAC-SHA-256 (RFC 2104) of all the frame's bytes before it, cut to 8 bytes.
 
-Whoever can only listen, and add frames, learns no key, and cannot make a tag. Who can also take frames away may put
-himself between the sides while they pair; only a word that both users know keeps him out.
+Whoever can only listen learns no key, and cannot make a tag. Who speaks while the two pair may offer keys of his own
+in their names, and so stand between them. A word that both users know keeps him out: it is part of each key, and so of
+each proof that a side has one. Without a word two keys in one name show him, or a fingerprint that the users compare.
 """
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import hashlib
 import hmac
 from collections.abc import Mapping
-from typing import Any, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 from hapnet.errors import BadMessage
 from hapnet.wire.encryption import Cipher, Encrypted
 from hapnet.wire.fields import ENCRYPTS, KEY, TAG
-from hapnet.wire.messages import Account, Bye, Energy, Message, Refuse, Signals, Stream, Welcome, decode, encode
+from hapnet.wire.messages import Account, Bye, Energy, Hello, Message, Refuse, Signals, Stream, Welcome, decode, encode
 
 TAG_BYTES = 8
 _NO_TAG = bytes(TAG_BYTES)
@@ -27,7 +29,21 @@ _PROTOCOL = b"hapnet, version 2"
 OfPeer = Energy | Signals | Account | Bye | Refuse
 """The messages of a peer that must be sealed where the two share a key."""
 
-Sealed = OfPeer | Welcome
+Sealed = OfPeer | Hello | Welcome
+
+Proof = Literal["word", "certificate", "socket"]
+"""What proves who the peer is: a word that both users know; a certificate that each side wants to see; or that the link
+is a socket that only this machine's user can open."""
+
+MOST_OFFERS = 4096
+"""So many incarnations are remembered with the key that they offered first; who offers more hides one of them."""
+
+MOST_KEYS = 256
+"""So many keys of strangers are kept; the oldest is derived again when it is needed."""
+
+FINGERPRINT_BYTES = 10
+"""Of a pair's key: 80 bits. Who wants two pairs to show the same must try 2^40 keys of his own against each side, after
+both have said hello and before they pair."""
 
 OF_PAIR: tuple[type[Message], ...] = (*get_args(Stream), Energy, Signals, Account)
 """What the sides of a pair say to each other, beside what begins and ends it."""
@@ -38,16 +54,18 @@ class Secret:
 
     private : 32 bytes of the system's generator, drawn when the process starts.
     word : what both users know; empty: nothing. Guessing it takes some 50 ms a try.
-    encrypts : pair with nobody who cannot encrypt, and encrypt. If the peer does so, this side does it in any case.
+    encrypts : pair with nobody who cannot encrypt.
+    proof : what else proves who the peer is; None: nothing. A word does in any case.
     """
 
-    def __init__(self, private: bytes, word: str = "", *, encrypts: bool = False) -> None:
+    def __init__(self, private: bytes, word: str = "", *, encrypts: bool = False, proof: Proof | None = None) -> None:
         from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey  # here, since it loads OpenSSL
 
         self._private = X25519PrivateKey.from_private_bytes(private)
         self.public: bytes = self._private.public_key().public_bytes_raw()
         self.has_word: bool = bool(word)
         self.encrypts: bool = encrypts
+        self.proof: Proof | None = "word" if word else proof
         self._word = hashlib.scrypt(word.encode(), salt=_PROTOCOL, n=2**14, r=8, p=1) if word else b""
 
     def key(self, mine: int, theirs: int, public: bytes) -> bytes:
@@ -106,42 +124,67 @@ def decrypted(message: Encrypted, cipher: Cipher | None) -> Message:
     return inside
 
 
+def fingerprint(key: bytes) -> str:
+    """Of a pair's key, for people to compare: 16 letters and digits in groups of four."""
+    short = hmac.digest(key, b"fingerprint\x01", "sha256")[:FINGERPRINT_BYTES]
+    letters = base64.b32encode(short).decode().lower()
+    return "-".join(letters[k : k + 4] for k in range(0, len(letters), 4))
+
+
 class _Shared(NamedTuple):
-    """What is shared with another side: its public key, the shared key, and the cipher if the two encrypt."""
+    """What is shared with a peer: its public key, the shared key, the cipher, and whether either wants it secret."""
 
     public: bytes
     key: bytes
     cipher: Cipher | None = None
+    secret: bool = False
 
 
 class Keys:
     """The keys that one side shares with others, by their incarnations. Without a secret there are none.
 
     mine : this side's incarnation.
+
+    Attributes
+    ----------
+    disputed : incarnations in whose name two keys were offered, or one and none.
     """
 
     def __init__(self, secret: Secret | None, mine: int) -> None:
         self.offer: dict[str, Any] | None = None if secret is None else {KEY: secret.public, ENCRYPTS: secret.encrypts}
         """Further entries of this side's hellos and welcomes."""
+        self.disputed: set[int] = set()
         self._secret, self._mine = secret, mine
         self._encrypts = secret is not None and secret.encrypts
         self._kept: dict[int, _Shared] = {}  # of all peers so far
-        self._met: tuple[int, _Shared] | None = None  # of who may be the next
-        self._asked = False  # its welcome, which was sealed, asks for encryption
+        self._first: dict[int, bytes | None] = {}  # what each incarnation offered first
+        self._derived: dict[tuple[int, bytes], bytes] = {}
+        self._met: tuple[int, bytes | None] = 0, None  # who was welcomed last, and the key of that
 
     @property
-    def met(self) -> int:
-        """Who may be the next peer, and may take this side for its peer already; 0: nobody."""
-        return 0 if self._met is None else self._met[0]
+    def met(self) -> tuple[int, bytes | None]:
+        """Who may be the next peer, may take this side for its peer already, and the shared key; 0: nobody."""
+        return self._met
+
+    def meet(self, other: int, key: bytes | None) -> None:
+        """`other` is welcomed, with that key."""
+        self._met = other, key
+
+    @property
+    def proof(self) -> Proof | Literal["nobody"] | None:
+        """What proves who this side's peer is; None: it shares no keys."""
+        return None if self._secret is None else (self._secret.proof or "nobody")
 
     def shared_with(self, other: int) -> bytes | None:
-        """The key for frames to `other`; None: there is none."""
-        if other in self._kept:
-            return self._kept[other].key
-        return self._met[1].key if self._met is not None and self._met[0] == other else None
+        """The key for frames to `other`, who was the peer; None: there is none."""
+        return self._kept[other].key if other in self._kept else None
+
+    def fingerprint(self, peer: int) -> str:
+        """Of the key that is shared with a peer; empty: there is none."""
+        return fingerprint(self._kept[peer].key) if peer in self._kept else ""
 
     def cipher(self, peer: int) -> Cipher | None:
-        """What encrypts for a peer, and decrypts what it sends; None: the two do not encrypt."""
+        """What encrypts for a peer, and decrypts what it sends; None: one of the two cannot encrypt."""
         return self._kept[peer].cipher if peer in self._kept else None
 
     @property
@@ -149,11 +192,15 @@ class Keys:
         """Must this side send nothing that others can read, not even without a peer?"""
         return self._encrypts
 
+    def is_secret(self, peer: int) -> bool:
+        """Must nothing that others can read leave a side of this pair?"""
+        return self._encrypts or (peer in self._kept and self._kept[peer].secret)
+
     def require_seal(self, message: Message, data: bytes) -> None:
         """Check that a message of someone who shares a key with this side is sealed with it.
 
-        Streams are not sealed: a set-position costs what it costs, whoever sends it. Nor are hellos, which are to
-        nobody; and welcomes are judged by `prove`. Of a pair that encrypts only byes and refusals come so.
+        Of a pair that encrypts only byes and refusals come so. Where the peer cannot encrypt, streams are not sealed: a
+        set-position costs what it costs, whoever sends it. Hellos and welcomes are judged by `is_proven`.
 
         Raises BadMessage: it is not.
         """
@@ -165,57 +212,78 @@ class Keys:
         if isinstance(message, OfPeer) and not is_sealed(shared.key, message.more, data):
             raise BadMessage("forged", f"a message in the name of {message.incarnation:#x} without its seal")
 
+    def note(self, other: int, more: Mapping[str, Any] | None) -> bool:
+        """Remember what `other` offers in a hello or a welcome. Did it offer something else before?"""
+        offered = _offered(more)
+        if self._secret is None or other == self._mine:
+            return False
+        if other not in self._first and len(self._first) >= MOST_OFFERS:
+            return False
+        if self._first.setdefault(other, offered) == offered:
+            return False
+        if len(self.disputed) < MOST_OFFERS:
+            self.disputed.add(other)
+        return True
+
+    def is_disputed(self, peer: int) -> bool:
+        """Was more than one key offered in the peer's name, or is that not known any more?"""
+        return self._secret is not None and (peer in self.disputed or peer not in self._first)
+
     def is_other(self, peer: int, more: Mapping[str, Any] | None) -> bool:
         """Does a hello in the peer's name offer another key than the peer did?"""
         return peer in self._kept and self._kept[peer].public != _offered(more)
 
     def misfit(self, name: str, more: Mapping[str, Any] | None) -> str:
         """Why a side that offers this cannot be the peer; empty if it may be."""
-        offered = _offered(more) is not None
-        if self._secret is not None and self._secret.has_word and not offered:
-            return f"{name} has no secret, and this side has one"
         return f"{name} cannot encrypt, and this side must" if self._encrypts and _asks(more) is None else ""
 
-    def meet(self, other: int, more: Mapping[str, Any] | None) -> bytes | None:
-        """The key shared with `other`, who said hello or welcome; None: one of the two has no secret.
+    def must_prove(self, more: Mapping[str, Any] | None) -> bool:
+        """Must a side that offers this prove itself? All must who offer a key, and where there is a word everybody."""
+        return self._secret is not None and (self._secret.has_word or _offered(more) is not None)
 
-        Raises BadMessage: what `other` offers is no key, or it offered one before and does not now.
+    def has_key(self, more: Mapping[str, Any] | None) -> bool:
+        """Does it offer a key?"""
+        return _offered(more) is not None
+
+    def key_for(self, other: int, more: Mapping[str, Any] | None) -> bytes | None:
+        """The key shared with `other`, who offers this; None: one of the two offers none.
+
+        Raises BadMessage: what `other` offers is no key.
         """
-        public, met = _offered(more), self._met if self._met is not None and self._met[0] == other else None
+        public = _offered(more)
+        if self._secret is None or public is None:
+            return None
+        key = self._derived.get((other, public))
+        if key is None:
+            if len(self._derived) >= MOST_KEYS:
+                del self._derived[next(iter(self._derived))]
+            key = self._derived[other, public] = self._secret.key(self._mine, other, public)
+        return key
+
+    def is_proven(self, other: int, more: Mapping[str, Any] | None, data: bytes) -> bool:
+        """Is the hello or welcome `data` sealed with the key that it offers, and so with the word?
+
+        Raises BadMessage: what `other` offers is no key.
+        """
+        key = self.key_for(other, more)
+        return key is not None and is_sealed(key, more, data)
+
+    def may_refuse(self, other: int, more: Mapping[str, Any] | None, data: bytes) -> bool:
+        """Does a stranger's refusal count? It is sealed if it has offered a key; where there is a word, in any case."""
         if self._secret is None:
-            return None
-        if public is None:
-            if met is not None:
-                raise BadMessage("forged", f"incarnation {other:#x} offered a key before")
-            return None
-        if met is None or met[1].public != public:
-            self._met = met = other, _Shared(public, self._secret.key(self._mine, other, public))
-        return met[1].key
+            return True
+        if not self._secret.has_word and self._first.get(other) is None:
+            return True
+        return any(is_sealed(key, more, data) for (who, _), key in self._derived.items() if who == other)
 
-    def prove(self, name: str, other: int, more: Mapping[str, Any] | None, data: bytes) -> str:
-        """Why the welcome `data` of `other` does not count; empty if it does.
-
-        Raises BadMessage: it is not sealed with the key that it offers. With a word on this side that is no fault of
-        the network, but another word.
-        """
-        key = self.meet(other, more)
-        if self._secret is None or key is None:
-            return ""
-        if is_sealed(key, more, data):
-            self._asked = bool(_asks(more))
-            return ""
-        if not self._secret.has_word:
-            raise BadMessage("forged", f"the welcome of {other:#x} is not sealed with its key")
-        return f"{name} has another secret"
-
-    def keep(self, peer: int) -> None:
-        """`peer` is the peer from now on."""
-        if self._met is not None and self._met[0] == peer:
-            shared = self._met[1]
-            if self._encrypts or self._asked:
-                shared = shared._replace(cipher=Cipher(shared.key, self._mine, peer))
-            self._kept[peer] = shared
-        self._met, self._asked = None, False
+    def keep(self, peer: int, more: Mapping[str, Any] | None) -> None:
+        """`peer` is the peer from now on; `more` : of its welcome."""
+        if (key := self.key_for(peer, more)) is not None:
+            public, asks = _offered(more), _asks(more)
+            assert public is not None
+            cipher = None if asks is None else Cipher(key, self._mine, peer)
+            self._kept[peer] = _Shared(public, key, cipher, bool(asks) or self._encrypts)
+        self._met = 0, None
 
 
 def _offered(more: Mapping[str, Any] | None) -> bytes | None:

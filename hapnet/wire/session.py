@@ -27,7 +27,9 @@ from hapnet.wire.encryption import Cipher
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import SUMS, Signal, printable
-from hapnet.wire.handshake import MOST_SAMPLED, RESERVOIR, SAMPLED, Handshake, check_identity
+from hapnet.wire.handshake import Handshake, Ignored
+from hapnet.wire.identity import MOST_SAMPLED, RESERVOIR, SAMPLED, check_identity
+from hapnet.wire.impostors import Impostors
 from hapnet.wire.messages import (
     Account,
     Bye,
@@ -52,11 +54,11 @@ from hapnet.wire.messages import (
     decode,
     encode,
 )
-from hapnet.wire.numbering import DOUBTFUL, LATE
+from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
 from hapnet.wire.path import Path, arrive
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
-from hapnet.wire.replay_window import ReplayWindow, is_stale, stale_detail
-from hapnet.wire.secret import OF_PAIR, Secret, decrypted, sealed
+from hapnet.wire.replay_window import ReplayWindow, stale_detail
+from hapnet.wire.secret import Secret, decrypted, sealed
 from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
@@ -111,8 +113,11 @@ class Session:
         self._past = Totals()
         self._channel = self._open_channel(0.0)
         self._cipher: Cipher | None = None
+        self.fingerprint: str = ""
+        """Of the key of the present or last pair, for people to compare; empty: there is none."""
         self.sums: Sums = Sums()
         """Whether what comes in the peer's name about energy fits together."""
+        self._impostors = Impostors(self._handshake.keys, self.sums)
         self.positions: PositionStream = PositionStream(incarnation)
         self.position: Callable[[int, Sequence[float]], bytes] = self.positions.position
         """(now_ns, position) -> the next frame for the position key; see `PositionStream`."""
@@ -170,6 +175,8 @@ class Session:
             self.dropped["closed"] += 1
             return ()
         before = self._handshake.peer
+        message: Message | None = None
+        doubts: tuple[Event, ...] = ()
         try:
             message = decode(data)
             if type(message) is Encrypted:
@@ -179,16 +186,25 @@ class Session:
                 self._handshake.keys.require_seal(message, data)
             if type(message) is self._expects:  # nearly every message
                 return self._on_stream(message, now_ns)
+            if isinstance(message, Hello | Welcome):
+                doubts = self._impostors.on_offer(message, before)
             events = self._dispatch(message, now_ns, data)
         except OtherVersion as error:
             self._drop(error)
             events = self._handshake.other_version(error, now_ns)
         except BadMessage as error:
             self._drop(error)
-            events = ()
+            reported = error.events if isinstance(error, Ignored) else ()
+            events = self._impostors.on_bad(message, before, error) + reported
         if self._handshake.peer is not before:
             self._change_pair(now_ns)
-        return events
+            events += self._impostors.on_peer(self.peer)
+        return events + doubts
+
+    @property
+    def proof(self) -> str | None:
+        """What proves who the peer is: "word", "certificate", "socket" or "nobody"; None: this side shares no keys."""
+        return self._handshake.keys.proof
 
     def outward(self, frame: bytes) -> bytes | None:
         """A frame of this side's stream as it goes to the network, where a pair may encrypt; None: it must not go."""
@@ -198,8 +214,9 @@ class Session:
 
     @property
     def encrypts(self) -> bool:
-        """Must nothing that others can read leave this side?"""
-        return self._cipher is not None or self._handshake.keys.must_encrypt
+        """Must nothing that others can read leave this side? A pair that merely can encrypt does, but need not."""
+        keys = self._handshake.keys
+        return keys.must_encrypt if self.peer is None else keys.is_secret(self.peer.incarnation)
 
     def _drop(self, error: BadMessage) -> None:
         self.dropped[error.kind] += 1
@@ -227,7 +244,7 @@ class Session:
             outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *reported)))
         if peer is not None and not self.closed and (account := self.accounts.poll(now_ns)) is not None:
             outgoing.append(self._outgoing(Account(self.identity.incarnation, peer.incarnation, *account)))
-        outgoing.extend(self._outgoing(message) for message in self._handshake.poll(now_ns))
+        outgoing.extend(_outgoing(message, key) for message, key in self._handshake.poll(now_ns))
         return outgoing, events
 
     @property
@@ -241,10 +258,6 @@ class Session:
         if handshake is None or channel is None:
             return channel if handshake is None else handshake
         return min(handshake, channel)
-
-    def leave(self, now_ns: int) -> None:
-        """This side begins to end: a silence of the peer from now on is no outage."""
-        self._monitor.leave(now_ns)
 
     def close(self, now_ns: int, reason: str) -> None:
         """End the pair and this side: some byes remain to be polled; after them nothing is due.
@@ -317,7 +330,7 @@ class Session:
                 self.accounts.receive(message, now_ns)
                 return ()
             case Bye():
-                return self._on_bye(message, now_ns)
+                return self._on_bye(message, now_ns, data)
             case Encrypted():  # what was in it is here in its place
                 return ()
             case Hello() | Welcome() | Refuse():
@@ -339,7 +352,10 @@ class Session:
         if len(message.vector) != self.identity.dof:
             raise BadMessage("dimension", f"{len(message.vector)} coordinates; allowed: {self.identity.dof}")
         monitor, path, sequence, sent_ns = self._monitor, self.path, message.sequence, message.sent_ns
-        place = arrive(path, monitor, now_ns, sequence, sent_ns, message.echo_ns, message.came_ns)
+        once = type(message) is Wave
+        place = arrive(
+            path, monitor, self.replay_window, once, now_ns, sequence, sent_ns, message.echo_ns, message.came_ns
+        )
         if place == DOUBTFUL:
             newest = monitor.numbers.newest
             detail = f"{_word(message)} {sequence} cannot follow {newest}: its number or its time stamp is not possible"
@@ -349,14 +365,14 @@ class Session:
             if isinstance(message, Position)
             else SampleReceived(message, path.under_way_ns)
         )
-        late, once = place == LATE, type(message) is Wave
-        may_be_late = self.settings.accept_stale and type(message) is Position
-        if is_stale(self.replay_window, place, sequence, once, may_be_late):
-            raise BadMessage("stale", stale_detail(_word(message), sequence, once, late))
+        late = place == LATE
+        may_be_late = once or (self.settings.accept_stale and type(message) is Position)
+        if place == SEEN or (late and not may_be_late):
+            raise BadMessage("stale", stale_detail(_word(message), sequence, place))
         heard = None if late else monitor.ended
         return (received,) if heard is None else (received, heard)
 
-    def _on_bye(self, message: Bye, now_ns: int) -> tuple[Event, ...]:
+    def _on_bye(self, message: Bye, now_ns: int, data: bytes) -> tuple[Event, ...]:
         peer = self.peer
         mine = message.addressee == self.identity.incarnation
         events: tuple[Event, ...] = ()
@@ -364,13 +380,14 @@ class Session:
             announced_nJ = self._channel.announced_nJ
             events = self.sums.acknowledged(message.acked_nJ, announced_nJ)
             self._channel.acknowledge(min(message.acked_nJ, announced_nJ), now_ns)
-        return events + self._handshake.receive(message, now_ns)
+        return events + self._handshake.receive(message, now_ns, data)
 
     def _credited(self, credited_nJ: int) -> tuple[Event, ...]:
         return (EnergyCredited(credited_nJ),) if credited_nJ else ()
 
     def _change_pair(self, now_ns: int) -> None:
         if (peer := self.peer) is not None:
+            self.fingerprint = self._handshake.keys.fingerprint(peer.incarnation)
             self._monitor.begin(now_ns)
             every = peer.about.get(SAMPLED)
             self.path.begin(now_ns, every if type(every) is int and 1 <= every <= MOST_SAMPLED else 1)
@@ -386,15 +403,17 @@ class Session:
         self._channel = self._open_channel(self._channel.residue_J)
         self.sums.change_pair()
 
-    def _outgoing(self, message: Energy | Signals | Account | ControlMessage) -> Outgoing:
-        if self._cipher is not None and isinstance(message, OF_PAIR):
+    def _outgoing(self, message: Energy | Signals | Account) -> Outgoing:
+        if self._cipher is not None:
             return Outgoing(message.CHANNEL, self._cipher.encrypt(encode(message)))
-        key = None if isinstance(message, Hello) else self._handshake.keys.shared_with(message.addressee)
-        frame = encode(message) if isinstance(message, Hello) or key is None else sealed(message, key)
-        return Outgoing(message.CHANNEL, frame)
+        return _outgoing(message, self._handshake.keys.shared_with(message.addressee))
 
     def _open_channel(self, residue_J: float) -> EnergyChannel:
         return EnergyChannel(self._admission, spacing_ns=self.settings.spacing_ns, residue_J=residue_J)
+
+
+def _outgoing(message: Energy | Signals | Account | ControlMessage, key: bytes | None) -> Outgoing:
+    return Outgoing(message.CHANNEL, encode(message) if key is None else sealed(message, key))
 
 
 def _word(stream: Stream | type[Stream]) -> str:

@@ -27,7 +27,13 @@ CREDITED = "credited"
 ACKNOWLEDGED = "acknowledged"
 """Energy was acknowledged that was never announced."""
 
-KINDS = (TELLERS, CREDITED, ACKNOWLEDGED)
+KEYS = "keys"
+"""Two keys were offered in the name of one incarnation."""
+
+SEALS = "seals"
+"""A message in the peer's name is not sealed, or not encrypted, with the key of the pair."""
+
+KINDS = (TELLERS, CREDITED, ACKNOWLEDGED, KEYS, SEALS)
 
 _MOST_KEPT = 4096
 """How many of its own messages a side remembers: 40 s of them at least."""
@@ -70,6 +76,10 @@ class Sums:
         """The peer acknowledges energy. This side has announced so much."""
         kind = ACKNOWLEDGED if acked_nJ > announced_nJ else ""
         return self._found(kind, f"{acked_nJ} nJ acknowledged of {announced_nJ} nJ announced")
+
+    def doubt(self, kind: str, detail: str) -> tuple[Event, ...]:
+        """Something else contradicts: one of `KINDS`."""
+        return self._found(kind, detail)
 
     def _found(self, kind: str, detail: str) -> tuple[Event, ...]:
         if not kind:

@@ -86,7 +86,7 @@ class Watch:
         self.numbers = Numbers()
         """Of the present peer's stream."""
         self._expects = session.settings.expects
-        self._waves: set[int] = set()
+        self._came: set[int] = set()
         """The numbers of the present peer's waves that were taken."""
         self._rate_nW, self._burst_aJ = round(power_W * 1e9), round(burst_J * 1e9) * 10**9
         self._accept_stale = accept_stale
@@ -130,7 +130,7 @@ class Watch:
             self.claimed_nJ = self._told_nJ = 0
             self._signals, self._account = -1, 1
             self.numbers = Numbers()
-            self._waves.clear()
+            self._came.clear()
         self._check(now_ns, events)
         return events
 
@@ -190,9 +190,9 @@ class Watch:
         before, word = self.numbers.newest, "doubtful"
         if from_peer and fits:
             word = self.numbers.take(now_ns, message.sequence, message.sent_ns)
-        counts = word == "new" or (word == "late" and isinstance(message, Position) and self._accept_stale)
-        if isinstance(message, Wave) and word != "doubtful":
-            counts = self._wave_counts(message.sequence)
+        first_time = word != "doubtful" and self._is_first(message.sequence)
+        late = word == "late" and isinstance(message, Position) and self._accept_stale and first_time
+        counts = first_time if isinstance(message, Wave) else word == "new" or late
         hold(dropped != counts, "position", message, "after", before, "is", word, "dropped:", dropped)
         if not counts:
             return
@@ -204,13 +204,13 @@ class Watch:
         found = tuple([one._replace(took_ns=0) for one in first])
         hold(repr(found) == repr((known,)), message, "gave", events)  # NaN, in entries that nobody knows
 
-    def _wave_counts(self, number: int) -> bool:
+    def _is_first(self, number: int) -> bool:
         """Each once, none that is far behind the highest; from a run that goes on far behind, all are counted anew."""
-        if number == self.numbers.newest and not max(self._waves, default=number) - 1024 < number:
-            self._waves = set(range(number - 1024, number))
-        counts = number not in self._waves and number > max(self._waves, default=-1) - 1024
+        if number == self.numbers.newest and not max(self._came, default=number) - 1024 < number:
+            self._came = set(range(number - 1024, number))
+        counts = number not in self._came and number > max(self._came, default=-1) - 1024
         if counts:
-            self._waves.add(number)
+            self._came.add(number)
         return counts
 
     def _check(self, now_ns: int, events: tuple[Event, ...]) -> None:

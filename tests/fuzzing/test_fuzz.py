@@ -177,7 +177,7 @@ def test_a_stale_position_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_wave_that_counts_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapnet.wire.replay_window.accept", lambda window, number: True)
+    monkeypatch.setattr("hapnet.wire.path.accept", lambda window, number: True)
     assert "dropped: False" in found("wave")
 
 

@@ -1,4 +1,4 @@
-"""Whoever speaks in a side's name never makes a run look passive, and with a secret he changes nothing."""
+"""Whoever speaks in a side's name never makes a run look passive, and with a word he changes nothing."""
 
 import bisect
 import random
@@ -7,11 +7,13 @@ from collections.abc import Callable
 import pytest
 
 from hapnet.params import Params
+from hapnet.summary.who import contradicted
 from hapnet.wire.messages import Role
 from tests.conftest import mostly_slow
 from tests.support.forger import STYLES, Attacked, Lie
 
 LINKS = ("lan", "wifi", "4g", "leo", "wan-intercontinental", "delay 20ms 5ms loss 20%")
+WORD = "correct horse"
 SCENES = ("wall", "box", "moving")
 
 
@@ -54,19 +56,24 @@ def foresight(honest: Attacked) -> Callable[[int], int]:
 
 @seeds_up_to(100)
 @pytest.mark.parametrize("towards", mostly_slow(["world", "device"], 1))
-def test_no_attacked_run_is_passive_and_with_a_secret_all_are_as_without_attack(seeds: range, towards: Role) -> None:
+def test_no_attacked_run_is_passive_and_with_a_word_all_are_as_without_attack(seeds: range, towards: Role) -> None:
     early = 0
     for seed in seeds:
         rng = random.Random(seed)
         of, reported = params(rng), lie(rng)
-        honest = Attacked(of, seed, towards=towards, secrets=True)
+        honest = Attacked(of, seed, towards=towards, secrets=True, word=WORD)
         plain = honest.run().summary
         attacked = Attacked(of, seed, reported, foresight(honest), towards=towards)
         verdict = attacked.run().summary["verdict"]
         if attacked.early_nJ > 0:  # else he sent nothing false
             early += 1
             assert verdict["passive"] is not True, (seed, reported, verdict)
-        guarded = Attacked(of, seed, reported, foresight(honest), towards=towards, secrets=True)
+        sealed = Attacked(of, seed, reported, foresight(honest), towards=towards, secrets=True)
+        doubted = sealed.run().summary
+        assert sealed.early_nJ == 0  # dropped; but who shares the key may be a stranger, and this the true one
+        assert doubted["verdict"]["passive"] is None
+        assert contradicted(doubted)
+        guarded = Attacked(of, seed, reported, foresight(honest), towards=towards, secrets=True, word=WORD)
         kept = guarded.run().summary
         assert guarded.early_nJ == 0
         assert guarded.deceived.dropped["forged"] > 0

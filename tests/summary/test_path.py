@@ -14,6 +14,7 @@ from hapnet.summary import path as paths
 from hapnet.wire.messages import Position, Role, decode, encode
 from hapnet.wire.path import Counts, Path, PathFigures, arrive
 from hapnet.wire.peer_monitor import PeerMonitor
+from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.session import Session
 from netem import Link, LinkProfile
 from tests.wire.test_numbering import FORGED
@@ -179,7 +180,7 @@ def test_the_figures_of_a_while_are_the_difference() -> None:
 
 
 def test_the_path_is_told_at_intervals_once_there_is_something() -> None:
-    path, monitor, said = Path(), PeerMonitor(500 * MS), []
+    path, monitor, window, said = Path(), PeerMonitor(500 * MS), ReplayWindow(), []
     monitor.begin(0)
     path.begin(0)
     reporter = paths.PathReporter("device", path)
@@ -188,7 +189,7 @@ def test_the_path_is_told_at_intervals_once_there_is_something() -> None:
         if now_ns == 1:
             path.on_echo(50 * MS, 50, 10 * MS, 50)  # a round trip of 40 ms
             for number in (0, 1, 3, 4):
-                arrive(path, monitor, (5 * number + 40) * MS, number, 5 * number * MS, 0, 0)
+                arrive(path, monitor, window, False, (5 * number + 40) * MS, number, 5 * number * MS, 0, 0)
     assert [notice is None for notice in said] == [True, True, True, False, True]
     assert said[3].kind == "path"
     assert said[3].values["round_trip_p50_ms"] == pytest.approx(40.0, rel=0.1)
@@ -201,14 +202,14 @@ def test_the_path_is_told_at_intervals_once_there_is_something() -> None:
 def test_loss_is_told_of_the_sample_without_bias_whatever_else_is_dropped() -> None:
     """Every fourth message is one of the sample, and some of these come late; of the others half are dropped as
     overtaken. Each loss is known."""
-    rng, path, monitor = np.random.default_rng(3), Path(), PeerMonitor(500 * MS)
+    rng, path, monitor, window = np.random.default_rng(3), Path(), PeerMonitor(500 * MS), ReplayWindow()
     monitor.begin(0)
     path.begin(0, every=4)
     lost, dropped = rng.random(60_000) < 0.15, rng.random(60_000) < 0.5
     dropped[::4] = False
     came = np.flatnonzero(~lost & ~dropped).tolist()
     for at, number in sorted((8 * number + (12 if number % 16 == 0 else 0), number) for number in came):
-        arrive(path, monitor, 40 * MS + at * MS, number, 8 * MS * number, 0, 0)
+        arrive(path, monitor, window, False, 40 * MS + at * MS, number, 8 * MS * number, 0, 0)
     known = path.figures()
     assert known.sent == came[-1] - came[0] + 1
     assert known.lost / known.sent == pytest.approx(np.mean(lost[: came[-1] // 4 * 4 + 1 : 4]), abs=1e-4)
@@ -219,13 +220,13 @@ def test_loss_is_told_of_the_sample_without_bias_whatever_else_is_dropped() -> N
 
 
 def test_where_nothing_is_overtaken_every_message_counts_and_no_sample() -> None:
-    rng, path, monitor = np.random.default_rng(3), Path(), PeerMonitor(500 * MS)
+    rng, path, monitor, window = np.random.default_rng(3), Path(), PeerMonitor(500 * MS), ReplayWindow()
     monitor.begin(0)
     path.begin(0, every=4)
     lost = rng.random(2_000) < 0.15
     lost[[0, -1]] = False
     for number in np.flatnonzero(~lost).tolist():
-        arrive(path, monitor, 5 * MS * number + 40 * MS, number, 5 * MS * number, 0, 0)
+        arrive(path, monitor, window, False, 5 * MS * number + 40 * MS, number, 5 * MS * number, 0, 0)
     known = path.figures()
     assert (known.sent, known.lost, known.overtaken) == (2_000, int(lost.sum()), 0)
 

@@ -13,7 +13,7 @@ from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.params import Params
 from hapnet.side.packet import Packet
 from hapnet.simulation.simulation import Simulation
-from hapnet.wire.messages import Energy, Role, decode, encode
+from hapnet.wire.messages import Encrypted, Energy, Role, decode, encode
 from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session
 
@@ -45,7 +45,7 @@ class Attacked(Simulation):
     lie : what the forger does; None: nothing.
     foreseen : what an honest other side had sent at a time [ns] in all [nJ].
     towards : the side that he speaks to, in the other's name.
-    secrets : do the sides agree on a secret? Otherwise they have only `hapnet.wire.sums`.
+    secrets : do the sides agree on a key? Otherwise they have only `hapnet.wire.sums`. word : that both know.
     """
 
     def __init__(
@@ -57,6 +57,7 @@ class Attacked(Simulation):
         *,
         towards: Role = "world",
         secrets: bool = False,
+        word: str = "",
     ) -> None:
         self.totals: list[tuple[int, int]] = []
         """All that the other side had sent, by the time [ns, nJ]."""
@@ -66,7 +67,8 @@ class Attacked(Simulation):
         self._lie, self._foreseen = lie, foreseen
         self._heard: Energy | None = None
         self._kept: list[Packet] = []
-        made = partial(_session, secrets=secrets)
+        self._encrypted = 0
+        made = partial(made_session, secrets=secrets, word=word)
         module = "hapnet.simulation.simulation"
         with (
             patch(f"{module}.device_session", partial(made, device_session, private=b"d" * 32)),
@@ -99,7 +101,14 @@ class Attacked(Simulation):
 
     def _overheard(self, towards: Role, packets: Iterable[Packet]) -> list[Packet]:
         for packet in (packets := list(packets)):
-            if towards == self._towards and isinstance(message := decode(packet.data), Energy):
+            if towards != self._towards or packet.kind != "energy":
+                continue
+            message = decode(packet.data)
+            if isinstance(message, Encrypted):  # he knows only whose it is, and counts himself
+                self._encrypted += 1
+                addressee = self.deceived.identity.incarnation
+                message = Energy(message.incarnation, addressee, 0, 0, {"sums": (self._encrypted, 0, 0)})
+            if isinstance(message, Energy):
                 self._heard = message
         return packets
 
@@ -125,7 +134,9 @@ class Attacked(Simulation):
             self._deceive([packet])
 
 
-def _session(make: Callable[..., Session], setup: Setup, incarnation: int, *, secrets: bool, private: bytes) -> Session:
-    session = make(setup, incarnation, secret=Secret(private) if secrets else None)
+def made_session(
+    make: Callable[..., Session], setup: Setup, incarnation: int, *, secrets: bool, private: bytes, word: str = ""
+) -> Session:
+    session = make(setup, incarnation, secret=Secret(private, word) if secrets else None)
     session.settings = replace(session.settings, sends_sums=True)
     return session

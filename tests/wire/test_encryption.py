@@ -18,7 +18,7 @@ from hapnet.transport.sampled import sequence_of
 from hapnet.transport.security import Security
 from hapnet.view.watcher import Watcher
 from hapnet.wire.encryption import FIRST_OTHER, Cipher, Encrypted, read
-from hapnet.wire.events import Mismatch, Paired, PositionReceived
+from hapnet.wire.events import Contradiction, Mismatch, Paired, PositionReceived
 from hapnet.wire.messages import (
     Account,
     Bye,
@@ -106,12 +106,15 @@ def test_no_number_is_used_twice(of_stream: list[bool]) -> None:
     assert len(set(numbers)) == len(numbers)
 
 
-@pytest.mark.parametrize(("of_device", "of_world"), [(True, True), (True, False), (False, True)])
-def test_if_either_side_encrypts_both_do_and_nothing_can_be_read(of_device: bool, of_world: bool) -> None:
+@pytest.mark.parametrize(("of_device", "of_world"), [(True, True), (True, False), (False, True), (False, False)])
+def test_all_who_can_encrypt_do_and_nothing_can_be_read(of_device: bool, of_world: bool) -> None:
+    """Whether that must be so, and what watchers hear too, either side may ask for."""
     network, device, world = pair(of_device, of_world)
-    assert device.encrypts
-    assert world.encrypts
-    assert network.happened(device, Paired) == [Paired(world.identity, 1, encrypts=True)]
+    assert device.encrypts is world.encrypts is (of_device or of_world)
+    (paired,) = network.happened(device, Paired)
+    assert isinstance(paired, Paired)
+    assert paired == Paired(world.identity, 1, True, "nobody", device.fingerprint)
+    assert device.fingerprint == world.fingerprint
     network.sent.clear()
     device.shuffle(2e-3)
     world.report("stop", "now")
@@ -185,8 +188,10 @@ def test_who_takes_the_wish_out_of_the_hellos_changes_nothing() -> None:
 )
 def test_what_a_stranger_says_in_the_peers_name_is_dropped(message: Message) -> None:
     network, device, _ = pair(True, True)
-    assert device.receive(network.now, encode(message)) == ()
-    assert device.dropped == {"forged": 1}
+    (event,) = device.receive(network.now, encode(message))
+    assert isinstance(event, Contradiction)  # without a word: perhaps the pair's key is a stranger's
+    assert device.receive(network.now, encode(message)) == ()  # reported once
+    assert device.dropped == {"forged": 2}
     assert device.peer is not None
     assert device.credited_nJ == 0
 
@@ -196,12 +201,13 @@ def test_what_a_stranger_says_in_the_peers_name_is_dropped(message: Message) -> 
                          ids=lambda message: type(message).__name__)  # fmt: skip
 def test_a_peer_encrypts_what_a_pair_says_and_nothing_else(inside: Message) -> None:
     network, device, world = pair(True, True)
-    assert device.receive(network.now, world._cipher.encrypt(encode(inside))) == ()
+    device.receive(network.now, world._cipher.encrypt(encode(inside)))
     assert device.dropped == {"forged": 1}
+    assert device.peer == world.identity
 
 
 def test_an_encrypted_message_to_a_pair_that_does_not_encrypt_is_dropped() -> None:
-    network, device, _ = pair(False, False)
+    network, device, _ = pair(None, None)
     assert device.receive(network.now, encode(Encrypted(2, 3, bytes(40)))) == ()
     assert device.dropped == {"forged": 1}
     assert sent(device, 0, (0.5, 0.5)) == encode(Position(1, 0, 0, (0.5, 0.5)))

@@ -153,5 +153,6 @@ def test_the_bound_is_nearly_reached() -> None:
 def test_sequences_out_of_order_are_taken_if_that_is_wanted() -> None:
     done = attack("device", alternating, {"wire.accept_stale": True})
     rig = done.rig
-    frame = encode(Position(rig.honest.identity.incarnation, 0, 0, (1e6,)))
-    assert len(rig.attack(frame)) == 1
+    who, newest = rig.honest.identity.incarnation, done.rig.watch.session.monitor.numbers.newest
+    frames = [encode(Position(who, newest + number, stamp, (1e6,))) for number, stamp in ((9, 2**62), (5, 0), (5, 0))]
+    assert [len(rig.attack(frame)) for frame in frames] == [1, 1, 0]  # the last is a copy

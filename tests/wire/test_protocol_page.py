@@ -35,6 +35,7 @@ CODE: dict[str, float] = {
     "minimum time between two hellos that strangers call for [ms]": control_sender.PROMPT_NS / MS,
     "a peer is living for [ms]": peer_monitor.LIVING_NS / MS,
     "a candidate is waited for [ms]": handshake.CANDIDATE_NS / MS,
+    "a candidate that is heard is waited for [ms]": handshake.CANDIDATURE_NS / MS,
     "silence that is reported [ms]": DEFAULT.silence_ns / MS,
     "replies (welcomes, refusals) at once": control_sender.MAX_REPLIES,
     "time between two rounds of replies [ms]": control_sender.REPLY_SPACING_NS / MS,

@@ -4,6 +4,7 @@ import random
 
 from hypothesis import given, settings, strategies as st
 
+from hapnet.wire.numbering import LATE, SEEN
 from hapnet.wire.replay_window import WINDOW, ReplayWindow, stale_detail
 
 
@@ -72,6 +73,5 @@ def test_from_another_run_far_behind_numbers_are_seen_anew() -> None:
 
 
 def test_why_a_message_is_stale() -> None:
-    assert stale_detail("position", 7, False, True) == "position 7 comes after a later one"
-    assert stale_detail("wave", 7, True, False) == "wave 7 came before"
-    assert stale_detail("wave", 7, True, True) == "wave 7 came before, or comes long after later waves"
+    assert stale_detail("position", 7, LATE) == "position 7 comes after a later one"
+    assert stale_detail("wave", 7, SEEN) == "wave 7 came before, or comes long after later ones"

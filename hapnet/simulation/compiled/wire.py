@@ -100,8 +100,8 @@ def write_wire(record: endpoints.Wire, endpoint: Endpoint) -> None:
         if count:
             session.dropped[kind] += count
     if side.stale:
-        name, once, late = session.settings.expects.__name__.lower(), bool(side.waves), bool(side.came_late)
-        session.dropped_for["stale"] = stale_detail(name, int(side.last_stale), once, late)
+        name = session.settings.expects.__name__.lower()
+        session.dropped_for["stale"] = stale_detail(name, int(side.last_stale), int(side.stale_place))
     for part, own in _parts(record, session):
         load(own, part)
 
