@@ -52,7 +52,7 @@ LINGER_S = 20.0
 class FarWorld:
     """Which world, how it is reached, and what this side leaves.
 
-    seed, out, files, realtime : as of `hapnet device`.
+    seed, out, files, realtime, json_to : as of `hapnet device`.
     """
 
     zenoh: ZenohOptions
@@ -62,11 +62,13 @@ class FarWorld:
     out: Path | None
     files: bool
     realtime: bool
+    json_to: str | None = None
 
     def words(self) -> list[str]:
         """The flags of `hapnet device` for all that."""
         words = [*self.zenoh.words(), "--session", self.session, "--name", self.name, "--seed", str(self.seed)]
         words += [] if self.out is None else ["--out", str(self.out)]
+        words += [] if self.json_to is None else ["--json", self.json_to]
         return [*words, *["--no-files"] * (not self.files), *["--realtime"] * self.realtime]
 
 
@@ -78,7 +80,7 @@ def play(params: Params, given: frozenset[str], far: FarWorld, page: PageOptions
     if far.zenoh.encrypt and far.zenoh.secret_file is None:
         raise InvalidParameter("--encrypt", "given alone", "with --secret-file, by which the page reads what is shown")
     settings = zenoh_settings(far.zenoh)
-    words = output.console(None)
+    words = output.console(far.json_to)
     with ExitStack() as closing:
         found: queue.SimpleQueue[Status] = queue.SimpleQueue()
 

@@ -195,8 +195,7 @@ def run_directory(out: Path | None, which: int | str | None) -> Path:
     Raises MissingLibrary: what makes recordings and figures is not installed. HapnetError: it cannot be made.
     """
     require("report", "writing recordings and figures")
-    name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"
-    path = out if out is not None else Path("runs") / name
+    path = default_directory(out, which)
     new = [each for each in (path, *path.parents) if not each.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -206,6 +205,11 @@ def run_directory(out: Path | None, which: int | str | None) -> Path:
     except OSError as error:
         raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from None
     return path
+
+
+def default_directory(out: Path | None, which: int | str | None) -> Path:
+    """`out`, or runs/<UTC time>-<seed or name>; it need not exist."""
+    return out if out is not None else Path("runs") / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{which}"
 
 
 def discard(directory: Path, *names: str) -> None:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.log import record
-from hapnet.commands.side import CONSOLE, PARENT, PLACE
+from hapnet.commands.side import CONSOLE, ORPHANED, PARENT, PLACE
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.processes.start import (
@@ -88,6 +88,7 @@ class Pair:
         too; the two are connected by a Unix socket.
     keyboard : the device's class may read standard input.
     place : where device and proxy begin [m], for a hand that is led; None: where the scene and the hand begin.
+    orphaned : where each side leaves its summary if this process is killed; None: nowhere.
 
     Attributes
     ----------
@@ -111,6 +112,7 @@ class Pair:
         address: str | None = None,
         keyboard: bool = False,
         place: Vector | None = None,
+        orphaned: Path | None = None,
     ) -> None:
         self._address = address
         self._at_end = contextlib.ExitStack()
@@ -129,6 +131,8 @@ class Pair:
         self._environment = {PARENT: str(os.getpid())} | ({CONSOLE: "1"} if console else {})
         if place is not None:
             self._environment[PLACE] = json.dumps(place)
+        if orphaned is not None:
+            self._environment[ORPHANED] = str(orphaned.absolute())
 
     async def start(self, ready: Mapping[str, Standby] = NONE_READY) -> None:
         """Start both, by role as one of the processes that are `ready`, if any is; these are for a pair with `console`.

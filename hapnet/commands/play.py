@@ -25,6 +25,7 @@ def play(
         Path | None, typer.Option(help="Directory for recordings.", show_default="runs/<UTC time>-<seed>")
     ] = None,
     files: flags.Files = True,
+    json_to: flags.Json = None,
     session: flags.Session = "default",
     name: flags.Name = "device",
     zenoh: ZenohOptions,
@@ -33,9 +34,10 @@ def play(
 ) -> int:
     """Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.
 
-    Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no PSPM.
-    Each coupling is a new pair, with a verdict of its own. The page says what the force is made of, and can also pause,
-    restart and record. The hand is a relaxed one unless `operator_hand` is set.
+    Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
+    PSPM. Each coupling is a new pair, with a verdict of its own; --json writes the last one's summary. The page
+    says what the force is made of, and can also pause, restart and record. The hand is a relaxed one unless
+    `operator_hand` is set.
 
     With -e or -l only the hand is here. The world is `hapnet world` on another host, which this side dials
     (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are the world's. It ends as
@@ -55,18 +57,20 @@ def play(
         for flag, value in (("--session", session), ("--name", name), ("--no-files", files), ("Zenoh's flags", zenoh)):
             if value not in ("default", "device", True, ZenohOptions()):
                 raise InvalidParameter(flag, "given alone", "with -e or -l, for a world on another host")
-        return _play_here(chosen, seed, out, page, realtime=realtime)
+        return _play_here(chosen, seed, out, page, json_to, realtime=realtime)
     from hapnet.commands import far_world
 
     if chosen.scene != base.scene:
         allowed = f"on the world's host: hapnet world --scene {chosen.scene}"
         raise InvalidParameter("--scene", chosen.scene, allowed)
     given = frozenset(key for key in far_world.FROM_WORLD if chosen.get(key) != base.get(key))
-    world = far_world.FarWorld(zenoh, session, name, seed, out, files, realtime)
+    world = far_world.FarWorld(zenoh, session, name, seed, out, files, realtime, json_to)
     return far_world.play(chosen, given, world, page)
 
 
-def _play_here(chosen: Params, seed: int, out: Path | None, page: PageOptions, *, realtime: bool) -> int:
+def _play_here(
+    chosen: Params, seed: int, out: Path | None, page: PageOptions, json_to: str | None, *, realtime: bool
+) -> int:
     """Both sides on this machine."""
     import asyncio
 
@@ -81,7 +85,7 @@ def _play_here(chosen: Params, seed: int, out: Path | None, page: PageOptions, *
 
     setup = prepare(chosen, "sampled")
     check_sides(setup)
-    words = output.console(None)
+    words = output.console(json_to)
     output.show_warnings(words, setup.warnings)
     history = History(follows=False)
     address = free_address()
@@ -99,7 +103,14 @@ def _play_here(chosen: Params, seed: int, out: Path | None, page: PageOptions, *
         )
         if page.browser:
             show(served.url)
-        return asyncio.run(run(stage))
+        written = output.Written()
+        try:
+            code = asyncio.run(run(stage))
+        finally:
+            if stage.summary is not None:
+                with written.part():
+                    output.write_json(stage.summary, json_to)
+        return written.code(code)
 
 
 def led(params: Params) -> Params:

@@ -9,7 +9,7 @@ REPORTED = 3
 
 EVERY_NS = 10_000_000_000
 
-REPEATING = frozenset({"silent", "heard", "overrun", "link"})
+REPEATING = frozenset({"silent", "heard", "overrun", "link", "rate"})
 """Kinds of notices that a bad network or a busy machine causes again and again."""
 
 
@@ -22,9 +22,13 @@ class _Kind:
 
 
 class Repeats:
-    """Decides which notices people see; `who` names the side that sends them."""
+    """Decides which notices people see; `who` names the side that sends them.
 
-    def __init__(self) -> None:
+    shown : how often within `EVERY_NS` a kind of notice is shown.
+    """
+
+    def __init__(self, shown: int = REPORTED) -> None:
+        self._shown = shown
         self._kinds: dict[tuple[str, str], _Kind] = {}
 
     def line(self, who: str, kind: str, text: str, now_ns: int) -> str | None:
@@ -36,7 +40,7 @@ class Repeats:
             untold = found.untold if found is not None else 0
             self._kinds[who, kind] = _Kind(now_ns, reported=1)
             return f"{text} ({untold} more like this before it)" if untold else text
-        if found.reported < REPORTED:
+        if found.reported < self._shown:
             found.reported += 1
             return text
         found.untold += 1

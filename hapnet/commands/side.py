@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import cast, get_args
 
@@ -43,6 +43,9 @@ CONSOLE = "HAPNET_CONSOLE"
 
 PLACE = "HAPNET_PLACE"
 """Environment variable of such a side: where it begins, as a JSON array of coordinates [m]."""
+
+ORPHANED = "HAPNET_ORPHANED"
+"""Environment variable of such a side: the directory in which it leaves its summary if its parent was killed."""
 
 PAGE = "HAPNET_PAGE"
 """Environment variable of a side that `hapnet play` starts alone: the pipe that takes the telemetry of both sides, and
@@ -103,7 +106,8 @@ def _main(
     for end in real_time.missing(setup.coupling, (own,), setup.dof, setup.params):
         log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
         real_time.make_ready(end)
-    written, started_by_run = output.Written(), PARENT in os.environ
+    written, started_by = output.Written(), int(os.environ.get(PARENT, "0"))
+    orphaned = os.environ.pop(ORPHANED, None)
     page, parent = map(int, os.environ.pop(PAGE, "0 0").split())
     caught: list[signal.Signals] = []
     try:
@@ -144,16 +148,26 @@ def _main(
                 output.show_files(words, FILES, directory, f"; hapnet report joins them with the {other}'s")
             elif record is not None:
                 output.show_files(words, [record.name], record.parent)
-        if not started_by_run:  # hapnet run judges both sides together
+        if not started_by:  # hapnet run judges both sides together
             known_devices.learn(params, summary)
             written.judge(summary, params, virtual=False)
             written.missing += filter(None, [untold(summary)])
+        if orphaned is not None and os.getppid() != started_by:
+            _leave(summary, Path(orphaned), f"{role}-summary.json", written)
         with written.part():
             output.write_json(summary, given.json_to)
     code = written.code(0 if failure is not None else exit_code(caught))
     if failure is not None:
         raise failure
     return code
+
+
+def _leave(summary: Summary, directory: Path, name: str, written: output.Written) -> None:
+    """Leave the summary in `directory`: nobody is left to read it."""
+    with suppress(OSError):
+        directory.mkdir(parents=True, exist_ok=True)
+    with written.part():
+        output.write_json(summary, str(directory / name))
 
 
 async def _run(

@@ -16,13 +16,16 @@ from hapnet.assembly.links import link_profile
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
+from hapnet.commands.repeats import Repeats
 from hapnet.commands.reserve import Reserve
 from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.summary.run import merge
-from hapnet.summary.structure import SIDES, Summary
+from hapnet.processes.memory import give_back_freed
+from hapnet.reports.tables import brief
+from hapnet.summary.recorded import of_parts
+from hapnet.summary.structure import Summary
 from hapnet.summary.words import stated
 from hapnet.view.choices import CHOICES, label_of
 from hapnet.view.controls import Direction, require_no_file
@@ -73,7 +76,10 @@ class Stage:
         self._directory: Path | None = None
         self._recorded = 0
         self._recording = False
+        self._repeats = Repeats(shown=1)
         self._overran = False
+        self.summary: Summary | None = None
+        """Of the last pair that has ended."""
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run one episode after another until `stop` is set.
@@ -83,9 +89,11 @@ class Stage:
         self._loop = asyncio.get_running_loop()
         with tempfile.TemporaryDirectory(prefix="hapnet-") as meshes:
             self._meshes = Path(meshes)
+            freeing = asyncio.create_task(give_back_freed())
             try:
                 await self._run(stop)
             finally:
+                freeing.cancel()
                 await self.reserve.close()
 
     async def _run(self, stop: asyncio.Event) -> None:
@@ -99,6 +107,7 @@ class Stage:
                 pair = Pair(
                     params, self._seed, Path(directory), self._on_notice, record=False, console=True,
                     realtime=self._realtime, session=SESSION, address=self._address, place=self._handle(),
+                    orphaned=self._directory or output.default_directory(self._out, self._seed),
                 )  # fmt: skip
                 self._elsewhere = False
                 await pair.start(await self.reserve.take())
@@ -112,7 +121,7 @@ class Stage:
                 if self._recording:
                     self._record()
                 await pair.run(self._over)
-                self._report(params, pair)
+                self.summary = self._report(params, pair, last=stop.is_set() or pair.failure is not None)
                 if pair.failure is not None:
                     raise HapnetError(pair.failure)
         stopping.cancel()
@@ -195,15 +204,18 @@ class Stage:
         track = self._history.snapshot().device
         return None if track is None or self._elsewhere else tuple(track.position_m[-1].tolist())
 
-    def _report(self, params: Params, pair: Pair) -> Summary | None:
+    def _report(self, params: Params, pair: Pair, *, last: bool) -> Summary | None:
         """Print the verdict on a pair that has ended, and give it to the page; returns its summary.
 
-        None: it never ran.
+        last : no other pair follows; its summary is printed too. A process that was killed left no account, so what is
+        known of the pair is what the other one reported. None: the pair was replaced before it ran.
         """
-        if len(pair.parts) < 2:
+        if len(pair.parts) < 2 and not last:
             return None
-        parts = [cast(Summary, pair.parts[role]) for role in SIDES]
-        summary = merge(*parts, seed=self._seed, margins=self._history.margins())
+        summary = of_parts(
+            {role: cast(Summary, part) for role, part in pair.parts.items()}, {}, None, pair.failed,
+            coupling=params.coupling, seed=self._seed, margins=self._history.margins(),
+        )  # fmt: skip
         verdict = summary["verdict"]
         self._history.end(Episode(params.coupling, params.rendering, verdict))
         self._episodes += 1
@@ -213,6 +225,8 @@ class Stage:
             style="red" if verdict["passive"] is False else None,
             markup=False,
         )
+        if last:
+            self._words.print("\n".join(brief(summary)), markup=False)
         return summary
 
     def _lead(self, position: Vector) -> None:
@@ -246,13 +260,15 @@ class Stage:
                 self._pair.send(role, **command(role))
 
     def _on_notice(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
-        """Show warnings and errors; late servo ticks are common beside a browser, so only the first is shown."""
+        """Show warnings and errors. A servo is often late beside a browser: a line every ten seconds says how often."""
         kind, text = notice["kind"], notice["text"]
-        if notice["level"] == "info" or self._over.is_set() or (kind == "overrun" and self._overran):
+        if notice["level"] == "info" or self._over.is_set():
             return
-        if kind == "overrun":
+        if (text := self._repeats.line(role, kind, text, notice["monotonic_ns"])) is None:
+            return
+        if kind == "overrun" and not self._overran:
             self._overran = True
-            text += "; it shares the processor with the browser (--realtime helps); this is not reported again"
+            text += "; it shares the processor with the browser (--realtime helps)"
         self._words.print(f"{role}: {text}", style="yellow", markup=False)
 
 

@@ -27,7 +27,7 @@ _LASTING_S = 0.15
 """And it must exceed that on average for so long [s]: an oscillation at 4 Hz or more is not felt as a wall."""
 
 
-@metric("rendered stiffness", "%", "nearer 100")
+@metric("rendered stiffness", "%", "nearer 100", over="time in settled contact")
 def stiffness_percent(run: Measured) -> float | None:
     """Least-squares slope of the resisting force over the device's penetration, through the wall's surface, after a
     visit has settled (a round trip and two of the world's longest steps after it began), in % of the stiffness of
@@ -42,7 +42,7 @@ def stiffness_percent(run: Measured) -> float | None:
     return 100.0 * rendered / ideal_stiffness(run.params, wall.stiffness)
 
 
-@metric("stiffness, worst tenth", "%", "nearer 100")
+@metric("stiffness, worst tenth", "%", "nearer 100", over="time in settled contact of a tenth of the run")
 def stiffness_worst_percent(run: Measured) -> float | None:
     """The stiffness that is rendered in each tenth of the run, in % of that of the springs and the wall in series; of
     the tenths with 0.1 s of settled contact the one farthest from 100. If none has that, as with taps shorter than a
@@ -53,7 +53,7 @@ def stiffness_worst_percent(run: Measured) -> float | None:
     return 100.0 * max(shares, key=lambda share: abs(share - 1.0)) if shares else None
 
 
-@metric("first felt contact", "ms", "lower", missed="first_contact_missed")
+@metric("first felt contact", "ms", "lower", missed="first_contact_missed", over="the first contact")
 def first_contact_ms(run: Measured) -> float | None:
     """Time from the device's first crossing of the wall's surface until the contact is felt, less the median delays of
     both links; below 0: felt before word of it could be back. Felt: the resisting force exceeds, by 10 % and by 0.1 N,
@@ -61,7 +61,7 @@ def first_contact_ms(run: Measured) -> float | None:
     return None if (found := run.once(_latency)) is None else _finite_ms(found.first_s)
 
 
-@metric("first contact missed", "", "lower")
+@metric("first contact missed", "", "lower", over="the first contact")
 def first_contact_missed(run: Measured) -> float | None:
     """1: the first contact was not felt before the device left, and a round trip more. 0: it was. None: no wall was
     entered deep enough for an ideal local spring to take 0.1 N."""
@@ -69,20 +69,20 @@ def first_contact_missed(run: Measured) -> float | None:
     return None if found is None or found.first_s is None else float(math.isinf(found.first_s))
 
 
-@metric("later contacts", "ms", "lower", missed="later_contacts_missed")
+@metric("later contacts", "ms", "lower", missed="later_contacts_missed", over="contacts after the first")
 def later_contact_ms(run: Measured) -> float | None:
     """Median over all contacts after the first of the time until they are felt, from when an ideal local spring would
     take 0.1 N. One that is not felt counts as infinite."""
     return None if (found := run.once(_latency)) is None else _finite_ms(found.later_s)
 
 
-@metric("later contacts", "", "higher")
+@metric("later contacts", "", "higher", over="the whole run")
 def later_contacts(run: Measured) -> float | None:
     """How many contacts followed the first."""
     return None if (found := run.once(_latency)) is None else float(found.touches)
 
 
-@metric("later contacts missed", "", "lower")
+@metric("later contacts missed", "", "lower", over="contacts after the first")
 def later_contacts_missed(run: Measured) -> float | None:
     """How many of these were not felt."""
     return None if (found := run.once(_latency)) is None else float(found.touches - found.felt)

@@ -26,20 +26,20 @@ LIMIT_CYCLE_N = 0.02
 _STILL_M = 1e-9
 
 
-@metric("force error", "N", "lower")
+@metric("force error", "N", "lower", over="time in which both runs have begun")
 def force_error_N(run: Measured) -> float | None:
     """Root mean square over time of the difference between the force on the device and the force in the same run over
     an ideal link without deadband."""
     return None if (found := run.once(_force_error)) is None else found[0]
 
 
-@metric("force error", "%", "lower")
+@metric("force error", "%", "lower", over="time in which both runs have begun")
 def force_error_percent(run: Measured) -> float | None:
     """The same in % of the ideal run's peak force."""
     return None if (found := run.once(_force_error)) is None else found[1]
 
 
-@metric("true force error", "N", "lower")
+@metric("true force error", "N", "lower", over="time")
 def true_force_error_N(run: Measured) -> float | None:
     """Root mean square over time of the difference between the force on the device and that of the true environment at
     the device's place: the walls, rendered locally and at once through the given springs in series, and nothing in free
@@ -49,13 +49,13 @@ def true_force_error_N(run: Measured) -> float | None:
     return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[0]
 
 
-@metric("true force error", "%", "lower")
+@metric("true force error", "%", "lower", over="time")
 def true_force_error_percent(run: Measured) -> float | None:
     """The same in % of the true environment's peak force in this run."""
     return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[1]
 
 
-@metric("true force error, last minute", "%", "lower")
+@metric("true force error, last minute", "%", "lower", over="time in the last minute")
 def true_force_error_last_percent(run: Measured) -> float | None:
     """The same over the last minute before the hand comes to rest, in a run of 120 s or more; in % of the whole run's
     peak."""
@@ -65,27 +65,27 @@ def true_force_error_last_percent(run: Measured) -> float | None:
     return rms_difference(run.device, wanted, last.holds(run.device["time_s"]))[1]
 
 
-@metric("residual oscillation", "N", "lower")
+@metric("residual oscillation", "N", "lower", over="time from 1 to 3 s after a stop")
 def swing_N(run: Measured) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped; the
     largest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)"""
     return residual_oscillation(run.recording)
 
 
-@metric("buzz", "N²", "lower")
+@metric("buzz", "N²", "lower", over="time, in windows of 1 s")
 def buzz_N2(run: Measured) -> float | None:
     """Power of the force on the device above 20 Hz, summed over the axes: Welch's spectrum with Hann windows of one
     second that overlap by three quarters, each without its mean."""
     return buzz(run.device)
 
 
-@metric("peak force", "N", "lower")
+@metric("peak force", "N", "lower", over="extreme over the recorded ticks")
 def peak_force_N(run: Measured) -> float | None:
     """Largest force on the device."""
     return run.summary["motion"]["peak_force_N"]
 
 
-@metric("largest force step", "N", "lower")
+@metric("largest force step", "N", "lower", over="extreme over neighbouring ticks")
 def force_step_N(run: Measured) -> float | None:
     """The largest change of the force on the device from one servo tick to the next."""
     return largest_step(run.device)

@@ -49,6 +49,8 @@ class Metric:
         definition in a sentence or two.
     missed : the metric that counts how often a run missed this one; where it did and there is no value, medians and
         quartiles take it as infinite. "": nothing can be missed.
+    over : what its mean, quantile, share or extreme is taken over. Means are over time, as each recorded sample counts
+        until the next one (`hapnet.recording.durations`).
     find : its value of a run; None if the run does not give one.
     """
 
@@ -58,6 +60,7 @@ class Metric:
     better: Better
     meaning: str
     missed: str
+    over: str
     find: Find
 
     @property
@@ -70,13 +73,13 @@ DEFINED: dict[str, Metric] = {}
 """Every metric that a loaded module of this package defines; `hapnet.metrics.METRICS` has them all."""
 
 
-def metric(label: str, unit: str, better: Better, *, missed: str = "") -> Callable[[Find], Find]:
+def metric(label: str, unit: str, better: Better, *, over: str, missed: str = "") -> Callable[[Find], Find]:
     """Make a function a metric: see `Metric`. Its name is the metric's, its docstring the meaning."""
 
     def define(find: Find) -> Find:
         name, text = find.__name__, " ".join((find.__doc__ or "").split()).removesuffix(".")
         assert name not in DEFINED, f"{name} is defined twice"
-        DEFINED[name] = Metric(name, label, unit, better, text[:1].lower() + text[1:], missed, find)
+        DEFINED[name] = Metric(name, label, unit, better, text[:1].lower() + text[1:], missed, over, find)
         return find
 
     return define

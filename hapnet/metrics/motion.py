@@ -25,33 +25,33 @@ _MIN_DRAG_N = 0.01
 _ALWAYS = Span(float("-inf"), float("inf"))
 
 
-@metric("position error, free", "mm", "lower")
+@metric("position error, free", "mm", "lower", over="time with the device in no wall")
 def free_rms_mm(run: Measured) -> float | None:
     """Root mean square of the distance between device and proxy at the same time, while the device is in no wall. (A
     run's summary, free_rms_m, asks whether the proxy is in none)"""
     return _error_mm(run, _ALWAYS)
 
 
-@metric("position error, free, first 10 s", "mm", "lower")
+@metric("position error, free, first 10 s", "mm", "lower", over="such time in the first 10 s")
 def free_first_mm(run: Measured) -> float | None:
     """The position error in free motion over the first 10 s of a run of 120 s or more."""
     return _error_mm(run, run.windows[0])
 
 
-@metric("position error, free, last minute", "mm", "lower")
+@metric("position error, free, last minute", "mm", "lower", over="such time in the last minute")
 def free_last_mm(run: Measured) -> float | None:
     """The same over the last minute before the hand comes to rest, in a run of 120 s or more: if it is greater than
     that of the first 10 s, the coupling gets worse with time."""
     return _error_mm(run, run.windows[1])
 
 
-@metric("position error, contact", "mm", "lower")
+@metric("position error, contact", "mm", "lower", over="time with the proxy in a wall")
 def contact_rms_mm(run: Measured) -> float | None:
     """That distance while the proxy is in a wall. A perfect coupling has this error too: its spring yields."""
     return scaled(run.summary["motion"]["contact_rms_m"], 1e3)
 
 
-@metric("drag at 67 mm/s", "N", "nearer 0")
+@metric("drag at 67 mm/s", "N", "nearer 0", over="time in free motion")
 def drag_N(run: Measured) -> float | None:
     """Force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; both are means
     over a third of a second, so that no oscillation hides it. Not within a round trip and two of the longest steps
@@ -59,21 +59,21 @@ def drag_N(run: Measured) -> float | None:
     return None if (found := run.once(_windows)) is None else found.drag()
 
 
-@metric("drag, 95th percentile", "N", "nearer 0")
+@metric("drag, 95th percentile", "N", "nearer 0", over="time in free motion at 50 to 90 mm/s")
 def drag_p95_N(run: Measured) -> float | None:
     """95th percentile of the force against the motion, over the thirds of a second of free motion with a mean speed of
     50 to 90 mm/s."""
     return None if (found := run.once(_windows)) is None else found.greatest_drag()
 
 
-@metric("drag, last minute", "N", "nearer 0")
+@metric("drag, last minute", "N", "nearer 0", over="time in free motion in the last minute")
 def drag_last_N(run: Measured) -> float | None:
     """Drag at 67 mm/s over the last minute before the hand comes to rest, in a run of 120 s or more."""
     found, (_, last) = run.once(_windows), run.windows
     return None if found is None or last is None else found.during(last).drag()
 
 
-@metric("contact to drag", "", "higher")
+@metric("contact to drag", "", "higher", over="time in settled contact; time in free motion")
 def contact_to_drag(run: Measured) -> float | None:
     """Median resisting force in settled contact over the drag at 67 mm/s (0.01 N if the drag is less): at 1, free
     motion feels as hard as the wall."""
@@ -84,7 +84,7 @@ def contact_to_drag(run: Measured) -> float | None:
     return None if pushed is None else pushed / max(drag, _MIN_DRAG_N)
 
 
-@metric("position drift", "mm/min", "nearer 0")
+@metric("position drift", "mm/min", "nearer 0", over="time with device and proxy free")
 def drift_mm_per_min(run: Measured) -> float | None:
     """Slope over time of device minus proxy along the motion while both are free, by least absolute deviations; a lag
     that depends on the device's last 0.4 s is fitted too and left out."""

@@ -7,19 +7,19 @@ import math
 from hapnet.metrics.measured import Measured, metric
 
 
-@metric("packets", "1/s", "lower")
+@metric("packets", "1/s", "lower", over="duration")
 def packets_per_s(run: Measured) -> float | None:
     """Messages of all kinds offered to both links per second."""
     return _per_s(run, 0) + _per_s(run, 1)
 
 
-@metric("packets up", "1/s", "lower")
+@metric("packets up", "1/s", "lower", over="duration")
 def packets_up_per_s(run: Measured) -> float | None:
     """Of these, from the device."""
     return _per_s(run, 0)
 
 
-@metric("packets down", "1/s", "lower")
+@metric("packets down", "1/s", "lower", over="duration")
 def packets_down_per_s(run: Measured) -> float | None:
     """Of these, from the virtual world."""
     return _per_s(run, 1)

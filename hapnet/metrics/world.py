@@ -14,7 +14,7 @@ _MODULATED_M = 1e-9
 """A set-position that is farther than this from the wanted one is modulated [m]; less is rounding."""
 
 
-@metric("contact force error in the world", "%", "lower")
+@metric("contact force error in the world", "%", "lower", over="time of the world's steps")
 def world_force_error_percent(run: Measured) -> float | None:
     """Root mean square over time of the difference between the walls' force on the proxy and the force that they would
     have at rest with the device where it is in the middle of that step, through the spring between device and proxy and
@@ -22,7 +22,7 @@ def world_force_error_percent(run: Measured) -> float | None:
     return contact_force_error(run.recording, run.proxy_force)
 
 
-@metric("contacts per contact", "", "lower")
+@metric("contacts per contact", "", "lower", over="the device's visits")
 def contacts_ratio(run: Measured) -> float | None:
     """Visits of the proxy to a wall in the world, at its steps, per visit of the device, at each tick of the servo;
     neither is debounced. Above 1 the proxy chatters, and each impact costs energy."""
@@ -31,7 +31,7 @@ def contacts_ratio(run: Measured) -> float | None:
     return visits(run.world["penetration_m"] > 0.0) / by_hand
 
 
-@metric("modulated at the world", "%", "lower")
+@metric("modulated at the world", "%", "lower", over="the world's updates")
 def modulated_percent(run: Measured) -> float | None:
     """Share of the world's updates whose set-position in use differs from the wanted one by more than 1 nm; for a
     coupling with energy reservoirs."""
@@ -39,7 +39,7 @@ def modulated_percent(run: Measured) -> float | None:
     return 100.0 * modulated_share(run.world) if known and run.world is not None else None
 
 
-@metric("modulated at the device", "%", "lower")
+@metric("modulated at the device", "%", "lower", over="the device's updates")
 def modulated_device_percent(run: Measured) -> float | None:
     """The same share at the device, as the run's summary counts it (modulated_share)"""
     return scaled(run.sides[0]["modulated_share"], 100.0)

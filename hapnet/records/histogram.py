@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import accumulate
@@ -26,7 +27,9 @@ class Histogram(Record):
     max: int
 
     def __init__(self, counts: Sequence[int] = (), highest: int = 0) -> None:
-        self.tallies = list(counts) or [0] * BINS
+        self.tallies = array(
+            "q", counts if len(counts) else bytes(8 * BINS)
+        )  # no object for each count: it runs for days
         self.max = highest
 
     @equation
@@ -58,7 +61,7 @@ class Histogram(Record):
 
     def copy(self) -> Histogram:
         """An independent copy."""
-        return Histogram(self.tallies, self.max)
+        return Histogram(self.counts, self.max)
 
     @property
     def counts(self) -> list[int]:

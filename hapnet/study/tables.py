@@ -129,10 +129,14 @@ def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
 
 def definitions() -> Table:
     """A table of what each metric means."""
-    table = Table("metric", "unit", "better", "meaning", show_lines=True)
+    table = Table("metric", "unit", "better", "over", "meaning", show_lines=True)
     for metric in METRICS.values():
         table.add_row(
-            f"{escape(metric.label)}\n[dim]{metric.name}[/]", metric.unit, metric.better, escape(metric.meaning)
+            f"{escape(metric.label)}\n[dim]{metric.name}[/]",
+            metric.unit,
+            metric.better,
+            escape(metric.over),
+            escape(metric.meaning),
         )
     return table
 

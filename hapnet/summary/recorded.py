@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,12 +158,14 @@ def of_parts(
     *,
     coupling: str,
     seed: int,
+    margins: Mapping[str, Any] | None = None,
 ) -> Summary:
     """The summary of a run on this machine, whatever has become of its processes.
 
     reported : by role, the summary that a process left at its end. recordings : by role; they count for a side that
     left none, or whose servo did not. whole : both recordings, or the one that there is. failed : by role, why a side
-    ended before its time. coupling, seed : of the run.
+    ended before its time. coupling, seed : of the run. margins : of both ports together, as `combine` takes them; None:
+    those of the recording.
     """
     parts: dict[Role, Summary] = {}
     for role in SIDES:
@@ -175,7 +177,8 @@ def of_parts(
                 side["failed"] = failed[role]
     if len(parts) == 2:
         both = whole is not None and whole.device is not None and whole.world is not None
-        return merge(parts["device"], parts["world"], seed=seed, recording=whole if both else None)
+        recording = whole if both else None
+        return merge(parts["device"], parts["world"], seed=seed, recording=recording, margins=margins)
     for part in parts.values():
         return judged(part)
     return combine(None, None, {"up": None, "down": None}, seed=seed, duration_s=None, coupling=coupling)

@@ -312,6 +312,10 @@ def merge(
         path=paths.of_both(device.get("path"), world.get("path")),
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
+    moved = [part["motion"] for part in (device, world) if isinstance(part.get("motion"), Mapping)]
+    for name in whole["motion"]:  # what each has seen of its own; tracking errors need both sides' samples
+        known_of = [value for one in moved if (value := one.get(name)) is not None]
+        whole["motion"][name] = next(iter(known_of), None)  # type: ignore[literal-required]
     return whole
 
 
