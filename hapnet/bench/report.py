@@ -74,8 +74,8 @@ def _remarks(row: Row) -> list[str]:
             f"{100.0 * row.more[name]:.3f} %" for name in ("late_period", "late_period_bare", "skipped", "skipped_bare")
         )
         out.append(
-            f"{row.name}: ticks late by a period or more: {ours}, of the bare loop's {theirs}; "
-            f"deadlines skipped for each tick: {skipped}, {bare_skipped}"
+            f"{row.name}: deadlines late by a period or more: {ours}, of the bare loop's {theirs}; "
+            f"skipped: {skipped}, of the bare loop's {bare_skipped}"
         )
     return out
 

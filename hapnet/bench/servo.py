@@ -5,20 +5,27 @@ from __future__ import annotations
 import gc
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from hapnet.bench.row import Distribution, Limit, Options, Row
 from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from hapnet.side.punctuality import KEPT
 
 PERIOD_NS = 1_000_000
+SKIPPED_EXCESS = 0.01
+"""By how much the share of skipped deadlines may exceed the bare loop's: a percentage point."""
+
 BARE = "time.sleep to absolute deadlines in a process of its own"
 
 
 @dataclass(frozen=True)
 class Lateness:
-    """How a loop kept its deadlines: (lateness [ns], count) pairs, and how many deadlines it skipped."""
+    """How a loop kept its deadlines: (lateness [ns], count) pairs, and how many deadlines it skipped.
+
+    Every deadline was late until the first tick after it, the skipped ones too.
+    """
 
     bins: tuple[tuple[int, int], ...]
     skipped: int
@@ -26,12 +33,12 @@ class Lateness:
     period_ns: int = PERIOD_NS
 
     @property
-    def ticks(self) -> int:
+    def deadlines(self) -> int:
         return sum(count for _, count in self.bins)
 
     @property
     def late(self) -> int:
-        """Ticks that were late by a period or more."""
+        """Deadlines that were late by a period or more."""
         return sum(count for edge, count in self.bins if edge >= self.period_ns)
 
     @property
@@ -43,23 +50,26 @@ class Lateness:
 def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool, period_ns: int = PERIOD_NS) -> Lateness:
     """The reference: a loop that wakes at each deadline and does nothing else."""
     set_timer_slack()
-    late: list[int] = []
+    late: list[tuple[int, int]] = []
     clock, sleep = time.monotonic_ns, time.sleep
     wait_for_start()
     refusal = request_realtime() if realtime else None
     gc.disable()
     grid = DeadlineGrid(clock() + period_ns, period_ns)
+    waiting_ns = grid.deadline_ns  # the earliest deadline that no tick has followed yet
     end_ns = grid.deadline_ns + round(seconds * 1e9)
     while grid.deadline_ns < end_ns:
         now_ns = clock()
         while now_ns < grid.deadline_ns:
             sleep((grid.deadline_ns - now_ns) * 1e-9)
             now_ns = clock()
-        late.append(now_ns - grid.deadline_ns)
+        count = (now_ns - waiting_ns) // period_ns + 1
+        late.append((now_ns - waiting_ns, count))
+        waiting_ns += count * period_ns
         grid.advance(clock())
     histogram = Histogram()  # the servo's bins, so that both are rounded alike
-    for value in late:
-        histogram.add(value)
+    for value, count in late:
+        histogram.add_steps(value, period_ns, count)
     return Lateness(tuple(histogram.bins()), grid.skipped, refusal, period_ns)
 
 
@@ -98,15 +108,27 @@ def servo_busy_thread(options: Options) -> Row:
 
 
 def late_share(subject: list[Lateness], bare: list[Lateness]) -> dict[str, float]:
-    """Shares of ticks: late by a period or more, in the servo and in the bare loop, and the difference; and skipped."""
-    ours, theirs = (sum(part.late for part in parts) / sum(part.ticks for part in parts) for parts in (subject, bare))
-    skipped, bare_skipped = (
-        sum(part.skipped for part in parts) / sum(part.ticks for part in parts) for parts in (subject, bare)
-    )
+    """Shares of deadlines: late by a period or more, and skipped; of servo and bare loop, and their difference."""
+
+    def share(parts: list[Lateness], counts: Callable[[Lateness], int]) -> float:
+        return sum(map(counts, parts)) / max(1, sum(part.deadlines for part in parts))
+
+    late, bare_late = (share(parts, lambda part: part.late) for parts in (subject, bare))
+    skipped, bare_skipped = (share(parts, lambda part: part.skipped) for parts in (subject, bare))
     return {
-        "late_period": ours, "late_period_bare": theirs, "late_period_excess": ours - theirs,
-        "skipped": skipped, "skipped_bare": bare_skipped,
+        "late_period": late, "late_period_bare": bare_late, "late_period_excess": late - bare_late,
+        "skipped": skipped, "skipped_bare": bare_skipped, "skipped_excess": skipped - bare_skipped,
     }  # fmt: skip
+
+
+def rate_kept(subject: list[Lateness], bare: list[Lateness]) -> str:
+    """The rate that the servo kept, and the bare loop, if the servo did not keep its own; empty: it did."""
+    shares = late_share(subject, bare)
+    kept, theirs = 1.0 - shares["skipped"], 1.0 - shares["skipped_bare"]
+    asked = 1e9 / subject[0].period_ns
+    if kept >= KEPT:
+        return ""
+    return f"did not keep its rate: {kept * asked:.0f} of {asked:.0f} Hz, the bare loop {theirs * asked:.0f} Hz"
 
 
 def late_row(
@@ -121,7 +143,8 @@ def late_row(
 ) -> Row:
     """A row of lateness, a part for each round; its further figures begin with `late_share`."""
     ours, theirs = ([part.distribution for part in parts] for parts in (subject, bare))
-    said, figures = "; ".join(filter(None, (note, subject[0].refusal))), late_share(subject, bare) | dict(more or {})
+    said = "; ".join(filter(None, (rate_kept(subject, bare), note, subject[0].refusal)))
+    figures, limits = late_share(subject, bare) | dict(more or {}), (*limits, Limit("skipped_excess", SKIPPED_EXCESS))
     return Row(name, "us", what, ours, against, theirs, more=figures, limits=limits, note=said)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -120,7 +121,8 @@ def load(record: R, structure: R) -> None:
         else:
             value = getattr(record, name)
             if dimensions == 1:
-                value[:] = plain(found[: len(value)])
+                numbers = plain(found[: len(value)])
+                value[:] = array(value.typecode, numbers) if isinstance(value, array) else numbers
             elif len(value):
                 width = len(value[0])
                 value[:] = [row[:width] for row in plain(found[: len(value)])]

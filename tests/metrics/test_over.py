@@ -26,6 +26,9 @@ NEIGHBOURS = {"force_step_N", "torque_step_Nm", "buzz_N2"}
 
 WITHIN = 0.05
 
+FLOOR = {"ms": 5.0, "mm/min": 0.05}
+"""A time is known to a few samples, and a drift to what a fit of it scatters by."""
+
 
 def test_the_page_has_every_metric_with_what_it_is_over() -> None:
     rows = [line for line in PAGE.read_text("utf-8").splitlines() if line.startswith("| `")]
@@ -74,5 +77,6 @@ def test_half_of_the_samples_say_the_same() -> None:
     for _ in range(3):
         found = measures(halved(run, rng))
         for name in METRICS.keys() - NEIGHBOURS:
-            assert found[name] == pytest.approx(whole[name], rel=WITHIN), name
+            floor = FLOOR.get(METRICS[name].unit, 1e-12)
+            assert found[name] == pytest.approx(whole[name], rel=WITHIN, abs=floor), name
     assert sum(value is not None for value in whole.values()) > 35
