@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -36,8 +37,8 @@ def bench(
 ) -> int:
     """Measure what the servo, the message path and the simulation cost here, each beside a bare reference.
 
-    Prints a table; writes bench.json and a figure of the histograms. The default takes three minutes; use
-    --seconds 60 --rounds 5 for figures to publish.
+    Prints a table; writes bench.json and a figure of the histograms. The default takes some twelve minutes on two
+    cores, and the last line says how long it took; use --seconds 60 --rounds 5 for figures to publish.
     """
     from hapnet.bench.registry import select
     from hapnet.bench.row import Options
@@ -56,6 +57,7 @@ def bench(
     for number in ENDING[1:]:
         signal.signal(number, signal.default_int_handler)  # ends the children too, as Ctrl-C does
     rows: list[Row] = []
+    began_s = time.monotonic()
     try:
         for row in _measure(chosen, Options(seconds, rounds, realtime, beside), words):
             rows.append(row)
@@ -63,6 +65,7 @@ def bench(
     finally:
         if rows:
             _show(rows, directory, words)
+            words.print(f"measured in {(time.monotonic() - began_s) / 60.0:.1f} minutes")
             output.write_json([row.as_dict() for row in rows], json_to)
     return 1 if any(row.what == _FAILED for row in rows) else 0
 

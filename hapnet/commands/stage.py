@@ -45,6 +45,8 @@ class Stage:
     whose force goes to zero, and starts another: with a fresh energy account, where the handle is. Each pair has a
     verdict of its own, which is printed when it ends.
 
+    More than twenty attributes: one for each control of the page, and what is known of the pair.
+
     params, seed : of the first episode. out : where recordings go. address : where the world listens.
     history : knows where the handle is, and the margins of both ports; shows the verdict of each pair that has ended.
     """
@@ -77,7 +79,6 @@ class Stage:
         self._recorded = 0
         self._recording = False
         self._repeats = Repeats(shown=1)
-        self._overran = False
         self.summary: Summary | None = None
         """Of the last pair that has ended."""
 
@@ -266,8 +267,7 @@ class Stage:
             return
         if (text := self._repeats.line(role, kind, text, notice["monotonic_ns"])) is None:
             return
-        if kind == "overrun" and not self._overran:
-            self._overran = True
+        if kind == "overrun":
             text += "; it shares the processor with the browser (--realtime helps)"
         self._words.print(f"{role}: {text}", style="yellow", markup=False)
 

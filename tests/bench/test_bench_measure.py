@@ -179,26 +179,6 @@ def test_shares_of_late_deadlines() -> None:
     assert found == pytest.approx({**shares, "skipped": 0.07, "skipped_bare": 0.02, "skipped_excess": 0.05})
 
 
-def row_of(skipped: int, bare_skipped: int) -> Row:
-    """A row of a servo and a bare loop at 5 kHz, each with 1,000 deadlines of which it skipped so many."""
-    ours, theirs = (
-        servo.Lateness(((5, 1000 - n), (300_000, n)), n, period_ns=200_000) for n in (skipped, bare_skipped)
-    )
-    return servo.late_row("servo_traffic_5khz", "", [ours], "", [theirs])
-
-
-@pytest.mark.parametrize(("skipped", "bare", "met", "kept"), [
-    (505, 82, False, "did not keep its rate: 2475 of 5000 Hz, the bare loop 4590 Hz"),
-    (38, 5, False, ""),
-    (505, 500, True, "did not keep its rate: 2475 of 5000 Hz, the bare loop 2500 Hz"),
-    (9, 0, True, ""),
-])  # fmt: skip
-def test_skipped_deadlines_are_judged_beside_the_bare_loops(skipped: int, bare: int, met: bool, kept: str) -> None:
-    row = row_of(skipped, bare)
-    assert [(limit.figure, one) for limit, one in row.verdicts()] == [("skipped_excess", met)]
-    assert row.note == kept
-
-
 def test_link_release_is_netems_own_benchmark() -> None:
     row = link_release(SHORT)
     assert row.rounds[0].counts.sum() == row.bare_rounds[0].counts.sum() == 200
