@@ -63,7 +63,8 @@ class SpringAndDamper:
 
 ENDS = held_law(SpringAndDamper), stepped_law(SpringAndDamper)
 ABOUT = "mine", "spring and damper", "this file", "passive nowhere, it says"
-Mine = CouplingSpec(*ABOUT, *ENDS, Tuning, tune, parameters=MineParams, shared=("stiffness_N_m",))
+Mine = CouplingSpec(*ABOUT, *ENDS, Tuning, tune, parameters=MineParams, shared=("stiffness_N_m",),
+                    springs=lambda params, tuning: (tuning.stiffness_N_m,))  # fmt: skip
 
 if __name__ == "__main__":
     print(simulate(Params(coupling=f"{__name__}:Mine"), seed=1).summary["verdict"]["reason"])

@@ -28,6 +28,7 @@ from hapnet.param_sections import (
     WireParams as WireParams,
     WorldParams as WorldParams,
 )
+from hapnet.param_sources import ASKED, DEFAULT, FILE, FLAG, PROGRAM, RECORDING, RESOLVED, Sources, read as read_sources
 from hapnet.param_values import (
     NOT_NEGATIVE as _NOT_NEGATIVE,
     POSITIVE as _POSITIVE,
@@ -80,7 +81,10 @@ def is_simulated(hardware: str) -> bool:
 
 @dataclass(frozen=True, repr=False)
 class Params:
-    """All parameters of a run.
+    """All parameters of a run, each with the source of its value (`hapnet.param_sources`).
+
+    What was set stays set, also to the default: nothing else is then chosen in its place. A section that is made by
+    hand, as in ``Params(device=DeviceParams(...))``, sets those of its values that are not the default.
 
     >>> Params().set({"link.up": "4g", "device.stiffness": 200})
     Params().set({'device.stiffness': 200.0, 'link.up': '4g'})
@@ -118,10 +122,13 @@ class Params:
     contact_model: ContactModelParams = field(default_factory=ContactModelParams)
     laws: tuple[tuple[str, Any], ...] = ()
     """The laws' own sections that are not as by default, by their names: a law's file says what is in its section."""
+    sources: Sources = field(default=(), compare=False)
+    given: frozenset[str] = field(default=frozenset(), init=False)
+    """The names of all that has a source. Parameters are equal if their values are, and if the same ones are given."""
 
     def __repr__(self) -> str:
         """What makes the same parameters from the defaults."""
-        changed = {name: value for name, value, spec in self.leaves() if value != spec.default}
+        changed = self.changes()
         return f"Params().set({changed!r})" if changed else "Params()"
 
     def __post_init__(self) -> None:
@@ -132,9 +139,14 @@ class Params:
                 allowed = f'a {kind.__name__}, or its parameters one by one: Params().set({{"{example}": ...}})'
                 raise InvalidParameter(section.name, getattr(self, section.name), allowed)
         object.__setattr__(self, "laws", tuple(sorted((name, one) for name, one in self.laws if one != type(one)())))
+        known = dict(self.sources)
         for name, value, spec in chain(leaves(self), *(leaves(one, f"{name}.") for name, one in self.laws)):
             check_kind(name, value, str(spec.type))
             check_allowed(name, value, spec.metadata["allowed"])
+            if name not in known and value != spec.default:
+                known[name] = PROGRAM
+        object.__setattr__(self, "sources", tuple(sorted(known.items())))
+        object.__setattr__(self, "given", frozenset(known))
         if self.world.step_min_s > self.world.step_max_s:
             raise InvalidParameter("world.step_min_s", self.world.step_min_s, "at most world.step_max_s")
 
@@ -144,6 +156,19 @@ class Params:
         for part in name.split("."):
             value = getattr(value, part)
         return value
+
+    def source(self, name: str) -> str:
+        """Where the value of the parameter with this dotted name comes from: one of `hapnet.param_sources`."""
+        return dict(self.sources).get(name, DEFAULT)
+
+    def asked(self, name: str) -> bool:
+        """Did the user set this parameter, so that no other value may be used?"""
+        return self.source(name) in ASKED
+
+    def require(self, name: str, used: object, allowed: str) -> None:
+        """Raise InvalidParameter if the user set this parameter to another value than the one that is used."""
+        if self.asked(name) and self.get(name) != used:
+            raise InvalidParameter(name, self.get(name), allowed)
 
     def of(self, kind: type[Section]) -> Section:
         """A law's own parameters, by their class."""
@@ -172,21 +197,30 @@ class Params:
         for name, section in self.law_sections().items():
             yield from leaves(section, f"{name}.")
 
-    def set(self, changes: Mapping[str, object]) -> Params:
-        """A copy with these parameters changed. Names are dotted; values are as TOML has them, or text from `--set`.
+    def set(self, changes: Mapping[str, object], source: str | Mapping[str, str] = PROGRAM) -> Params:
+        """A copy with these parameters set. Names are dotted; values are as TOML has them, or text from `--set`.
+
+        source : who sets them, one of `hapnet.param_sources`; or the source of each by its name.
 
         Raises InvalidParameter: there is no such parameter, or the value is not of its type, or is not allowed.
         """
         tree: dict[str, Any] = {}
         if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
             raise InvalidParameter("changes", changes, 'names and values, such as {"duration_s": 5}')
-        for name, value in self.typed(changes).items():
+        typed = self.typed(changes)
+        known = dict(self.sources)
+        for name, value in typed.items():
+            if isinstance(source, str) and source in RESOLVED and name in known and self.get(name) == value:
+                continue  # it was set to what is chosen now
+            known[name] = source if isinstance(source, str) else source.get(name, PROGRAM)
+        tree["sources"] = tuple(known.items())
+        for name, value in typed.items():
             *path, last = name.split(".")
             branch = tree
             for part in path:
                 branch = branch.setdefault(part, {})
             branch[last] = value
-        own = {name: tree.pop(name) for name in tree.keys() - _SECTIONS}
+        own: dict[str, Any] = {name: tree.pop(name) for name in tree.keys() - _SECTIONS}
         changed: Params = replaced(self, tree)
         if not own:
             return changed
@@ -195,6 +229,13 @@ class Params:
             now |= self._sections_for(changes)
         laws = dict(self.laws) | {name: replaced(now[name], values) for name, values in own.items()}
         return dataclasses.replace(changed, laws=tuple(laws.items()))
+
+    def unset(self, *names: str) -> Params:
+        """A copy in which these parameters are as if nobody had set them. Raises InvalidParameter: there is no such."""
+        defaults = {name: spec.default for name, _, spec in self.leaves()}
+        changed = self.set({name: defaults.get(name) for name in names})
+        kept = tuple((name, source) for name, source in changed.sources if name not in names)
+        return dataclasses.replace(changed, sources=kept)
 
     def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
         """The values that `set` would use: each is of its parameter's type, but it may be out of range.
@@ -223,18 +264,19 @@ class Params:
         return {name: kind() for name, kind in found.items()} | dict(self.laws)
 
     @classmethod
-    def recorded(cls, flat: Mapping[str, object]) -> Params:
+    def recorded(cls, flat: Mapping[str, object], sources: object = None) -> Params:
         """The parameters of a recording. What an older version did not record yet is as it was then.
 
-        Those of a law that is not installed here are left out.
+        Those of a law that is not installed here are left out. sources : as the recording has them; None, as in an
+        older one: all that is not the default was set.
 
         Raises InvalidParameter: as `set`.
         """
         with permitting(only_imported):  # whoever wrote the recording may have named any module
-            return cls._recorded(flat)
+            return cls._recorded(flat, sources)
 
     @classmethod
-    def _recorded(cls, flat: Mapping[str, object]) -> Params:
+    def _recorded(cls, flat: Mapping[str, object], sources: object) -> Params:
         plain = cls().set({"coupling": flat.get("coupling", cls.coupling)})
         sections = {name.partition(".")[0] for name in plain.flat()}
         known = {name: value for name, value in flat.items() if "." not in name or name.partition(".")[0] in sections}
@@ -242,7 +284,14 @@ class Params:
             known["rendering"] = (
                 "paper" if known.get("rendering", "paper") == "paper" else "auto"
             )  # hapnet was every law's
-        return plain.set({**_BEFORE, **known})
+        by = {}
+        if sources is not None:
+            with suppress(InvalidParameter):  # a later version may know others
+                by = read_sources(sources)
+        defaults = {name: spec.default for name, _, spec in plain.leaves()}
+        values = plain.typed({**_BEFORE, **known})
+        found = {name: value for name, value in values.items() if name in by or value != defaults[name]}
+        return cls().set(found, {name: by.get(name, RECORDING) for name in found})
 
     def set_words(self, assignments: Iterable[str]) -> Params:
         """`set` from texts such as ``world.wall.stiffness=30000``."""
@@ -252,19 +301,28 @@ class Params:
             if not equals:
                 raise InvalidParameter("--set", word, "NAME=VALUE, such as world.wall.stiffness=30000")
             changes[name.strip()] = value.strip()
-        return self.set(changes)
+        return self.set(changes, FLAG)
 
     def load(self, file: Path) -> Params:
-        """A copy changed by a TOML file; raises InvalidParameter if it cannot be read or has an unknown name."""
+        """A copy changed by a TOML file, which may have the sources too, as `toml` writes them.
+
+        Raises InvalidParameter: it cannot be read, or has an unknown name.
+        """
         try:
             table = read_toml(file)
         except (OSError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else error
             raise InvalidParameter("--params", str(file), f"a TOML file ({why})") from None
-        return self.set(dict(flatten(table)))
+        by = read_sources(table.pop("sources", {}))
+        changes = dict(flatten(table))
+        return self.set(changes, {RENAMED.get(name, name): by.get(name, FILE) for name in changes})
+
+    def changes(self) -> dict[str, Any]:
+        """What is set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is `params` again."""
+        return {name: value for name, value, _ in self.leaves() if name in self.given}
 
     def flat(self) -> dict[str, Any]:
-        """Every parameter under its dotted name; ``Params().set(params.flat())`` is `params` again."""
+        """Every parameter under its dotted name, whether it is set or not."""
         return {name: value for name, value, _ in self.leaves()}
 
     def as_dict(self) -> dict[str, Any]:
@@ -277,16 +335,23 @@ class Params:
             choice = "" if isinstance(allowed, Range) else f" ({' | '.join(allowed)})"
             yield name, toml_value(value), f"{spec.metadata['doc']}{choice}"
 
-    def toml(self) -> str:
-        """All parameters as TOML with their meanings: `--show-params` prints it and `--params` reads it."""
-        lines: list[str] = []
+    def toml(self, *, sources: bool = False) -> str:
+        """All parameters as TOML with their meanings: `--show-params` prints it and `--params` reads it.
+
+        What is not set is commented out. sources : also a table by which `load` knows the source of each value.
+        """
+        lines = ["# Commented out: not set; a scene, a device or a rule may choose another value than this default."]
         section = ""
+        by = dict(self.sources)
         for name, value, meaning in self.described():
             prefix, _, last = name.rpartition(".")
             if prefix != section:
                 lines.extend(["", f"[{prefix}]"])
                 section = prefix
-            lines.append(f"{f'{last} = {value}':<32} # {meaning}")
+            entry = f"{last} = {value}" if name in by else f"# {last} = {value}"
+            lines.append(f"{entry:<32} # {meaning}" + (f"; set by: {by[name]}" if name in by else ""))
+        if sources:
+            lines.extend(["", "[sources]", *(f"{toml_value(name)} = {toml_value(by[name])}" for name in by)])
         return "\n".join(lines) + "\n"
 
 

@@ -15,7 +15,8 @@ from hapnet import checks
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.file_content import read_text
-from hapnet.params import DeviceParams, Params, arm_file, is_arm, is_tool
+from hapnet.param_sources import DEVICE
+from hapnet.params import Params, arm_file, is_arm, is_tool
 from hapnet.plant.arms.device import TIP_AXES, SimulatedArm
 from hapnet.plant.arms.omni import omni
 from hapnet.plant.arms.picture import described
@@ -28,8 +29,6 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import fingerprint
 from hapnet.records.machine_code import no_compiler
 from hapnet.units import POSE
-
-_DEFAULTS = DeviceParams()
 
 AXES = ("tip", "joints")
 """What hand and coupling hold: the tip in three axes in metres, or each joint in radians."""
@@ -94,11 +93,8 @@ def with_arm(params: Params) -> Params:
         if (value := getattr(device, name)) not in ("auto", plain):
             raise InvalidParameter(f"device.{name}", value, f"auto or {plain} with the device {params.hardware}")
     for name, value in own.items():
-        if (given := getattr(device, name)) not in (getattr(_DEFAULTS, name), value):
-            raise InvalidParameter(
-                f"device.{name}", given, f"left out with the device {params.hardware}: its links have it"
-            )
-    return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}})
+        params.require(f"device.{name}", value, f"left out with the device {params.hardware}: its links have it")
+    return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}}, DEVICE)
 
 
 def description(params: Params) -> dict[str, Any]:

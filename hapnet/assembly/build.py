@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from hapnet.assembly import follower as followers
-from hapnet.assembly.arms import description, simulated_device, with_arm
+from hapnet.assembly.arms import description, simulated_device
 from hapnet.assembly.follower import (
     arms_of,
     is_held,
@@ -19,17 +19,15 @@ from hapnet.assembly.follower import (
     on_link,
     reindexing,
     seen,
-    with_follower,
     writes_on_link,
 )
 from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
-from hapnet.assembly.scenes import SCENE_PARAMETERS, scene_of
-from hapnet.assembly.springs import with_springs
-from hapnet.assembly.units import check_units, with_units
-from hapnet.assembly.user_device import UserDevice, servo_rate
+from hapnet.assembly.resolved import resolved
+from hapnet.assembly.units import check_units
+from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
@@ -37,14 +35,12 @@ from hapnet.control.held_steps import FollowerServo, HeldSteps, reflected
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
-from hapnet.couplings.felt import Felt, felt, of_springs
+from hapnet.couplings.felt import Felt, felt
 from hapnet.couplings.link_delays import delays
-from hapnet.couplings.registry import coupling
 from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
-from hapnet.laws import COUPLING_NAMES
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
 from hapnet.plant.device import SimulatedDevice
@@ -121,9 +117,8 @@ class Setup:
         if known is None and "stiffness" in scene_parameters(self.params.scene):
             known = (self.params.world.wall.stiffness,)
         stiffest = max(known or (), default=None)
-        if self.params.coupling not in COUPLING_NAMES:  # what springs a law of the user's own has is not known
-            return of_springs(None, stiffest)
-        return felt(seen(self.params), self.coupling.scaled, stiffest)
+        params = seen(self.params)
+        return felt(self.coupling.springs(params, self.tuning), stiffest)
 
 
 def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:
@@ -139,19 +134,10 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 
 
 def _prepared(params: Params, default_servo: str) -> Setup:
-    params = with_arm(params)
-    scene, warnings = scene_of(params)
-    before, params = params, with_units(params, scene)
-    if any(params.get(name) != before.get(name) for name in SCENE_PARAMETERS.values()):
-        scene, _ = scene_of(params)
-    if (rate_hz := servo_rate(params)) != params.device.servo_hz:
-        params = params.set({"device.servo_hz": rate_hz})
-    params = _with_stages(with_springs(params), coupling(params.coupling))
-    params, scene = with_follower(params, coupling(params.coupling), scene)
+    used = resolved(params)
+    params, scene, spec, warnings = used.params, used.scene, used.coupling, list(used.warnings)
     check_units(params, scene.dof)
     device = params.device
-    spec = coupling(params.coupling)
-    warnings.extend(scene.warnings)
     if scene.moves_proxy and "world" not in spec.set_positions:
         allowed = f"one whose virtual mass has a spring in the scene {params.scene}, such as pspm or zoh"
         raise InvalidParameter("coupling", params.coupling, allowed)
@@ -202,17 +188,6 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         )
     timelines = (link_timeline("up", params), link_timeline("down", params))
     return Setup(params, scene, servo, harvest, spec, tuning, up, down, *timelines, tuple(warnings))
-
-
-def _with_stages(params: Params, spec: CouplingSpec[Any]) -> Params:
-    """The parameters with the rendering that "auto" stands for with this law."""
-    if params.rendering == "hapnet" and not spec.takes_positions:
-        sent = " and ".join(sorted({kind.__name__ for kind in (spec.device_sends, spec.world_sends)}))
-        allowed = (
-            f"auto or paper with the coupling {params.coupling}: it sends {sent}, so it has no set-position to choose"
-        )
-        raise InvalidParameter("rendering", "hapnet", allowed)
-    return params.set({"rendering": "hapnet"}) if params.rendering == "auto" and spec.world_tells else params
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device", secret: Secret | None = None) -> Session:
@@ -284,6 +259,7 @@ def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write
         unit = within(setup.units, "N/m")
         device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, unit, said_by)
         device.check_damping("device.damping", params.device.damping)
+        device.check_set(params)
         own = device.declares(params.device)
         if setup.coupling.limited and setup.harvest == "measured":
             for warning in held_torque.check(own, setup.harvest, setup.dof):

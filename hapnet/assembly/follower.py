@@ -21,7 +21,8 @@ from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose import ARM_M
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
-from hapnet.params import DeviceParams, FollowerParams, Params
+from hapnet.param_sources import DEVICE, RULE
+from hapnet.params import DeviceParams, Params
 from hapnet.plant.follower import Robot, RobotScene
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.engine_world import EngineMass
@@ -86,11 +87,17 @@ def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tupl
                 allowed = f"position in the scene {params.scene}: no driver says which torque its tool meets"
                 raise InvalidParameter("follower.feedback", robot.feedback, allowed)
             require_contact_force(robot.robot)
+        at_most = robot.servo_hz
         with suppress(InvalidParameter):  # the driver may be on the other host only
             at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
-            params = params.set({"follower.servo_hz": min(robot.servo_hz, at_most)})
+        if at_most < robot.servo_hz:
+            params.require("follower.servo_hz", at_most, f"at most {at_most:g}, as the robot {robot.robot}")
+            params = params.set({"follower.servo_hz": at_most}, DEVICE)
     period_s = 1.0 / params.follower.servo_hz
-    params = params.set({"world.step_min_s": period_s, "world.step_max_s": period_s})
+    steps = dict.fromkeys(("world.step_min_s", "world.step_max_s"), period_s)
+    for name in steps:
+        params.require(name, period_s, f"left out with a follower: its steps are those of its servo, {period_s:g} s")
+    params = params.set(steps, RULE)
 
     def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
         body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
@@ -122,11 +129,9 @@ def frame_of(params: Params, units: str, dof: int) -> Frame:
 
 def warnings(params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
     """What somebody should know who runs a simulated follower, or means to."""
-    if params.follower == FollowerParams():
-        return []
     if not follows(params):
-        found = [name for name, value, one in params.leaves() if value != one.default]
-        return [f"{name} is set, but nothing follows: --follower" for name in found if name.startswith("follower.")]
+        found = [name for name, _ in params.sources if name.startswith("follower.") and params.asked(name)]
+        return [f"{name} is set, but nothing follows: --follower" for name in found if name != "follower.robot"]
     if not is_held(params, spec) or not spec.limited or is_real(params):
         return []
     return [one for one in held_warnings(servo_of(params), dof) if one.startswith("world.damping")]

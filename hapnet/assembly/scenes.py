@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.pose import DOF
+from hapnet.param_sources import SCENE
 from hapnet.params import Params
 from hapnet.plant.worlds.protocol import World
-from hapnet.plant.worlds.registry import is_own, make_scene, scene_parameters
+from hapnet.plant.worlds.registry import is_own, make_scene, named_parameters, scene_parameters
 from hapnet.units import POSE
-
-_DEFAULTS = Params()
 
 SCENE_PARAMETERS = {
     "stiffness": "world.wall.stiffness",
@@ -25,18 +25,37 @@ SCENE_PARAMETERS = {
 """A scene's keyword, and the parameter that it gets."""
 
 
+def with_scene(params: Params) -> Params:
+    """The parameters with those that the scene's name sets, and with the scene's own defaults for what is not set.
+
+    Raises InvalidParameter: the user set another value than the scene's name does.
+    """
+    found: dict[str, object] = {}
+    for keyword, value in named_parameters(params.scene).items():
+        if (name := SCENE_PARAMETERS.get(keyword)) is not None:
+            params.require(name, value, f"{value!r}, or left out: the scene {params.scene} sets it")
+            found[name] = value
+    own = is_own(params.scene)
+    for keyword, value in scene_parameters(params.scene).items():
+        name = SCENE_PARAMETERS.get(keyword)
+        if name is not None and name not in params.given and (own or value != params.get(name)):
+            with suppress(InvalidParameter):  # none, or of another kind: then only the scene knows what it uses
+                found |= params.typed({name: value})
+    return params.set(found, SCENE) if found else params
+
+
 def scene_of(params: Params) -> tuple[World, list[str]]:
     """The scene, and a warning for each parameter that was set but that the scene does not read."""
-    known, named = scene_parameters(params.scene), not is_own(params.scene)
+    known, own, named = scene_parameters(params.scene), is_own(params.scene), named_parameters(params.scene)
     values: dict[str, Any] = {"dof": params.dof} if params.dof and "dof" in known else {}
     warnings = {}
     for keyword, name in SCENE_PARAMETERS.items():
         value = params.get(name)
-        changed = value != _DEFAULTS.get(name)
         if keyword in known:
-            if named or changed:  # a scene of the user's own has defaults of its own
-                values[keyword] = value
-        elif changed:
+            if own and name not in params.given:  # its default is of a kind that no parameter has
+                continue
+            values[keyword] = value
+        elif params.asked(name) and keyword not in named:
             shown = repr(value) if isinstance(value, str) else f"{value:g}"
             warnings[keyword] = f"{name} is {shown}, but the scene {params.scene} does not read it"
     try:

@@ -13,12 +13,12 @@ from hapnet.couplings import held_torque
 from hapnet.couplings.default_stiffness import PAPERS, default_stiffness
 from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
+from hapnet.param_sources import RULE
 from hapnet.params import DeviceParams, Params, is_simulated
 
 MOST_CEILING_J = 0.2
 """A stiff spring needs a large reserve, and the reservoir's ceiling follows it up to this [J], if the user set none."""
 
-_DEFAULTS = DeviceParams()
 _ROUNDS = 30
 
 
@@ -37,7 +37,7 @@ def with_springs(params: Params) -> Params:
     if device.stiffness != 0.0:
         return params
     if not coupling(params.coupling).staged(params):
-        return params.set({"device.stiffness": PAPERS})
+        return params.set({"device.stiffness": PAPERS}, RULE)
     held = _as_declared(params)
     simulated = is_simulated(params.hardware)
     K = default_stiffness(
@@ -49,19 +49,26 @@ def with_springs(params: Params) -> Params:
         exact=simulated,
     )
     ceiling_J = held.ceiling_J
-    if ceiling_J == _DEFAULTS.ceiling_J and K > PAPERS:
+    if "device.ceiling_J" not in params.given and K > PAPERS:
         needed_J = held_torque.ceiling_for(dataclasses.replace(held, stiffness=K))
         ceiling_J = min(max(ceiling_J, math.ceil(1e3 * needed_J) / 1e3), MOST_CEILING_J)
     K = _covered(dataclasses.replace(held, ceiling_J=ceiling_J), K)
-    return params.set({"device.stiffness": K, "device.ceiling_J": ceiling_J})
+    chosen = {"device.stiffness": K}
+    if ceiling_J != held.ceiling_J:
+        chosen["device.ceiling_J"] = ceiling_J
+    return params.set(chosen, RULE)
 
 
 def without_rule(params: Params) -> Params:
     """The reverse of `with_springs`: what the rule would choose again is left to it."""
-    for open_ in ({"device.stiffness": 0.0, "device.ceiling_J": _DEFAULTS.ceiling_J}, {"device.stiffness": 0.0}):
-        left_open = params.set(open_)
+    springs = ("device.stiffness", "device.ceiling_J")
+    if params.asked("device.stiffness"):
+        return params
+    for names in (springs[:1],) if params.asked("device.ceiling_J") else (springs, springs[:1]):
+        left_open = params.unset(*names)
         try:
-            if with_springs(left_open) == params:
+            chosen = with_springs(left_open)
+            if all(chosen.get(name) == params.get(name) for name in springs):
                 return left_open
         except InvalidParameter:  # the device, or the coupling, is not at hand
             return params
@@ -89,7 +96,7 @@ def _declared_range(params: Params) -> tuple[float, float] | None:
     """The stiffness that the device, or else `device.stiffness_range`, declares [N/m]; None: neither does."""
     reported: Any = None if is_simulated(params.hardware) else declared(load_class(params.hardware), "stiffness_range")
     if not isinstance(reported, tuple | list):
-        reported = None if params.device.stiffness_range == _DEFAULTS.stiffness_range else params.device.stiffness_range
+        reported = params.device.stiffness_range if "device.stiffness_range" in params.given else None
     if reported is None:
         return None
     minimum, maximum = np.atleast_1d(reported)[[0, -1]]

@@ -6,6 +6,7 @@ from hapnet.assembly.arms import by_joints
 from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.pose import ARM_M, AXES
+from hapnet.param_sources import SCENE
 from hapnet.params import Params, is_arm, is_simulated
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.worlds.protocol import World
@@ -55,8 +56,8 @@ def with_units(params: Params, scene: World) -> Params:
     if of_world == POSE:
         params = _for_all_coordinates(params)
     turned = _TURNED if of_world == RADIANS else {}
-    left = {name: value for name, value in turned.items() if params.get(name) == _DEFAULTS.get(name)}
-    return params.set({"units": of_world, **left})
+    left = {name: value for name, value in turned.items() if name not in params.given}
+    return params.set({"units": of_world, **left}, SCENE)
 
 
 _OF_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping")
@@ -72,7 +73,7 @@ def _for_all_coordinates(params: Params) -> Params:
                 what = "N/m and Nm/rad" if name.endswith("stiffness") else "Ns/m and Nms/rad"
                 raise InvalidParameter(name, value, f"one number, or two above 0 in {what}")
             found[name] = (value[0],) * 3 + (value[1] / (2.0 * ARM_M**2),) * (AXES - 3)
-    return params.set(found) if found else params
+    return params.set(found, {name: params.source(name) for name in found}) if found else params
 
 
 def check_units(params: Params, dof: int) -> None:

@@ -101,6 +101,12 @@ def _unless_declared(speed: float) -> float:
     return min(max(10.0 * speed, low), high)
 
 
+_DECLARED = {
+    "workspace": "device.workspace_m", "greatest_speed": "device.greatest_speed", "resolution": "device.resolution_m",
+    "stiffness_range": "device.stiffness_range", "smallest_mass": "device.mass",
+}  # fmt: skip
+"""What a device may declare, and the parameter that stands in for it."""
+
 _FIRST_READINGS = 5
 _UNIT = 1e-3
 _MOST_REPORTED = 2.0
@@ -349,6 +355,19 @@ class UserDevice:
             values = checks.diagonal(name, cast(ArrayLike, damping), self.dof)
             if min(values) < minimum * (1.0 - 1e-9) or max(values) > most * (1.0 + 1e-9):
                 raise InvalidParameter(name, damping, f"{minimum:g} to {most:g} Ns/m, as the device renders")
+
+    def check_set(self, params: Params) -> None:
+        """Raise InvalidParameter if the user set anything to another value than the device declares for itself.
+
+        The smaller force limit holds, so only a larger one is refused.
+        """
+        for part, name in _DECLARED.items():
+            if (own := getattr(self.device, part, None)) is not None:
+                allowed = f"left out: the device {self.name} declares its {part}, {own}"
+                params.require(name, tuple(own) if isinstance(own, list) else own, allowed)
+        if self.force_limit is not None and params.device.force_limit_N > self.force_limit:
+            allowed = f"at most {self.force_limit:g}, the force_limit of the device {self.name}"
+            params.require("device.force_limit_N", self.force_limit, allowed)
 
     def declares(self, section: Section) -> Section:
         """The parameters of a servo, with what this device declares of itself in their place."""

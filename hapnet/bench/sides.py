@@ -37,7 +37,7 @@ def start_pair(
     beside : entered with the world's address before the device starts, so that it does not disturb the measurement.
     """
     directory = Path(stack.enter_context(TemporaryDirectory(prefix="hapnet-bench-")))
-    (directory / "params.toml").write_text(params.toml(), encoding="utf-8")
+    (directory / "params.toml").write_text(params.toml(sources=True), encoding="utf-8")
     address, session = local_address(str(directory)), f"bench-{secrets.token_hex(4)}"
     world = stack.enter_context(Side("world", directory, "--listen", address, session=session))
     world.expect("waiting")  # it has loaded its libraries, which would disturb the measurement

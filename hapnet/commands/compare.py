@@ -288,7 +288,7 @@ def _report_time(
     failed: list[str] = []
 
     def params(part: tuple[Plan, SpecCase]) -> Params:
-        return params_of(part[0].spec.fixed, part[1].values)
+        return params_of(part[0].spec.fixed, part[1].given)
 
     def run(part: tuple[Plan, SpecCase]) -> None:
         plan, case = part

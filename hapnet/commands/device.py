@@ -18,6 +18,7 @@ from hapnet.commands.options import (
     no_out_without_files,
 )
 from hapnet.errors import InvalidParameter
+from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 from netem.groups import Without
 
@@ -54,7 +55,7 @@ def one_side(
     role: Role, model: ModelOptions, side: SideFlags, zenoh: ZenohOptions, links: OneWay, params: ParamsOptions
 ) -> int:
     """`hapnet device` or `hapnet world`; returns the exit code."""
-    chosen = params.over(Params(link=NO_LINK, duration_s=0.0), model.named(role), links)
+    chosen = params.over(Params().set({**NO_LINK, "duration_s": 0.0}, COMMAND), model.named(role), links)
     if params.show_params:
         return params.show(chosen)
     no_out_without_files(side.out, side.files)

@@ -22,6 +22,7 @@ from hapnet.commands.side import CONSOLE, PAGE, zenoh_settings
 from hapnet.commands.view import show
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.laws import COUPLING_NAMES
+from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 from hapnet.processes.frames import frames
 from hapnet.processes.signals import handled
@@ -72,10 +73,10 @@ class FarWorld:
         return [*words, *["--no-files"] * (not self.files), *["--realtime"] * self.realtime]
 
 
-def play(params: Params, given: frozenset[str], far: FarWorld, page: PageOptions) -> int:
+def play(params: Params, far: FarWorld, page: PageOptions) -> int:
     """Lead the hand on a page until a signal ends it; returns the exit code of the hand's side.
 
-    params : of the hand's side. given : the parameters, by their dotted names, that the world does not override.
+    params : of the hand's side.
     """
     if far.zenoh.encrypt and far.zenoh.secret_file is None:
         raise InvalidParameter("--encrypt", "given alone", "with --secret-file, by which the page reads what is shown")
@@ -93,7 +94,7 @@ def play(params: Params, given: frozenset[str], far: FarWorld, page: PageOptions
         closing.callback(watcher.close)
         world = _first(found, watcher, words)
         watcher.close()
-        params = fitting(params, world, given)
+        params = fitting(params, world)
         words.print(f"the world: {world.about.get('scene')}, coupled by {params.coupling}", markup=False)
         history = History(joins=False)
         hand = Hand(params, far, history, closing)
@@ -122,8 +123,8 @@ def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console)
         said = text
 
 
-def fitting(params: Params, world: Status, given: frozenset[str]) -> Params:
-    """`params` with the axes, the coupling and the rendering of the world, where they are not `given`.
+def fitting(params: Params, world: Status) -> Params:
+    """`params` with the axes, the coupling and the rendering of the world, where the user did not set them.
 
     Nothing else is taken from the network: a coupling of the user's own must be given here too.
     """
@@ -131,8 +132,8 @@ def fitting(params: Params, world: Status, given: frozenset[str]) -> Params:
     reported: dict[str, Any] = {"dof": world.about.get("dof")}
     if isinstance(theirs, dict) and theirs.get("coupling") in COUPLING_NAMES:
         reported |= {name: theirs.get(name) for name in ("coupling", "rendering")}
-    changes = {name: value for name, value in reported.items() if value is not None and name not in given}
-    return params.set({"scene": "free", **changes})
+    changes = {name: value for name, value in reported.items() if value is not None and not params.asked(name)}
+    return params.set({"scene": "free", **changes}, COMMAND)
 
 
 class Hand:
@@ -148,7 +149,7 @@ class Hand:
     def __init__(self, params: Params, far: FarWorld, history: History, closing: ExitStack) -> None:
         self._lock = threading.Lock()
         file = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="hapnet-"))) / "params.toml"
-        file.write_text(params.toml(), encoding="utf-8")
+        file.write_text(params.toml(sources=True), encoding="utf-8")
         ours, theirs = os.pipe()
         command = module("hapnet", "device", "--params", str(file), *far.words())
         try:

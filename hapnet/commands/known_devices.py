@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapnet.checks import Vector
 from hapnet.errors import RecordingError
+from hapnet.param_sources import DEVICE
 from hapnet.params import Params, is_simulated
 from hapnet.recording.whole_file import complete_or_absent
 
@@ -63,7 +64,9 @@ def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
                 "Hold it loosely, away from the ends of its range, and press Enter (Ctrl-C: not now) "
             )
         return params
-    return params if not mass or params.device.known_mass_kg else params.set({"device.known_mass_kg": mass})
+    if not mass or "device.known_mass_kg" in params.given:
+        return params
+    return params.set({"device.known_mass_kg": mass}, DEVICE)
 
 
 def learn(params: Params, summary: Summary) -> None:

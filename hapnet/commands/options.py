@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from hapnet.commands import flags, output
 from hapnet.errors import InvalidParameter, OutputError
-from hapnet.params import LinkParams, Params
+from hapnet.param_sources import FLAG
+from hapnet.params import Params
 from netem.groups import Without
 from netem.presets import ALIASES, PRESETS
 from netem.profile import LinkProfile, compose
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 SECURITY = ("tls_ca", "tls_cert", "tls_key", "mutual_tls", "user", "password_file", "users", "secret_file", "encrypt")
 
-NO_LINK = LinkParams("", "")
+NO_LINK: Mapping[str, object] = {"link.up": "", "link.down": ""}
 """The default for two hosts on a real network: no emulation unless asked for."""
 
 
@@ -87,27 +88,32 @@ class LinkOptions:
 
         Raises InvalidParameter, netem.NetemError: the text is not tc-netem's syntax, or its parts do not go together.
         """
-        up = self._direction(params.link.up) if self.uplink is None else self.uplink
-        down = self._direction(params.link.down) if self.downlink is None else self.downlink
-        changes = {"link.up": up, "link.down": down}
+        both = self._both
+        changes = {}
+        for name, given, now in (("up", self.uplink, params.link.up), ("down", self.downlink, params.link.down)):
+            if given is not None or both:
+                changes[f"link.{name}"] = self._direction(now) if given is None else given
         for name, given in (("up", self.up_timeline), ("down", self.down_timeline)):
             text = self.timeline if given is None else given
             if text is not None:
                 from netem import Timeline  # it imports numpy, which --help must not do
 
                 changes[f"link.{name}_timeline"] = str(Timeline.read(text))
-        return params.set(changes)
+        return params.set(changes, FLAG)
 
     def for_all_of(self, params: Params) -> Params:
         """`params` without the timelines of those directions for which these flags give another link."""
-        both = any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
+        both = self._both
         given = {"up": both or self.uplink is not None, "down": both or self.downlink is not None}
-        return params.set({f"link.{direction}_timeline": "" for direction, other in given.items() if other})
+        return params.set({f"link.{direction}_timeline": "" for direction, other in given.items() if other}, FLAG)
+
+    @property
+    def _both(self) -> bool:
+        """Do the flags describe both directions?"""
+        return any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
 
     def _direction(self, default: str) -> str:
         """The words of one direction: the default, changed by the flags."""
-        if self.link is None and self.profile is None and all(flag is None for flag in self._effects.values()):
-            return default
         words, name = self.link, self.profile
         if words is not None and name is None and ALIASES.get(words, words) in PRESETS:
             words, name = None, words  # a profile that one property may be set on top of
@@ -140,7 +146,7 @@ class ParamsOptions:
         Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed.
         """
         params = base if self.params_file is None else base.load(self.params_file)
-        params = params.set({name: value for name, value in (named or {}).items() if value is not None})
+        params = params.set({name: value for name, value in (named or {}).items() if value is not None}, FLAG)
         if links is not None:
             params = links.over(params)
         params = params.set_words(self.assign or ())

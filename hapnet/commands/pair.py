@@ -140,7 +140,7 @@ class Pair:
         Raises HapnetError if the parameters cannot be written.
         """
         try:
-            (self._directory / "params.toml").write_text(self._params.toml(), encoding="utf-8")
+            (self._directory / "params.toml").write_text(self._params.toml(sources=True), encoding="utf-8")
         except OSError as error:
             raise HapnetError(f"cannot write to {self._directory}: {error.strerror or error}") from None
         link, secret = self._link()

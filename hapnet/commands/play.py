@@ -11,7 +11,8 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.options import NO_LINK, LinkOptions, ModelOptions, PageOptions, ParamsOptions, ZenohOptions
 from hapnet.errors import InvalidParameter
-from hapnet.params import RELAXED_HAND, OperatorParams, Params, is_simulated
+from hapnet.param_sources import COMMAND, FLAG
+from hapnet.params import RELAXED_HAND, Params, is_simulated
 from netem.groups import Without
 
 
@@ -44,8 +45,12 @@ def play(
     `hapnet device` does.
     """
     far = zenoh.leave_this_host
-    base = Params(link=NO_LINK) if far else Params()
-    chosen = led(params.over(base, model.named("device", "world"), links))
+    base = Params().set(NO_LINK, COMMAND) if far else Params()
+    chosen = params.over(base, model.named("device", "world"), links)
+    for own, why in (("operator", "the mouse is the hand here"), ("duration_s", "it runs until Ctrl-C")):
+        if chosen.source(own) == FLAG:  # a file may be for other commands too
+            raise InvalidParameter(own, chosen.get(own), f"left out: {why}")
+    chosen = led(chosen)
     if params.show_params:
         return params.show(chosen)
     if not is_simulated(chosen.hardware):
@@ -54,18 +59,20 @@ def play(
     if not chosen.telemetry_hz:
         raise InvalidParameter("telemetry_hz", chosen.telemetry_hz, "above 0: the page shows what is published")
     if not far:
-        for flag, value in (("--session", session), ("--name", name), ("--no-files", files), ("Zenoh's flags", zenoh)):
-            if value not in ("default", "device", True, ZenohOptions()):
+        for flag, given in (
+            ("--session", session != "default"), ("--name", name != "device"), ("--no-files", not files),
+            ("Zenoh's flags", zenoh != ZenohOptions()),
+        ):  # fmt: skip
+            if given:
                 raise InvalidParameter(flag, "given alone", "with -e or -l, for a world on another host")
         return _play_here(chosen, seed, out, page, json_to, realtime=realtime)
     from hapnet.commands import far_world
 
-    if chosen.scene != base.scene:
+    if chosen.asked("scene"):
         allowed = f"on the world's host: hapnet world --scene {chosen.scene}"
         raise InvalidParameter("--scene", chosen.scene, allowed)
-    given = frozenset(key for key in far_world.FROM_WORLD if chosen.get(key) != base.get(key))
     world = far_world.FarWorld(zenoh, session, name, seed, out, files, realtime, json_to)
-    return far_world.play(chosen, given, world, page)
+    return far_world.play(chosen, world, page)
 
 
 def _play_here(
@@ -117,5 +124,5 @@ def led(params: Params) -> Params:
     """`params` for a hand that the mouse leads, without an end; the default hand becomes a relaxed one."""
     from hapnet.assembly.operators import LIVE
 
-    hand = RELAXED_HAND if params.operator_hand == OperatorParams() else {}
-    return params.set({**hand, "operator": LIVE, "duration_s": 0.0})
+    given = any(name.startswith("operator_hand.") for name in params.given)
+    return params.set({**({} if given else RELAXED_HAND), "operator": LIVE, "duration_s": 0.0}, COMMAND)

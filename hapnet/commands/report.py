@@ -70,7 +70,8 @@ def asked(recordings: Sequence[Recording]) -> Params | None:
         if isinstance(tree, Mapping):
             names = set(Params().flat())
             with suppress(InvalidParameter):
-                return Params.recorded({name: value for name, value in flatten(tree) if name in names})
+                flat = {name: value for name, value in flatten(tree) if name in names}
+                return Params.recorded(flat, recording.meta.get("sources"))
     return None
 
 

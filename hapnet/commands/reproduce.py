@@ -12,6 +12,7 @@ from hapnet.commands.options import ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.extras import require
+from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 
 SECTION_4: dict[str, object] = {
@@ -36,9 +37,9 @@ def reproduce(
     verbose: flags.Verbose = False,
 ) -> int:
     """Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed)."""
-    base = Params().set(SECTION_4)
+    base = Params().set(SECTION_4, COMMAND)
     if figure == "fig6":
-        base = base.set({"device.smoothing_s": SMOOTHING_S})
+        base = base.set({"device.smoothing_s": SMOOTHING_S}, COMMAND)
     chosen = params.over(base, {"duration_s": duration})
     if params.show_params:
         return params.show(chosen)

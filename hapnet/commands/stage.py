@@ -21,6 +21,7 @@ from hapnet.commands.reserve import Reserve
 from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.param_sources import PAGE
 from hapnet.params import Params
 from hapnet.processes.memory import give_back_freed
 from hapnet.reports.tables import brief
@@ -186,11 +187,11 @@ class Stage:
                 self._loop.call_soon_threadsafe(do, *args)
 
     def _anew(self, changes: dict[str, object]) -> None:
-        params = self._params.set(changes)
+        params = self._params.set(changes, PAGE)
         prepare(params, "sampled")  # in the page's thread, which shows an error
 
         def change() -> None:
-            self._params = self._params.set(changes)
+            self._params = self._params.set(changes, PAGE)
             self._history.leave()
             self._elsewhere = "scene" in changes
             if self._elsewhere:
@@ -236,7 +237,7 @@ class Stage:
             self._pair.send("device", do="lead", position=position)
 
     def _link(self, direction: Direction, text: str) -> None:
-        self._params = self._params.set({f"link.{direction}": text})
+        self._params = self._params.set({f"link.{direction}": text}, PAGE)
         if self._pair is not None:
             self._pair.send("device" if direction == "up" else "world", do="link", words=text)
 

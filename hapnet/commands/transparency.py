@@ -121,8 +121,11 @@ def transparency(
     for name in names:
         coupling(name)
     for name in ("coupling", "link.up", "link.down"):
-        if chosen.get(name) != Params().get(name):
-            raise InvalidParameter(name, chosen.get(name), f"its default: here --{name.partition('.')[0]} sets it")
+        if name in chosen.given:
+            raise InvalidParameter(name, chosen.get(name), f"left out: here --{name.partition('.')[0]} sets it")
+    for name in ("operator", "duration_s"):
+        if name in chosen.given:
+            raise InvalidParameter(name, chosen.get(name), "left out: the motion that is measured is always the same")
     links, seeds = links_of(list(options.link or LINKS), ()), seed_range(options.seeds)
     tasks = [
         Task(name, link, chosen.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand, motion=motion)

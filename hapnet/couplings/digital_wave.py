@@ -132,5 +132,6 @@ LAW = CouplingSpec(
     world_sends=messages.Wave,
     covers=lambda params, tuning, virtual: True,
     compiled=wave.compiled(Replay),
+    springs=wave.springs,
     searched=wave.SEARCHED,
 )

@@ -45,7 +45,7 @@ from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.rendering import PREDICT_S, predicts
 from hapnet.couplings.set_position import RESET_FORCE, RESET_S, device_spring, plain_world
-from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, two_springs
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, parameter
@@ -182,6 +182,7 @@ LAW = CouplingSpec(
     parameters=EbaParams,
     set_positions=frozenset({"world"}),
     scaled=True,
+    springs=two_springs,
     compiled=(EnergyBounding, None),
     searched={"device.damping": Between(0.05, RENDERED_DAMPING, log=True), "eba.predict_s": Between(0.0, 0.3)},
 )

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypedDict
 
-from hapnet.params import Params
+from hapnet.param_sections import Matrix
 
 
 class Felt(TypedDict):
@@ -22,15 +22,13 @@ class Felt(TypedDict):
     springs_N_m: list[float] | None
 
 
-def felt(params: Params, scaled: bool, wall: float | None) -> Felt:
+def felt(springs: Sequence[Matrix] | None, wall: float | None) -> Felt:
     """What is felt of a wall of this stiffness [N/m]; None: there is none. Springs that are no scalars are left out.
 
-    scaled : has the law the two springs (`CouplingSpec.scaled`)?
+    springs : what the law says of them (`CouplingSpec.springs`).
     """
-    K, K_world = params.device.stiffness, params.world.stiffness
-    springs = [K, K_world] if scaled else [K]
-    known = [one for one in springs if isinstance(one, float)]
-    return of_springs(known if len(known) == len(springs) else None, wall)
+    known = [one for one in springs or () if isinstance(one, float)]
+    return of_springs(known if known and len(known) == len(springs or ()) else None, wall)
 
 
 def of_springs(springs: list[float] | None, wall: float | None) -> Felt:

@@ -272,6 +272,7 @@ LAW = CouplingSpec(
     covers=covers,
     warn=warn,
     compiled=(DevicePD, WorldPD),
+    springs=lambda params, tuning: (tuning.stiffness_N_m,),
     searched={
         "pd.stiffness": Between(5.0, 1000.0, log=True),
         "pd.coordination": Between(0.0, 2.0),

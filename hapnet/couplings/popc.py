@@ -39,7 +39,7 @@ from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.rendering import PREDICT_S, predicts
 from hapnet.couplings.set_position import RESET_FORCE, RESET_S, device_spring, plain_world
-from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart
+from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, CouplingStart, two_springs
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, Range, parameter
 from hapnet.params import Params
@@ -168,6 +168,7 @@ LAW = CouplingSpec(
     parameters=PopcParams,
     set_positions=frozenset({"world"}),
     scaled=True,
+    springs=two_springs,
     compiled=(PassivityController, None),
     searched={
         "device.damping": Between(0.05, RENDERED_DAMPING, log=True),

@@ -13,7 +13,7 @@ from hapnet.control.set_position_coupling import Modulator
 from hapnet.couplings import rendering
 from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.set_position import BOTH_SIDES, Side, ends
-from hapnet.couplings.spec import CouplingSpec
+from hapnet.couplings.spec import CouplingSpec, two_springs
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params, WorldParams
 
@@ -60,6 +60,7 @@ LAW = CouplingSpec(
     set_positions=BOTH_SIDES,
     limited=True,
     scaled=True,
+    springs=two_springs,
     halves=True,
     joint=False,
     covers=_covers,

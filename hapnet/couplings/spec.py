@@ -6,7 +6,7 @@ A law of the library is such a file here, with ``LAW = CouplingSpec(...)``: see 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from inspect import Parameter, signature
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
@@ -19,6 +19,7 @@ from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings.link_delays import Delays
 from hapnet.errors import InvalidParameter
+from hapnet.param_sections import Matrix
 from hapnet.params import Params
 from hapnet.wire.messages import Motion, Position, Proxy, Role, Stream
 
@@ -35,7 +36,7 @@ class Between(NamedTuple):
 
 
 _SECTIONS = {one.name for one in fields(Params)}
-_FUNCTIONS = ("device", "world", "tune", "covers", "allowance_J", "warn")
+_FUNCTIONS = ("device", "world", "tune", "covers", "allowance_J", "warn", "springs")
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -93,6 +94,8 @@ class CouplingSpec(Generic[T]):
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
     limited : does it limit the set-position's step, and the force to what the account covers under zero-order hold?
     scaled : is the felt force K/K' of the virtual one, as with PSPM?
+    springs : the springs through which a wall is felt at rest [N/m]: K and K', as with PSPM, or the only one, K. None:
+        they are not known, so neither is how stiff a wall is felt.
     halves : does each side keep a half of Theorem 1, with its own reservoir?
     joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.
     covers : when does it claim to be passive? allowance_J : energy that may then come out beyond d^2 [J].
@@ -121,6 +124,7 @@ class CouplingSpec(Generic[T]):
     set_positions: frozenset[str] = frozenset()
     limited: bool = False
     scaled: bool = False
+    springs: Callable[[Params, T], Sequence[Matrix] | None] = lambda params, tuning: None
     halves: bool = False
     joint: bool = True
     covers: Covers[T] = lambda params, tuning, virtual: False
@@ -166,6 +170,11 @@ class CouplingSpec(Generic[T]):
         found, fields = tuning or {}, signature(self.tuning).parameters
         needed = {name for name, one in fields.items() if one.default is Parameter.empty}
         return self.tuning(**found) if needed <= set(found) <= set(fields) else None
+
+
+def two_springs(params: Params, tuning: object) -> tuple[Matrix, Matrix]:
+    """K of the device and K' of the world, for `CouplingSpec.springs`."""
+    return params.device.stiffness, params.world.stiffness
 
 
 def scalar_stiffness(params: Params) -> float:

@@ -228,6 +228,7 @@ LAW = CouplingSpec(
     covers=lambda params, tuning, virtual: True,
     allowance_J=lambda tuning: 2.0 * tuning.debt_limit_J,
     compiled=(TdpaDevice, TdpaWorld),
+    springs=lambda params, tuning: (tuning.stiffness_N_m,),
     searched={
         "tdpa.stiffness": Between(50.0, 1000.0, log=True),
         "tdpa.damping": Between(0.5, 20.0, log=True),

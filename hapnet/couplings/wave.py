@@ -35,6 +35,7 @@ from hapnet.couplings.spec import (
     CouplingStart,
     scalar_stiffness,
 )
+from hapnet.param_sections import Matrix
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
 from hapnet.records.equation import equation
@@ -227,6 +228,9 @@ class PortTuning(Protocol):
 
 T = TypeVar("T", bound=PortTuning)
 
+_STIFFEST = 10.0
+"""The virtual coupling is no stiffer than so many times device.stiffness."""
+
 
 def tune(params: Params, link: Delays) -> LineTuning:
     """Choose the largest wave impedance b that a device can render.
@@ -248,6 +252,13 @@ def tune(params: Params, link: Delays) -> LineTuning:
         longest_wait_s=params.world.step_max_s + _MAX_JITTER_S,
         recovery_s=wave.recovery_s if wave.missing == "zero" else 0.0,
     )
+
+
+def springs(params: Params, tuning: PortTuning) -> tuple[Matrix] | None:
+    """Line and virtual coupling in series give device.stiffness, if the rule could make them do so."""
+    K = scalar_stiffness(params)
+    by_rule = params.of(WaveParams).stiffness == 0.0 and tuning.stiffness_N_m < _STIFFEST * K * (1.0 - 1e-9)
+    return (K,) if by_rule else None
 
 
 def jitter_s(link: Delays) -> float:
@@ -310,5 +321,6 @@ LAW = CouplingSpec(
     world_sends=messages.Wave,
     covers=lambda params, tuning, virtual: params.of(WaveParams).missing == "zero",
     compiled=compiled(DelayLine),
+    springs=springs,
     searched={**SEARCHED, "wave.recovery_s": Between(0.01, 1.0, log=True)},
 )

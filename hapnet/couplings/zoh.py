@@ -8,7 +8,7 @@ from __future__ import annotations
 from hapnet.couplings import rendering
 from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.set_position import BOTH_SIDES, ends, plain
-from hapnet.couplings.spec import CouplingSpec
+from hapnet.couplings.spec import CouplingSpec, two_springs
 
 _ENDS = ends(plain, limited=False)
 
@@ -27,6 +27,7 @@ LAW = CouplingSpec(
     world_tells=True,
     set_positions=BOTH_SIDES,
     scaled=True,
+    springs=two_springs,
     joint=False,
     compiled=(None, None),
     searched=rendering.SEARCHED,

@@ -162,6 +162,7 @@ def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[st
     """The description of a side's recording, for its ``meta``."""
     return {
         "params": setup.params.as_dict(),
+        "sources": dict(setup.params.sources),
         "operator_sha256": fingerprint(setup.params.operator),
         **setup.description,
         "seed": seed,

@@ -45,7 +45,7 @@ class ServoChild:
     """The side's control half and its end of the pipe. All but the constructor and `end` run on the servo's thread."""
 
     def __init__(self, pipe: Pipe, setup: dict[str, Any]) -> None:
-        params = Params().set(setup["params"])
+        params = Params().set(setup["params"], setup["sources"])
         self._pipe = pipe
         self._params, self._coupling = params, params.coupling
         prepared = replace(prepare(params, "sampled"), ends=ends())

@@ -21,6 +21,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import LENT
+from hapnet.param_sources import RULE
 from hapnet.processes.start import (
     LOOK_S,
     LOOKS,
@@ -178,7 +179,7 @@ class ServoProcess:
         return self._part
 
     def _open(self) -> None:
-        params = self._setup.params.set({"device.servo": self._setup.servo})
+        params = self._setup.params.set({"device.servo": self._setup.servo}, RULE)
         ours, theirs = socket_pair()
         self._pipe = Pipe(ours)
         path = os.pathsep.join(str(entry) or os.getcwd() for entry in sys.path)
@@ -195,9 +196,9 @@ class ServoProcess:
             except OSError as error:
                 self._pipe.close()
                 raise HapnetError(f"{NOT_STARTED}: {error.strerror or error}") from error
-        self._pipe.offer("setup", {
-            "params": params.flat(), "incarnation": self.wire.session.identity.incarnation, "parent": os.getpid(),
-        })  # fmt: skip
+        setup = {"params": params.changes(), "sources": dict(params.sources)}
+        incarnation = self.wire.session.identity.incarnation
+        self._pipe.offer("setup", {**setup, "incarnation": incarnation, "parent": os.getpid()})
         self._open_for_all = True
         self._pay()
 

@@ -218,10 +218,17 @@ def _settings(rows: list[Setting]) -> Html:
         f"{changed} of {len(rows)} differ from the defaults; they are marked." if changed else "All are the defaults."
     )
     cells = [
-        (join(element("mark", row.name), " ") if row.default else row.name, row.value, row.default, row.meaning)
-        for row in rows
+        (
+            join(element("mark", one.name), " ") if one.default else one.name,
+            one.value,
+            one.default,
+            one.source,
+            one.meaning,
+        )
+        for one in rows
     ]
-    return join(element("p", words), table(("parameter", "value", "default", "meaning"), cells, class_="settings"))
+    names = ("parameter", "value", "default", "set by", "meaning")
+    return join(element("p", words), table(names, cells, class_="settings"))
 
 
 def _commands(recording: Recording, sources: Sequence[Source]) -> Html:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from hapnet.assembly.operators import LIVE
 from hapnet.assembly.springs import without_rule
 from hapnet.errors import InvalidParameter
+from hapnet.param_sources import RESOLVED
 from hapnet.param_values import flatten
 from hapnet.params import Params, is_simulated
 from hapnet.recording.samples import Recording
@@ -19,12 +20,16 @@ from hapnet.summary.words import get, known
 
 
 class Setting(NamedTuple):
-    """A parameter's value. `default` is empty if the value is the default, or if the parameter is unknown."""
+    """A parameter's value. `default` is empty if the value is the default, or if the parameter is unknown.
+
+    source : what set it (`hapnet.param_sources`); empty if nothing did, or if the recording does not say.
+    """
 
     name: str
     value: str
     default: str
     meaning: str
+    source: str = ""
 
 
 class Command(NamedTuple):
@@ -37,6 +42,7 @@ class Command(NamedTuple):
 def settings(recording: Recording) -> list[Setting]:
     """All parameters in the recording, in the order of `--show-params`; two values where the sides differ."""
     sides = [_flat(part) for part in _parts(recording).values()]
+    sources = [part for part in _sources(recording).values() if isinstance(part, Mapping)]
     defaults = {name: (value, meaning) for name, value, meaning in Params().described()}
     params = _params(recording)
     chosen = {} if params is None else {name: _written(value) for name, value in params.flat().items()}
@@ -47,7 +53,9 @@ def settings(recording: Recording) -> list[Setting]:
         default, meaning = defaults.get(name, ("", ""))
         if values:
             is_default = values == [default] or chosen.get(name) == default
-            rows.append(Setting(name, " / ".join(values), "" if is_default else default, meaning))
+            by = [str(part[name]) for part in sources if name in part]
+            source = " / ".join(dict.fromkeys(by))
+            rows.append(Setting(name, " / ".join(values), "" if is_default else default, meaning, source))
     return rows
 
 
@@ -56,14 +64,15 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
     found = []
     if (params := _params(recording)) is not None:
         virtual = recording.meta.get("clock") == "virtual"
-        live, default = params.operator == LIVE, Params()
+        live = params.operator == LIVE
         if live:  # the command line cannot ask for a live hand, and such a run has no end
-            asked = params.set({"operator": default.operator, "duration_s": default.duration_s})
+            asked = params.unset("operator", "duration_s")
             found.append(Command("The same settings, with your own hand", _line("play", recording, asked)))
         if is_simulated(params.hardware) and not live:
             servo = params.device.servo if virtual or params.device.servo != "auto" else "sampled"
             what = "The same, to the last digit" if virtual else "The same settings in virtual time"
-            found.append(Command(what, _line("simulate", recording, params.set({"device.servo": servo}))))
+            sampled = params if servo == params.device.servo else params.set({"device.servo": servo})
+            found.append(Command(what, _line("simulate", recording, sampled)))
         if not virtual and not live:
             found.append(Command("Once more in real time, on one machine", _line("run", recording, params)))
     if recording.device is not None and files:
@@ -84,16 +93,27 @@ def _parts(recording: Recording) -> dict[str, Any]:
     return {side: part for side, part in parts.items() if part} or {"": get(recording.meta, "params")}
 
 
+def _sources(recording: Recording) -> dict[str, Any]:
+    """The sources of each process's parameters, as `_parts` has these; none in an older recording."""
+    parts = {side: get(recording.meta, "sides", side, "sources") for side in ("device", "world")}
+    return {side: part for side, part in parts.items() if part} or {"": get(recording.meta, "sources")}
+
+
 def _params(recording: Recording) -> Params | None:
     """The parameters of both processes, each side's own from its process; None if they do not fit this version."""
     parts = _parts(recording)
     flat = _flat(next(iter(parts.values())))
+    sources = _sources(recording)
+    by = next(iter(sources.values()))
     if "world" in parts:
         flat |= {k: v for k, v in _flat(parts["world"]).items() if k.startswith(("world.", "link.down"))}
+    if "world" in sources and isinstance(by, Mapping):
+        others = {k: v for k, v in by.items() if not k.startswith(("world.", "link.down"))}
+        by = others | {k: v for k, v in sources["world"].items() if k.startswith(("world.", "link.down"))}
     if not known(flat.get("duration_s")):
         flat["duration_s"] = round(read(recording.summary)["duration_s"] or Params().duration_s, 3)
     try:
-        return without_rule(Params.recorded(flat))
+        return without_rule(Params.recorded(flat, by))
     except InvalidParameter:
         return None
 
@@ -102,9 +122,8 @@ def _line(command: str, recording: Recording, params: Params) -> str:
     words = ["hapnet", command]
     if isinstance(seed := read(recording.summary)["seed"], int):
         words += ["--seed", str(seed)]
-    default = {name: value for name, value, _ in Params().described()}
     for name, written, _ in params.described():
-        if written != default.get(name):
+        if name in params.given and params.source(name) not in RESOLVED:
             value = params.get(name)
             words += ["--set", f"{name}={value if isinstance(value, str) else written}"]
     return shlex.join(words)

@@ -15,6 +15,7 @@ from hapnet.assembly.user_operator import ALLOWED
 from hapnet.couplings.registry import coupling, jointly_passive
 from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load
+from hapnet.param_sources import RECORDING
 from hapnet.param_values import flatten
 from hapnet.params import Params, arm_file, is_arm, is_simulated
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
@@ -82,6 +83,7 @@ def _original(files: Sequence[Path]) -> Original:
     own, worlds = _parameters(device), _parameters(world)
     asked = {name: value for name, value in own.items() if name in known}
     asked |= {name: value for name, value in worlds.items() if name in known and name.startswith(_WORLDS)}
+    recorded, sources = dict(asked), _sources(device, world)
     operator, hand = _hand(device, files[at], asked)
     if operator != asked.get("operator"):
         asked["operator_hand.end_hold_s"] = 0.0  # the recorded motion has its end already
@@ -104,7 +106,10 @@ def _original(files: Sequence[Path]) -> Original:
     }
     if not simulated and asked.get("device.servo") == "auto":
         asked["device.servo"] = "sampled"
-    params, seed = Params.recorded(asked), device.meta.get("seed")
+    if sources is not None:  # what the replay changes is not as its source set it
+        changed = {name for name, value in asked.items() if value != recorded.get(name)}
+        sources |= dict.fromkeys(changed, RECORDING)
+    params, seed = Params.recorded(asked, sources), device.meta.get("seed")
     if ":" not in params.coupling:  # a user's own is loaded when it runs
         coupling(params.coupling)
     if not isinstance(seed, int) or seed < 0:
@@ -157,6 +162,15 @@ def _parameters(recording: Recording) -> dict[str, Any]:
     if not isinstance(tree, Mapping):
         raise RecordingError("this recording cannot be replayed: it does not say with which parameters it was made")
     return dict(flatten(tree))
+
+
+def _sources(device: Recording, world: Recording) -> dict[str, object] | None:
+    """The sources of these parameters; None: an older recording, which has none."""
+    own, worlds = device.meta.get("sources"), world.meta.get("sources")
+    if not isinstance(own, Mapping) or not isinstance(worlds, Mapping):
+        return None
+    found = {name: source for name, source in own.items() if not str(name).startswith(_WORLDS)}
+    return found | {name: source for name, source in worlds.items() if str(name).startswith(_WORLDS)}
 
 
 def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[str]) -> Iterator[str]:

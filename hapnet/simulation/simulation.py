@@ -125,6 +125,7 @@ class Simulation:
         require_room("duration_s", duration_s, duration_s, bytes_a_second(setup.params, setup.dof), "recorded seconds")
         self._meta = {
             "params": setup.params.as_dict(),
+            "sources": dict(setup.params.sources),
             "operator_sha256": fingerprint(setup.params.operator),
             **setup.description,
             "seed": self.seed,

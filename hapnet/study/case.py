@@ -88,5 +88,6 @@ def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording, Recording
 
 def _ideal(params: Params) -> Params:
     """The same parameters with an ideal link and without a deadband."""
-    nothing = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
-    return params.set({**nothing, DEADBAND: 0.0})
+    nothing: dict[str, object] = {"link.up": "", "link.down": "", "link.up_timeline": "", "link.down_timeline": ""}
+    others = {name: value for name, value in (nothing | {DEADBAND: 0.0}).items() if params.get(name) != value}
+    return params.set(others) if others else params

@@ -155,11 +155,8 @@ class Plan:
             for couplings, deadbands in sets
             for operators in hands.values()
         )
-        plain = Params().flat()
         varied = {"link.up", "link.down"}.union(*products)
-        fixed = {
-            name: value for name, value in self.params.flat().items() if name not in varied and value != plain.get(name)
-        }
+        fixed = {name: value for name, value in self.params.changes().items() if name not in varied}
         return Spec(NAME, fixed, products)
 
     def outcomes(self, rows: Iterable[Row]) -> list[Outcome]:
@@ -188,10 +185,15 @@ class Plan:
         }
 
     def _own(self, word: str, every: Sequence[str], read: Callable[[str], tuple[str, Mapping[str, object]]]) -> Values:
-        """The values with this coupling, or operator, of all parameters that are any's own, as `read` finds them."""
+        """The values with this coupling, or operator, of all parameters that are any's own, as `read` finds them.
+
+        Those that neither it nor the comparison sets are left out.
+        """
         own = read(word)[1]
         names = dict.fromkeys(name for one in every for name in read(one)[1])
-        return {name: own.get(name, self.params.get(name)) for name in names}
+        return {
+            name: own.get(name, self.params.get(name)) for name in names if name in own or name in self.params.given
+        }
 
 
 @dataclass(frozen=True)

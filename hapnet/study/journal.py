@@ -23,7 +23,7 @@ from typing import Any
 
 from hapnet.errors import HapnetError
 from hapnet.study.case import Measures
-from hapnet.study.spec import Case, Spec, Values
+from hapnet.study.spec import Case, Spec, Values, flat_of, shown
 from hapnet.study.task import CaseResult
 from hapnet.versions import versions
 from netem.versions import DISTRIBUTION
@@ -122,19 +122,19 @@ class Journal:
         """All cases, in their order."""
         with _readable(self.path):
             for found in self._db.execute(f"{_ROWS} ORDER BY number"):
-                yield _row(found)
+                yield self._row(found)
 
     def find(self, keys: Sequence[str]) -> list[Row]:
         """The cases with these keys, in this order. All must be there."""
         with _readable(self.path):
-            return [_row(self._db.execute(f"{_ROWS} WHERE key = ?", (key,)).fetchone()) for key in keys]
+            return [self._row(self._db.execute(f"{_ROWS} WHERE key = ?", (key,)).fetchone()) for key in keys]
 
     def add(self, cases: Sequence[Case]) -> None:
         """Add those cases that are not there yet. Their numbers go on from the last one's."""
         with _readable(self.path), self._db:
             (number,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
             for case in cases:
-                row = number, case.key, case.seed, json.dumps(case.values)
+                row = number, case.key, case.seed, json.dumps(case.given)
                 number += self._db.execute("INSERT OR IGNORE INTO cases VALUES (?, ?, ?, ?)", row).rowcount
 
     def record(self, results: Sequence[CaseResult]) -> None:
@@ -160,6 +160,14 @@ class Journal:
         before = self.versions.get(DISTRIBUTION)
         return None if before == versions()[DISTRIBUTION] else str(before)
 
+    def _row(self, found: Sequence[Any]) -> Row:
+        number, varied, seed, key, done, measures, *rest = found
+        values: Values = json.loads(varied)
+        if unset := tuple(name for name in self.varied if name not in values):
+            values |= shown(unset, flat_of(self.fixed, values))
+        case = Case(number, values, seed, key, unset)
+        return Row(case, bool(done), json.loads(measures) if done else {}, *rest)
+
     def _same(self, cases: Sequence[Case]) -> None:
         if self.fingerprint == _fingerprint(cases):
             return
@@ -169,11 +177,6 @@ class Journal:
             f"{self.path} is of another spec: {len(now - before)} cases are new, {len(before - now)} are gone, "
             f"{len(now & before)} are the same; --out for another directory, or --fresh to discard its results"
         )
-
-
-def _row(found: Sequence[Any]) -> Row:
-    number, varied, seed, key, done, measures, *rest = found
-    return Row(Case(number, json.loads(varied), seed, key), bool(done), json.loads(measures) if done else {}, *rest)
 
 
 def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) -> None:
@@ -191,7 +194,7 @@ def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) ->
         for statement in _TABLES.split(";")[:-1]:
             connection.execute(statement)
         connection.executemany("INSERT INTO about VALUES (?, ?)", [(k, json.dumps(v)) for k, v in about.items()])
-        rows = ((number, case.key, case.seed, json.dumps(case.values)) for number, case in enumerate(cases))
+        rows = ((number, case.key, case.seed, json.dumps(case.given)) for number, case in enumerate(cases))
         connection.executemany("INSERT INTO cases VALUES (?, ?, ?, ?)", rows)
 
 

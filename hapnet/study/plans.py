@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from hapnet.errors import InvalidParameter
+from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 from hapnet.study.compare import Case, Plan, Variant, hand, parted
 from hapnet.study.sections import FULL, QUICK, Section
 from netem.presets import ALIASES, PRESETS
 from netem.units import format_path
 
-BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0})
+BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0}, COMMAND)
 """All cases have the sampled servo of real hardware, at 1 kHz. At the end the hand holds still: oscillations show."""
 
 NOTICED = 0.1

@@ -53,12 +53,21 @@ _DIGITS = 12  # of a number within a range: 0.3, not 0.30000000000000004
 
 @dataclass(frozen=True)
 class Case:
-    """One run. `values`: of everything that varies except the seed. `key`: a digest of all that the spec sets."""
+    """One run. `values`: of everything that varies except the seed. `key`: a digest of all that the spec sets.
+
+    unset : what varies in other products only, so that this run leaves it at the default.
+    """
 
     number: int
     values: Values
     seed: int
     key: str
+    unset: tuple[str, ...] = ()
+
+    @property
+    def given(self) -> Values:
+        """The values that this run sets."""
+        return {name: value for name, value in self.values.items() if name not in self.unset}
 
     @property
     def parameters(self) -> str:
@@ -136,31 +145,30 @@ class Spec:
         for axes in self.products[only]:
             free = [name for name in axes if name != SEED]
             digests: dict[str, tuple[Values, str]] = {}
+            unset = self._unset({*self.fixed, *axes})
             for combination in product(*axes.values()):
                 chosen = dict(zip(axes, combination, strict=True))
                 seed = chosen.pop(SEED, self.fixed.get(SEED, 0))
                 label = json.dumps([chosen[name] for name in free])
                 if label not in digests:
                     every = flat_of(self.fixed, chosen)
-                    digests[label] = self._values(every), self._digest(every)
+                    digests[label] = shown(self.varied, every), self._digest(every, unset)
                 values, digest = digests[label]
                 key = f"{digest}-{seed}"
-                found.setdefault(key, Case(len(found), values, seed, key))
+                found.setdefault(key, Case(len(found), values, seed, key, unset))
         return list(found.values())
 
     def digest(self, values: Values) -> str:
         """The beginning of the keys of the cases with these `values`; the seed follows."""
-        return self._digest(flat_of(self.fixed, values))
+        return self._digest(flat_of(self.fixed, values), self._unset({*self.fixed, *values}))
 
-    def _values(self, every: Values) -> Values:
-        """The values of everything that varies in any product, in their parameters' types: 100 becomes 100.0."""
-        up, down = every["link.up"], every["link.down"]
-        link = up if up == down else {"up": up, "down": down}
-        return {name: link if name == LINK else every[name] for name in self.varied}
+    def _unset(self, given: Collection[str]) -> tuple[str, ...]:
+        """What varies in some product, but is not among the names that are `given`."""
+        return tuple(name for name in self.varied if name not in given)
 
-    def _digest(self, every: Values) -> str:
+    def _digest(self, every: Values, unset: Collection[str]) -> str:
         """A digest of everything that the spec sets in a case; what it leaves at the defaults is not part of it."""
-        names = {name for name in (*self.fixed, *self.varied) if name != SEED}
+        names = {name for name in (*self.fixed, *self.varied) if name != SEED and name not in unset}
         if LINK in names:
             names = names - {LINK} | {"link.up", "link.down"}
         reported = {name: every[name] for name in names}
@@ -177,6 +185,13 @@ def _defaults() -> Values:
 def params_of(fixed: Values, values: Values) -> Params:
     """The parameters of a case; raises InvalidParameter as `Params.set` does."""
     return _PLAIN.set({**_spelled(fixed), **_spelled(values)})
+
+
+def shown(varied: Collection[str], every: Values) -> Values:
+    """Of all parameters by dotted names, those in `varied`."""
+    up, down = every["link.up"], every["link.down"]
+    link = up if up == down else {"up": up, "down": down}
+    return {name: link if name == LINK else every[name] for name in varied}
 
 
 def flat_of(fixed: Values, values: Values) -> Values:

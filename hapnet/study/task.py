@@ -47,7 +47,7 @@ def run_case(fixed: Values, case: Case, worker: str = "") -> CaseResult:
     measures: Measures = {}
     error = None
     try:
-        measured = measure(params_of(fixed, case.values), case.seed)
+        measured = measure(params_of(fixed, case.given), case.seed)
         measures = {name: _known(value) for name, value in measured.items()}
     except Exception as wrong:  # a user's own scene may raise anything
         error = reason(wrong)

@@ -34,9 +34,9 @@ def world_status(**about: object) -> Status:
 
 def test_axes_and_coupling_are_the_worlds_unless_they_are_given() -> None:
     status = world_status(dof=3, params={"coupling": "wave", "rendering": "paper", "scene": "mine:pillow"})
-    fit = fitting(Params(), status, frozenset())
+    fit = fitting(Params(), status)
     assert (fit.get("dof"), fit.coupling, fit.rendering, fit.scene) == (3, "wave", "paper", "free")
-    fit = fitting(Params().set({"coupling": "tdpa"}), status, frozenset({"coupling"}))
+    fit = fitting(Params().set({"coupling": "tdpa"}), status)
     assert (fit.coupling, fit.rendering) == ("tdpa", "paper")
 
 
@@ -44,7 +44,7 @@ def test_axes_and_coupling_are_the_worlds_unless_they_are_given() -> None:
     {"coupling": "os:system", "rendering": "paper"}, {"coupling": 7}, {"coupling": ["pspm"]}, "pspm", None,
 ])  # fmt: skip
 def test_the_network_names_no_code_that_is_loaded_here(told: object) -> None:
-    fit = fitting(Params(), world_status(dof=2, params=told), frozenset())
+    fit = fitting(Params(), world_status(dof=2, params=told))
     assert (fit.get("dof"), fit.coupling, fit.rendering) == (2, "pspm", "auto")
 
 

@@ -69,7 +69,7 @@ def test_an_operator_may_have_parameters_of_its_own() -> None:
     }  # fmt: skip
     cases = asked.spec.cases()
     assert len(cases) == 6
-    assert {params_of(asked.spec.fixed, one.values) for one in cases} == {one.params for one in asked.cases()}
+    assert {params_of(asked.spec.fixed, one.given) for one in cases} == {one.params for one in asked.cases()}
 
 
 # -- running ---------------------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ def test_a_coupling_may_have_parameters_of_its_own(tmp_path: Path) -> None:
     }
     cases = asked.spec.cases()
     assert len(cases) == 4
-    assert {params_of(asked.spec.fixed, one.values) for one in cases} == {one.params for one in asked.cases()}
+    assert {params_of(asked.spec.fixed, one.given) for one in cases} == {one.params for one in asked.cases()}
     measured = compared(asked, tmp_path, local_workers(1))
     assert [str(one.case.variant) for one in measured] == list(names)
     assert all(one.error is None for one in measured)
@@ -121,7 +121,7 @@ def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
         assert len(cases) == len(found) == 3 * 2 * len(operators) * 2
         for one in found:
             case = cases[int(one.measures["margin_J"] or 0.0)]
-            assert params_of(fixed, json.loads(json.dumps(case.values))) == one.case.params
+            assert params_of(fixed, json.loads(json.dumps(case.given))) == one.case.params
             assert case.seed == one.case.seed
 
 

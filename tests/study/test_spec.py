@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.errors import InvalidParameter
-from hapnet.params import Params
+from hapnet.study.journal import Journal
 from hapnet.study.spec import MOST, Case, Spec, flat_of, link_words, params_of, value_words
 
 PIECES: dict[str, list[Any]] = {
@@ -134,24 +135,28 @@ def test_seeds_as_simulate_takes_them(tmp_path: Path) -> None:
 
 
 def test_several_products_are_run_once_where_they_meet(tmp_path: Path) -> None:
-    """Also where one says in other words what the other says, or leaves at its default what the other sets to it."""
+    """Also where one says in other words what the other says; but what is set to its default is not what is not set."""
     found = spec(
         tmp_path,
         """
         [[vary]]
+        coupling = ["pspm"]
         device.stiffness = [50, 0]
         link = ["lan"]
         [[vary]]
         coupling = ["pspm", "zoh"]
+        device.stiffness = [0]
         link = ["delay 100us 20us distribution normal rate 1gbit"]
         """,
     )
-    assert Params().device.stiffness == 0.0
-    assert Params().coupling == "pspm"
     cases = found.cases()
     assert found.count == 4
-    assert [reported(case)[0:3:2] for case in cases] == [(50.0, "pspm"), (0.0, "pspm"), (0.0, "zoh")]
-    assert found.varied == ["device.stiffness", "link", "coupling"]
+    assert [reported(case)[:2] for case in cases] == [("pspm", 50.0), ("pspm", 0.0), ("zoh", 0.0)]
+    assert found.varied == ["coupling", "device.stiffness", "link"]
+    found = spec(tmp_path, "[[vary]]\ncoupling = ['pspm']\ndevice.ceiling_J = [0.1]\n[[vary]]\ncoupling = ['pspm']")
+    assert [case.given.get("device.ceiling_J") for case in found.cases()] == [0.1, None]
+    with closing(Journal.create_or_resume(tmp_path, found, found.cases())) as journal:
+        assert journal.pending() == found.cases()
 
 
 def test_a_repeated_value_is_one_case(tmp_path: Path) -> None:

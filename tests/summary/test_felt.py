@@ -1,13 +1,15 @@
 """How stiff a wall is felt: the formula against a simulated hand that presses, and everywhere it is said."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from hapnet import cli
+from examples.own_law import Mine
+from hapnet import CouplingSpec, cli
 from hapnet.assembly.build import prepare
 from hapnet.couplings.felt import through
 from hapnet.params import Params
@@ -62,7 +64,10 @@ def test_no_wall_is_felt_stiffer_than_the_devices_spring(K: float, K_world: floa
         ({"scene": "moving"}, 3000.0, [200.0, 500.0]),
         ({"scene": "sphere"}, 3000.0, [200.0, 500.0]),
         ({"scene": "sphere", "rendering": "paper"}, 3000.0, [100.0, 500.0]),
-        ({"coupling": "pd"}, 3000.0, [100.0]),
+        ({"coupling": "pd", "link.up": "", "link.down": ""}, 3000.0, [100.0]),
+        ({"coupling": "pd", "pd.stiffness": 10.0}, 3000.0, [10.0]),
+        ({"coupling": "tdpa", "tdpa.stiffness": 70.0}, 3000.0, [70.0]),
+        ({"coupling": "wave", "wave.stiffness": 70.0}, 3000.0, None),  # in series with the line
         ({"scene": "free"}, None, None),
         ({"scene": "examples.planet:planet"}, None, None),
         ({"scene": "box", "dof": 2, "device.stiffness": (100.0, 120.0)}, 3000.0, None),
@@ -133,7 +138,15 @@ def test_a_run_says_it_once_and_one_without_walls_does_not(capsys: Capture) -> N
     assert environment["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
 
 
-def test_of_a_law_of_the_users_own_nothing_is_claimed() -> None:
-    """Its springs are its own affair: device.stiffness may be no part of it."""
-    own = prepare(Params().set({"coupling": "examples.own_law:Mine"})).felt
-    assert own == {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": None, "springs_N_m": None}
+SILENT = replace(Mine, springs=CouplingSpec.springs)
+"""A law that does not say which springs it has."""
+
+
+def test_a_law_of_the_users_own_says_its_springs_or_nothing_is_claimed() -> None:
+    """device.stiffness may be no part of it."""
+    link = {"link.up": "", "link.down": "", "mine.stiffness": 10.0}
+    own = prepare(Params().set({"coupling": "examples.own_law:Mine", **link})).felt
+    assert own["springs_N_m"] == [10.0]
+    assert own["felt_stiffness_N_m"] == pytest.approx(1.0 / (1.0 / 10.0 + 1.0 / 3000.0))
+    silent = prepare(Params().set({"coupling": f"{__name__}:SILENT"})).felt
+    assert silent == {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": None, "springs_N_m": None}

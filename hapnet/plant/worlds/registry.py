@@ -54,6 +54,12 @@ def scene_parameters(name: str) -> dict[str, Any]:
     return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD and p.name not in given}
 
 
+def named_parameters(name: str) -> dict[str, Any]:
+    """The keywords that the text behind the name of one of hapnet's own worlds sets, as in ``box?size=0.02``."""
+    plain, _, words = name.partition("?")
+    return _given(name, words, SCENES[plain]) if plain in SCENES and words else {}
+
+
 def make_scene(name: str, **parameters: object) -> World:
     """Build the scene `name` (see above).
 
@@ -77,7 +83,7 @@ def make_scene(name: str, **parameters: object) -> World:
 def _builder(name: str) -> Callable[..., Any]:
     plain, _, words = name.partition("?")
     if plain in SCENES:
-        return partial(SCENES[plain], **_given(name, words, SCENES[plain])) if words else SCENES[plain]
+        return partial(SCENES[plain], **named_parameters(name)) if words else SCENES[plain]
     if name.startswith(MUJOCO):
         return partial(mujoco_world, name)
     if (from_words := tools.builder(name) or soft.builder(name) or rigid.builder(name)) is not None:

@@ -1,0 +1,68 @@
+"""Parameters as they are used: what nobody set is chosen by the scene, the device or a rule, once and in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hapnet.assembly.arms import with_arm
+from hapnet.assembly.follower import with_follower
+from hapnet.assembly.scenes import scene_of, with_scene
+from hapnet.assembly.springs import with_springs
+from hapnet.assembly.units import with_units
+from hapnet.assembly.user_device import servo_rate
+from hapnet.couplings.registry import coupling
+from hapnet.couplings.spec import CouplingSpec
+from hapnet.errors import InvalidParameter
+from hapnet.param_sources import DEVICE, RULE
+from hapnet.params import Params
+from hapnet.plant.worlds.protocol import World
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """The parameters of a run, each value with its source, and the scene that was made with them.
+
+    What the user set is in it as it was set; "auto" and 0 stay where they mean that a part chooses by itself.
+    """
+
+    params: Params
+    scene: World
+    coupling: CouplingSpec[Any]
+    warnings: tuple[str, ...] = ()
+
+
+def resolved(params: Params) -> Resolved:
+    """The parameters as they are used. Resolved again they do not change.
+
+    Raises InvalidParameter: names the parameter that cannot be used as it was set.
+    """
+    params = with_scene(with_arm(params))
+    scene, warnings = scene_of(params)
+    before, params = params, with_units(params, scene)
+    if params != before:  # radians have other defaults, also for the scene's walls
+        scene, _ = scene_of(params)
+    spec = coupling(params.coupling)
+    params = _with_stages(with_springs(_with_rate(params)), spec)
+    params, scene = with_follower(params, spec, scene)
+    return Resolved(params, scene, spec, (*warnings, *scene.warnings))
+
+
+def _with_rate(params: Params) -> Params:
+    """The parameters with the rate of the device, where that is below the servo's."""
+    rate_hz = servo_rate(params)
+    if rate_hz == params.device.servo_hz:
+        return params
+    params.require("device.servo_hz", rate_hz, f"at most {rate_hz:g}, as the device {params.hardware}")
+    return params.set({"device.servo_hz": rate_hz}, DEVICE)
+
+
+def _with_stages(params: Params, spec: CouplingSpec[Any]) -> Params:
+    """The parameters with the rendering that "auto" stands for with this law."""
+    if params.rendering == "hapnet" and not spec.takes_positions:
+        sent = " and ".join(sorted({kind.__name__ for kind in (spec.device_sends, spec.world_sends)}))
+        allowed = (
+            f"auto or paper with the coupling {params.coupling}: it sends {sent}, so it has no set-position to choose"
+        )
+        raise InvalidParameter("rendering", "hapnet", allowed)
+    return params.set({"rendering": "hapnet"}, RULE) if params.rendering == "auto" and spec.world_tells else params
