@@ -21,7 +21,7 @@ _PART = (
     "deficit_max_J", "quantisation_J", "true_slack_J", "force", "hand_work_J",
     "sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ", "unanswered_s", "incarnations", "peers_J",
     "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
-    "servo.overruns", "servo.longest_ms", "servo.withheld_s",
+    "servo.overruns", "servo.longest_ms", "servo.without_force_s", "servo.withheld_s", "servo.ticks", "servo.skipped",
     "stopped.after_s", "stopped.why", "stopped.asked",
     "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged",
     "contradictions.keys", "contradictions.seals", "peer.proof", "failed",

@@ -68,6 +68,8 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str], fresh: bool,
         ("min so far", f"{_number(_margin(summary, 'margin_J'), 1)} mJ"),
         ("min after 1 s", f"{_number(_margin(summary, 'margin_later_J'), 1)} mJ"),
     ]
+    if without_s := _without_force(summary):
+        rows.append(("without force so far", f"{without_s:.1f} s"))
     force = force_now(of_point(snapshot).device, within(units(snapshot), "N"))
     if units(snapshot) == POSE and snapshot.device is not None:
         force.append(("torque on the hand", torque_now(snapshot.device)))
@@ -137,6 +139,12 @@ def _lost(status: Status | None, direction: str) -> float | None:
     """The share of the other side's messages that did not arrive [%]."""
     heard = None if status is None else status.path.get(direction)
     return None if heard is None else 100.0 * float(heard["loss"])
+
+
+def _without_force(summary: Summary | None) -> float | None:
+    """For how long the device's servo rendered no force in all [s]."""
+    part = None if summary is None else summary["device"]
+    return None if part is None else part["servo"]["without_force_s"]
 
 
 def _margin(summary: Summary | None, name: Literal["margin_J", "margin_end_J", "margin_later_J"]) -> float | None:

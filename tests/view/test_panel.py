@@ -14,6 +14,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.recording.telemetry import Status
+from hapnet.summary.reported import present
 from hapnet.view.choices import CHOICES, words_of
 from hapnet.view.history import Episode, Snapshot
 from hapnet.view.numbers import Numbers
@@ -66,6 +67,20 @@ def test_the_scene_shown_is_the_one_that_runs_and_a_users_own_is_offered_too(ser
         assert panel._scene.value == label
     assert list(panel._scene.options) == [*SCENES, "mine:pillow"]
     assert {"free", "wall", "box", "sphere", "mesh", "dominoes", "planet"} == set(SCENES)
+
+
+def test_the_page_has_the_total_time_without_force_as_long_as_the_pair_runs(server: viser.ViserServer) -> None:
+    numbers, account = Numbers(server.gui), {"ledger.margin_J": 0.1, "ledger.bound_J": 0.1}
+    for seconds, shown in ((42.031, True), (0.0, False)):
+        servo = {"servo.overruns": 402, "servo.without_force_s": seconds}
+        device, world = (
+            Status(role, 0, 1, True, False, "", {"coupling": "pspm"}, {}, {}, {**account, **more})
+            for role, more in (("device", servo), ("world", {}))
+        )
+        both = Snapshot(None, None, device, world, True, (), 2, summary=present(device, world, {}))
+        numbers.update(both, "running", (), fresh=True)
+        assert ("without force so far" in numbers._html.content) == shown
+        assert ("42.0 s" in numbers._html.content) == shown
 
 
 @pytest.mark.parametrize(("name", "size", "says"), [
