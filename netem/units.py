@@ -14,6 +14,7 @@ from netem.errors import ProfileError
 
 MAX_TIME_NS = 10**14  # 100,000 s; keeps jitter times table entry within 64 bits
 MAX_RATE_BIT_S = 10**15
+LARGEST_FILE = 64 << 20  # of a recorded link [bytes]
 
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)([a-z%]*)", re.IGNORECASE)
 _WORD = re.compile(r'(?:"[^"]*"|[^\s"]|")+')
@@ -122,8 +123,11 @@ def open_file(word: str, path: str, allowed: str = "") -> Iterator[TextIO]:
     Raises ProfileError: it cannot be read, or is not text. `allowed` says what else could have been given.
     """
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
+        found = os.stat(path)
+        if not stat.S_ISREG(found.st_mode):
             raise ProfileError(word, path, f"{allowed}a plain file, not a pipe, device or directory")
+        if found.st_size > LARGEST_FILE:
+            raise ProfileError(word, path, f"{allowed}a file of {LARGEST_FILE >> 20} MB at most")
         with open(path, encoding="utf-8-sig", newline="") as file:
             yield file
     except (OSError, UnicodeDecodeError) as error:

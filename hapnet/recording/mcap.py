@@ -30,7 +30,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
 from hapnet.extras import require
-from hapnet.file_content import read_json
+from hapnet.file_content import open_plain, read_json
 from hapnet.loading import cause
 from hapnet.plant.arms.picture import ArmPicture
 from hapnet.recording import schemas
@@ -215,7 +215,7 @@ class RecordingWriter:
 def is_mcap(path: str | os.PathLike[str]) -> bool:
     """Does the file exist, and does it begin as MCAP files do?"""
     try:
-        with open(path, "rb") as file:
+        with open_plain(path) as file:
             return file.read(len(MAGIC)) == MAGIC
     except (OSError, ValueError):
         return False

@@ -33,8 +33,21 @@ _MAGIC = b"\x89MCAP0\r\n"
 Record = tuple[int, bytes]
 
 
-def seeds() -> dict[str, list[tuple[str, bytes]]]:
-    """What is mutated: of each kind, the endings of files and their contents."""
+def seeds(kind: str) -> list[tuple[str, bytes]]:
+    """What is mutated: the endings of files of this kind, and their contents."""
+    array = io.BytesIO()
+    np.save(array, np.linalg.norm(np.mgrid[-2:3, -2:3, -2:3], axis=0) - 1.5)
+    if kind == "recording":
+        return [(".mcap", one) for one in _recordings()]
+    return {
+        "mesh": _meshes(),
+        "urdf": [(".urdf", _URDF.encode())],
+        "toml": [(".toml", Params().toml().encode()), (".toml", _STUDY.encode())],
+        "npy": [(".npy", array.getvalue())],
+    }[kind]
+
+
+def _recordings() -> list[bytes]:
     room = Path("/dev/shm" if Path("/dev/shm").is_dir() else ".")
     recordings = [(HERE / "data" / "recording-0.1.0.mcap").read_bytes()]
     for changes in ({"duration_s": 0.2, "record_hz": 200.0}, {"duration_s": 0.1, "scene": "box", "record_hz": 100.0}):
@@ -42,15 +55,7 @@ def seeds() -> dict[str, list[tuple[str, bytes]]]:
         save(Simulation(Params().set(changes), 1, kernel=False).run().recording, file)
         recordings.append(file.read_bytes())
         file.unlink()
-    array = io.BytesIO()
-    np.save(array, np.linalg.norm(np.mgrid[-2:3, -2:3, -2:3], axis=0) - 1.5)
-    return {
-        "recording": [(".mcap", one) for one in recordings],
-        "mesh": _meshes(),
-        "urdf": [(".urdf", _URDF.encode())],
-        "toml": [(".toml", Params().toml().encode()), (".toml", _STUDY.encode())],
-        "npy": [(".npy", array.getvalue())],
-    }
+    return recordings
 
 
 _URDF = """<?xml version="1.0"?>

@@ -82,7 +82,7 @@ def run(kind: str, seed: int, count: int) -> Counter[str]:
     """Try `count` broken files; returns how many were read, and how many refused. A fault names its seed and number."""
     found: Counter[str] = Counter()
     rng = random.Random(f"{kind} {seed}")
-    mutator = FileMutator(rng, kind, seeds()[kind])
+    mutator = FileMutator(rng, kind, seeds(kind))
     modules = set(sys.modules)
     with tempfile.TemporaryDirectory() as room:
         for number in range(count):

@@ -93,7 +93,13 @@ def _image(file: str, unit_m: float, spacing_m: float | None) -> tuple[Array, Ar
             image = reader.Execute()
         else:
             require_file(file)
-            image = library.ReadImage(file)
+            reader = library.ImageFileReader()
+            reader.SetFileName(file)
+            reader.ReadImageInformation()  # what the header announces, before there is room for it
+            if math.prod(reader.GetSize()) > MOST_VOXELS:
+                voxels = " x ".join(map(str, reader.GetSize()))
+                raise InvalidParameter("voxels", f"{file}, {voxels}", f"{MOST_VOXELS} at most")
+            image = reader.Execute()
         values = np.asarray(library.GetArrayFromImage(image), dtype=np.float64)
     except RuntimeError as error:
         raise InvalidParameter("voxels", file, f"an image that can be read ({cause(error)[-200:]})") from None
