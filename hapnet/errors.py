@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 
+from hapnet.installing import install_command
 from netem.errors import unknown
 
 
@@ -70,7 +70,7 @@ class MissingLibrary(HapnetError):
         self.what: str = what
         self.library: str = library
         self.extra: str = extra
-        how = f"python3 -m pip --python {sys.executable} install {library}"
+        how = install_command(library)
         libraries = " and ".join(library.split())
         super().__init__(f"{what} needs {libraries}, of the extra `{extra}`, which is not installed: {how}")
 

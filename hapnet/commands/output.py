@@ -15,21 +15,12 @@ from typing import IO, TYPE_CHECKING, Any, cast
 from hapnet.commands import progress
 from hapnet.errors import HapnetError, OutputError, RecordingError
 from hapnet.extras import require
+from hapnet.summary.causes import CONTRADICTED, INCOMPLETE as INCOMPLETE, NOT_PASSIVE
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from hapnet.params import Params
-
-
-INCOMPLETE = 3
-"""Exit code: the run went well, but its output is not complete."""
-
-NOT_PASSIVE = 4
-"""Exit code: a coupling that claims to be passive here was not. It takes precedence over all codes but an error's."""
-
-CONTRADICTED = 5
-"""Exit code: somebody else spoke in the name of one of the sides, so that nobody knows whether the run was passive."""
 
 
 def asker() -> Callable[[str], object] | None:
@@ -139,10 +130,10 @@ class Written:
         """
         from hapnet.assembly.own_parts import named_failures
         from hapnet.couplings import registry
-        from hapnet.summary import verdict, who
+        from hapnet.summary import verdict
 
         spec = registry.coupling(params.coupling) if ran and params is not None else None
-        self.contradicted = who.contradicted(summary)
+        self.contradicted = verdict.contradicted(summary)
         with nullcontext() if params is None else named_failures(params):  # a user's own law says what it covers
             broken = verdict.broken(summary, params, virtual=virtual, spec=spec)
         if broken:

@@ -58,6 +58,7 @@ def run(
     from hapnet.commands.side import exit_code, held_back
     from hapnet.kernel import real_time
     from hapnet.summary.structure import SIDES
+    from hapnet.summary.verdict import incomplete
 
     setup = prepare(chosen, "sampled")
     check_sides(setup)
@@ -124,6 +125,7 @@ def run(
                 write_files(found, directory, written)
                 output.show_files(words, FILES, directory)
             written.judge(found.summary, chosen, virtual=False)
+            written.missing += incomplete(found.summary)
             with written.part():
                 output.write_json(found.summary, json_to)
         code = written.code(exit_code(caught))

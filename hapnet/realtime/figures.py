@@ -120,9 +120,7 @@ class Figures:
         links: dict[str, Any] = {"up": None, "down": None}
         end_ns = self.stopped_ns or self._clock()
         part = self._control.part()
-        ledger = part["ledger"]
-        if (later := self.live.margin_later_J) is not None and ledger["margin_end_J"] is not None:
-            ledger["margin_later_J"] = min(later, ledger["margin_end_J"])
+        part["ledger"]["margin_later_J"] = self.live.later_J(part["ledger"]["margin_end_J"])
         with self._driver.lock:  # for which the servo waits: nothing that takes long
             own[self._role] = with_wire(part, self._control.wire.session, end_ns) | {
                 "dropped": self.dropped(), "declared_again": self._transport.declared_again, "failed": self.failed,

@@ -37,6 +37,9 @@ from hapnet.wire.fields import Signal
 
 _TURNED_EVERY_NS = 10_000_000
 
+FIRST_READING_S = 10.0
+"""A device that gives no reading for this time from its start on has failed [s]; later it may be silent for longer."""
+
 
 class RealDevice(Device, Protocol):
     """A device with what only real ones have."""
@@ -150,6 +153,7 @@ class RealDeviceSide(SampledDeviceSide):
         )
         self.waited: Callable[[], int] = lambda: 0
         """How long the calling thread ran or waited for a processor so far [ns]."""
+        self._asked_ns: int | None = None  # since when readings are asked for
 
     def tick(self, now_ns: int) -> bytes | None:
         begun_ns, self._waited_ns = self._clock(), self.waited()
@@ -387,8 +391,16 @@ class RealDeviceSide(SampledDeviceSide):
         servo.force = tuple([share * f if put_out[worst] > 0.0 else 0.0 for f in possible[worst]])
 
     def _keep_still(self, now_ns: int, error: DeviceSilent) -> None:
-        """Miss a reading or a command. From when the watchdog acts: no force, as far as the device takes commands."""
+        """Miss a reading or a command. From when the watchdog acts: no force, as far as the device takes commands.
+
+        Raises HapnetError: the device has given no reading since its start, `FIRST_READING_S` ago.
+        """
         self.missed += 1
+        if self._heard_ns is None:
+            self._asked_ns = now_ns if self._asked_ns is None else self._asked_ns
+            if now_ns - self._asked_ns > FIRST_READING_S / NANO:
+                text = f"the device {self.device.name} failed: no reading within {FIRST_READING_S:g} s: {error}"
+                raise HapnetError(text)
         if not self._silent:
             if self._heard_ns is not None and now_ns - self._heard_ns <= self._patience_ns:
                 return  # the reserve covers the force that is held meanwhile

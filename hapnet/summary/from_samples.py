@@ -152,6 +152,10 @@ class LiveFigures:
         if sample.time_ns - self._first_ns >= START_S * 1e9:
             self.margin_later_J = _less(self.margin_later_J, sample.margin_J)
 
+    def later_J(self, end_J: float | None) -> float | None:
+        """The minimum from `START_S` on, with the margin `end_J` at the end, which no sample may have shown [J]."""
+        return None if self.margin_later_J is None or end_J is None else min(self.margin_later_J, end_J)
+
     def motion(self) -> Motion:
         """What is known so far; tracking errors need both sides."""
         return self._motion.copy()

@@ -24,6 +24,7 @@ from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
 from hapnet.summary import who
+from hapnet.summary.causes import CONTRADICTED, INCOMPLETE, Finding, found
 from hapnet.summary.from_samples import START_S
 from hapnet.summary.servos import (
     DEFICIT_J as DEFICIT_J,
@@ -55,10 +56,10 @@ def judge(tree: object) -> Verdict:
     summary = _with_margin(read(tree), tree)
     gave = [*_givers(summary), *_stalls(summary), *_rates(summary), *_reporter(summary), *_cut_short(summary)]
     gave += who.unproved(summary)
-    if against := list(_against(summary)):
-        return {"passive": False, "reason": "; ".join([*against, *gave])}
-    if doubts := list(_doubts(summary)):
-        return {"passive": None, "reason": "; ".join(dict.fromkeys([*doubts, *gave]))}
+    for passive, findings in ((False, list(_against(summary))), (None, list(_doubts(summary)))):
+        if findings:
+            reasons = dict.fromkeys([*(one.text for one in findings), *gave])
+            return {"passive": passive, "reason": "; ".join(reasons)}
     said = [_kept(summary)]
     for side, part in _parts(summary):
         if part["force"] == "commanded":
@@ -114,9 +115,10 @@ def excess_nJ(energy: Flow) -> int:
     return int(max(beyond, 0 if abandoned is None else -abandoned, 0))
 
 
-def stopped(tree: object) -> str | None:
-    """One line if the device's force was stopped during the run; None if not."""
-    return _stop(read(tree))
+def findings(tree: object) -> list[Finding]:
+    """All that speaks against a run or leaves it in doubt, also what the reason does not have room for."""
+    summary = _with_margin(read(tree), tree)
+    return [*_against(summary), *_doubts(summary)]
 
 
 def blocked(tree: object) -> str | None:
@@ -128,11 +130,16 @@ def blocked(tree: object) -> str | None:
     return None
 
 
-def _stop(summary: Summary) -> str | None:
+def incomplete(tree: object) -> list[str]:
+    """A line for each part of the account that a run lacks, and for a force that was stopped, on request too."""
+    lines = [one.text for one in findings(tree) if one.code == INCOMPLETE]
+    return list(dict.fromkeys([*lines, *(one.text for one in _stops(read(tree)))]))
+
+
+def _stops(summary: Summary) -> Iterator[Finding]:
     for side, part in _parts(summary):
         if (stop := part["stopped"]) is not None and stop["why"] is not None:
-            return f"the {_WHO[side]}'s force was stopped after {stop['after_s']} s: {stop['why']}"
-    return None
+            yield found("stopped", side=_WHO[side], seconds=stop["after_s"], why=stop["why"])
 
 
 def _was_asked(summary: Summary) -> bool:
@@ -178,24 +185,22 @@ def _restarted(summary: Summary) -> bool:
     return restarted(summary["device"], summary["world"])
 
 
-def _against(summary: Summary) -> Iterator[str]:
+def _against(summary: Summary) -> Iterator[Finding]:
     """Why it was not passive."""
     margin, bound = summary["theorem"]["margin_J"], summary["theorem"]["bound_J"]
     halves, jointly = has_reservoirs(summary["coupling"]), jointly_passive(summary["coupling"])
     if summary["theorem"]["diverged"] is True:
-        yield "it diverged: the energy account is no finite number any more"
+        yield found("diverged")
     if margin is not None and margin < -ROUNDING_J:
-        yield (
-            f"margin {_milli(margin)} mJ"
-            if bound is None
-            else f"{_milli(bound - margin)} mJ came out of both ports, of d² = {_milli(bound)} mJ: "
-            f"margin {_milli(margin)} mJ"
-        )
+        if bound is None:
+            yield found("margin", margin=_milli(margin))
+        else:
+            yield found("bound", out=_milli(bound - margin), bound=_milli(bound), margin=_milli(margin))
     for side in SIDES:
         own = _half(summary, side)
         alone = margin is None and not jointly
         if own is not None and own < -ROUNDING_J and (alone or halves):
-            yield f"the {side}'s half: margin {_milli(own)} mJ"
+            yield found("half", side=side, margin=_milli(own))
     if halves:
         yield from _halves(summary)
     yield from _true_ports(summary, bound)
@@ -207,27 +212,27 @@ def _against(summary: Summary) -> Iterator[str]:
         if reported is not None and reported["side"] == sender and not reported["final"]:
             continue  # it may have sent more since
         if beyond and sender not in torn and (certain or not _restarted(summary)):
-            yield f"the {receiver} credited {_milli(beyond * 1e-9)} mJ that the {sender} never sent"
+            yield found("never sent", side=receiver, energy=_milli(beyond * 1e-9), other=sender)
 
 
-def _halves(summary: Summary) -> Iterator[str]:
+def _halves(summary: Summary) -> Iterator[Finding]:
     """Sides whose half of Theorem 1 was not kept: by their own account or, in a simulation, with the true positions."""
     for side, part in _parts(summary):
         slack, true, blur = part["ledger"]["slack_J"], part["true_slack_J"], part["quantisation_J"] or 0.0
         if slack is not None and slack < -ROUNDING_J:
-            yield f"the {side}'s half of the theorem fails by {_milli(-slack)} mJ"
+            yield found("slack", side=side, energy=_milli(-slack))
         elif true is not None and true < -ROUNDING_J - blur:
-            yield f"with the true positions the {side}'s half of the theorem fails by {_milli(-true)} mJ"
+            yield found("true positions", side=side, energy=_milli(-true))
 
 
-def _true_ports(summary: Summary, bound: float | None) -> Iterator[str]:
+def _true_ports(summary: Summary, bound: float | None) -> Iterator[Finding]:
     """The port of a simulated device's hand is known too, whatever the device reports of its actuator."""
     hand, by_world = summary["hand"], summary["environment"]["work_J"]
     minimum, by_hand = hand["margin_J"], hand["work_J"]
     if minimum is None and bound is not None and by_hand is not None and by_world is not None:
         minimum = None if _restarted(summary) else bound + by_hand + by_world
     if minimum is not None and minimum < -ROUNDING_J:
-        yield f"at the hand and the walls: margin {_milli(minimum)} mJ"
+        yield found("hand", margin=_milli(minimum))
 
 
 def _givers(summary: Summary) -> Iterator[str]:
@@ -263,19 +268,11 @@ def _reporter(summary: Summary) -> Iterator[str]:
         yield f"the {reported['side']}'s account as it reported it"
 
 
-def untold(tree: object) -> str | None:
-    """One line if one side was there, and the other has not reported its account to the end; None if not."""
-    summary = read(tree)
-    sides = [side for side in SIDES if _half(summary, side) is not None]
-    lacking = [f"the {SIDES[1 - SIDES.index(side)]}'s account is not here" for side in sides if len(sides) == 1]
-    return next(iter([*_cut_off(summary), *lacking]), None)
-
-
-def _cut_off(summary: Summary) -> Iterator[str]:
+def _cut_off(summary: Summary) -> Iterator[Finding]:
     """From when on the account of a process elsewhere is missing."""
     if (reported := summary["told"]) is not None and not reported["whole"]:
         when = "" if reported["as_of_s"] is None else f", {reported['as_of_s']:.1f} s after pairing"
-        yield f"the rest of the {reported['side']}'s account is missing since its last report{when}"
+        yield found("peer lost", side=reported["side"], when=when)
 
 
 def _cut_short(summary: Summary) -> Iterator[str]:
@@ -287,50 +284,60 @@ def _cut_short(summary: Summary) -> Iterator[str]:
         yield from (f"the {side} ended before its time: {why}" for side, why in whys.items())
 
 
-def _doubts(summary: Summary) -> Iterator[str]:
+def _doubts(summary: Summary) -> Iterator[Finding]:
     """Why it is not known whether it was passive."""
     margin = summary["theorem"]["margin_J"]
-    yield from (f"the {side}'s recording is torn: the rest of its account is missing" for side in _torn(summary))
+    yield from (found("torn", side=side) for side in _torn(summary))
     yield from _cut_off(summary)
     if margin is None:
         yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
     for direction, sender, receiver in _FLOWS:
         early = summary["energy"][direction]["early_J"]
         if early is not None and early > ROUNDING_J and not _restarted(summary):
-            yield f"the {receiver} credited {_milli(early)} mJ before the {sender} sent it"
+            yield found("early", side=receiver, energy=_milli(early), other=sender)
     for side, part in _parts(summary):
         deficit, silent_s = part["deficit_max_J"], part["unanswered_s"]
-        if deficit is not None and deficit > DEFICIT_J + (_leak(summary, side) if _known_port(part) else 0.0):
-            yield f"the {side} gave out {_milli(deficit)} mJ that its reservoir did not have"
-        if silent_s is not None and silent_s > UNANSWERED_S:
-            yield f"the {side}'s energy stream is dead: nothing of it was acknowledged for {silent_s:.1f} s"
         yield from who.contradictions(side, part)
-    if (line := _stop(summary)) is not None and not _was_asked(summary):
-        yield line
+        if deficit is not None and deficit > DEFICIT_J + (_leak(summary, side) if _known_port(part) else 0.0):
+            yield found("deficit", side=side, energy=_milli(deficit))
+        if silent_s is not None and silent_s > UNANSWERED_S:
+            yield found("dead stream", side=side, seconds=f"{silent_s:.1f}")
+    if not _was_asked(summary):
+        yield from _stops(summary)
     if any(_leak(summary, side) and not _known_port(part) for side, part in _parts(summary)):
-        yield from _stalls(summary)
+        yield from (found("leak", stalls=line) for line in _stalls(summary))
     for side, part in _parts(summary):
-        yield from _doubts_of_servo(side, part, margin)
+        yield from _doubts_of_servo(side, part, summary)
     world, slack = summary["world"], summary["environment"]["env_slack_J"]
     if world is not None and world["failed"] is not None and slack is None:
-        yield f"the world failed, and its own account is not known: {world['failed']}"
+        yield found("world failed", why=world["failed"])
     if summary["environment"]["env_diverged"] is True:
-        yield "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known"
+        yield found("world's account")
 
 
-def _doubts_of_servo(side: Role, device: SidePart, margin: float | None) -> Iterator[str]:
-    """Doubts that come from a servo and its encoders. `margin`: of both ports [J]."""
-    risk, whose = device["overrun_risk_J"], _WHOSE[side]
+def contradicted(tree: object) -> bool:
+    """Did somebody else speak in a side's name? Then the exit code is 5, unless a claim was broken."""
+    return any(one.code == CONTRADICTED for one in findings(tree))
+
+
+def _doubts_of_servo(side: Role, device: SidePart, summary: Summary) -> Iterator[Finding]:
+    """Doubts that come from a servo and its encoders."""
+    margin, risk, whose = summary["theorem"]["margin_J"], device["overrun_risk_J"], _WHOSE[side]
     if margin is not None and risk is not None and risk > max(margin, ROUNDING_J):
-        yield f"while the {whose}servo stalled, {_milli(risk)} mJ may have come out unseen, more than the margin"
+        yield found("risk", whose=whose, energy=_milli(risk))
     speed, limit = device["speed_max_mps"], device["speed_limit_mps"]
     if speed is not None and limit is not None and speed > limit:
-        yield f"the {_WHO[side]} moved at {speed:.3g} m/s, and declares at most {limit:.3g} m/s"
+        values = {"side": _WHO[side], "speed": f"{speed:.3g}", "limit": f"{limit:.3g}"}
+        reads_hz = None if device["driver"] is None else device["driver"]["reads_hz"]
+        if reads_hz:
+            yield found("repeats", reads=f"{reads_hz:.0f}", **values)
+        else:
+            yield found("speed", **values)
     true, blur = device["true_slack_J"], device["quantisation_J"]
-    if blur is not None and true is not None:
-        blur = max(0.0, -true)  # a simulation knows what the encoders really hid
+    if blur is not None and true is not None and has_reservoirs(summary["coupling"]):
+        blur = min(blur, max(0.0, -true))  # a simulation knows what the encoders really hid
     if margin is not None and blur is not None and blur > max(margin, ROUNDING_J):
-        yield f"the {whose}encoders blur the account by up to {_milli(blur)} mJ, over the margin of {_milli(margin)} mJ"
+        yield found("blur", whose=whose, energy=_milli(blur), margin=_milli(margin))
 
 
 def _known_port(side: SidePart) -> bool:
@@ -338,23 +345,30 @@ def _known_port(side: SidePart) -> bool:
     return side.get("hand_work_J") is not None
 
 
-def _missing(summary: Summary, accounts: list[Role]) -> Iterator[str]:
+def _missing(summary: Summary, accounts: list[Role]) -> Iterator[Finding]:
     """Why both ports together have no margin, although `accounts` exist."""
     jointly = jointly_passive(summary["coupling"])
-    if not accounts:
-        yield "there is no energy account"
+    device = summary["device"]
+    driver = None if device is None or "device" in accounts else device["driver"]
+    if driver is not None and driver["missed"]:
+        yield found("no reading", side="device", name=driver["name"])
+    elif not accounts:
+        yield found("accounts")
     elif _restarted(summary):
-        yield "a side was started anew: what went in and out at the one before is not known"
+        yield from (
+            found("restart", side=SIDES[1 - SIDES.index(side)]) for side, part in _parts(summary) if restarted(part)
+        )
     elif len(accounts) == 1:
         other = SIDES[1 - SIDES.index(accounts[0])]
         if jointly:
-            yield f"of both ports together only, and the {other}'s account is not here"
+            yield found("joint account", side=other)
         else:
-            yield f"the {other}'s account is not here; the {accounts[0]}'s half held{_of_half(summary[accounts[0]])}"
+            half = f"; the {accounts[0]}'s half held{_of_half(summary[accounts[0]])}"
+            yield found("account", side=other, rest=half)
     elif jointly:
-        yield "of both ports together only, and both were not seen at the same time"
+        yield found("not at once")
     elif not _torn(summary):
-        yield "the accounts of both sides do not fit each other"
+        yield found("no fit")
 
 
 def _of_half(side: SidePart | None) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import cast
 
-from hapnet.summary.structure import SIDES, SidePart, Summary, read
+from hapnet.summary.causes import Finding, found
+from hapnet.summary.structure import SIDES, SidePart, Summary
 from hapnet.wire.messages import Role
 
 _CONTRADICTIONS = {
@@ -17,19 +18,13 @@ _CONTRADICTIONS = {
 }
 
 
-def contradicted(tree: object) -> bool:
-    """Did somebody else speak in a side's name? Then the exit code is 5, unless a claim was broken."""
-    summary = read(tree)
-    return any(any(part["contradictions"].values()) for side in SIDES if (part := summary[side]) is not None)
-
-
-def contradictions(side: Role, part: SidePart) -> Iterator[str]:
+def contradictions(side: Role, part: SidePart) -> Iterator[Finding]:
     """The sum of both halves is a bound only if nobody credits what was not sent by then."""
     other = SIDES[1 - SIDES.index(side)]
     reported = cast(Mapping[str, int | None], part["contradictions"])
-    found = [_CONTRADICTIONS[kind].format(count) for kind, count in reported.items() if count]
-    if found:
-        yield f"somebody else spoke in the {other}'s name: {', '.join(found)}"
+    kinds = [_CONTRADICTIONS[kind].format(count) for kind, count in reported.items() if count]
+    if kinds:
+        yield found("contradiction", side=other, messages=", ".join(kinds))
 
 
 def unproved(summary: Summary) -> Iterator[str]:

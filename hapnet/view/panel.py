@@ -15,7 +15,7 @@ from hapnet.view.choices import CHOICES, label_of
 from hapnet.view.controls import Controls, Direction
 from hapnet.view.history import Snapshot, coupled
 from hapnet.view.link_form import LinkForm, put
-from hapnet.view.scenes import LARGEST_FILE, MESHES, SCENES, scene_label
+from hapnet.view.scenes import LARGEST_FILE, MESHES, SCENES, needs, scene_label
 
 SMOOTHING_S = 0.02
 """Time constant of the smoothing filter that the page switches on [s]."""
@@ -42,7 +42,7 @@ SWITCH_HINT = (
 
 SCENE_HINT = "Another pair starts in this world, with the handle at its beginning."
 
-FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at its origin"
+FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at its origin" + needs("mesh")
 
 
 class ControlPanel:

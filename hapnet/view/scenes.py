@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from hapnet.extras import lacks
+
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 
 MESHES = (".stl", ".obj", ".ply")
@@ -13,6 +15,18 @@ MESHES = (".stl", ".obj", ".ply")
 
 LARGEST_FILE = 32 * 1024 * 1024
 """No such file is larger [bytes]."""
+
+
+_EXTRAS = {"mesh": "mesh", "dominoes": "mujoco"}
+"""The scenes that need an extra."""
+
+
+def needs(extra: str) -> str:
+    """What a choice says beside its name if the extra's libraries are not installed; empty: they are.
+
+    Choosing it gives the line that says how to install them.
+    """
+    return f" (needs the extra {extra})" if lacks(extra) else ""
 
 
 def _offered() -> dict[str, str]:
@@ -23,7 +37,8 @@ def _offered() -> dict[str, str]:
         ("planet", "planet.py", "examples.planet:planet"),
     ):
         if (path := _EXAMPLES / file).is_file():
-            found[label] = words.format(path)
+            extra = _EXTRAS.get(label)
+            found[label + (needs(extra) if extra else "")] = words.format(path)
     return found
 
 

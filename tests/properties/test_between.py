@@ -5,7 +5,7 @@ import random
 import pytest
 
 from hapnet.params import Params
-from hapnet.summary.who import contradicted
+from hapnet.summary.verdict import contradicted
 from hapnet.wire.messages import Role
 from tests.properties.test_forger import seeds_up_to
 from tests.support.between import MS, Between, Plan

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from hapnet.params import Params
-from hapnet.summary.who import contradicted
+from hapnet.summary.verdict import contradicted
 from hapnet.wire.messages import Role
 from tests.conftest import mostly_slow
 from tests.support.forger import STYLES, Attacked, Lie

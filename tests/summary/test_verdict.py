@@ -93,7 +93,7 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is not here"),
     "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is not here"),
     "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
-    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "a side was started anew"),
+    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the device was started anew"),
     "torn": ({"torn": ["device"]}, "the device's recording is torn"),
     "no fit": ({"theorem.margin_J": None}, "the accounts of both sides do not fit each other"),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),

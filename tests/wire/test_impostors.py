@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 
 from hapnet.summary.structure import read
-from hapnet.summary.verdict import judge
-from hapnet.summary.who import contradicted
+from hapnet.summary.verdict import contradicted, judge
 from hapnet.wire.events import Contradiction, Mismatch, Paired, PeerLeft, PeerRefused, Unproven
 from hapnet.wire.messages import Bye, Energy, Hello, Position, Refuse, Welcome, decode, encode
 from hapnet.wire.secret import Secret, sealed

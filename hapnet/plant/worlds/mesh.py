@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.errors import MissingLibrary
+from hapnet.extras import require
 from hapnet.mechanics.curvature import Curvature, Curvatures
 from hapnet.plant.worlds.mesh_surface import SHARP_DEG, Surface, Triangles
 from hapnet.plant.worlds.mesh_walk import EDGE, SMOOTH, follow, principal
@@ -61,10 +61,9 @@ class Mesh:
     slope: float = 1.0
 
     def __init__(self, vertices: Array, triangles: Triangles, sharp_deg: float = SHARP_DEG) -> None:
-        try:
-            import igl
-        except ImportError:
-            raise MissingLibrary("a scene with a mesh", "libigl trimesh", "mesh") from None
+        require("mesh", "a scene with a mesh")
+        import igl
+
         self.vertices: Array = np.ascontiguousarray(vertices, dtype=np.float64)
         self.triangles: Triangles = np.ascontiguousarray(triangles, dtype=np.int64)
         self._surface = surface = Surface.of(self.vertices, self.triangles, sharp_deg)

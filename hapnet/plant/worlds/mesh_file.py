@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from hapnet.checks import Array
-from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.errors import InvalidParameter
+from hapnet.extras import require
 from hapnet.file_content import read_bytes
 from hapnet.loading import cause
 from hapnet.plant.worlds.mesh_surface import Triangles, volume
@@ -39,10 +40,9 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
     kind = Path(file).suffix.lower()
     if kind not in FORMATS:
         raise InvalidParameter("mesh", file, f"a file that ends with {', '.join(FORMATS)}")
-    try:
-        import trimesh
-    except ImportError:
-        raise MissingLibrary("a scene with a mesh", "libigl trimesh", "mesh") from None
+    require("mesh", "a scene with a mesh")
+    import trimesh
+
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its tracebacks would go to standard error
     data = _read(file)
     try:

@@ -15,6 +15,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.extras import require
 from hapnet.plant.worlds.mesh_surface import Triangles, directed, fans_of, require_closed
 from hapnet.records.vectors import added
 
@@ -71,10 +72,8 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     """
     vertices, triangles = _apart(vertices, triangles)
     require_closed(triangles)
-    try:
-        igl: Any = import_module("igl")
-    except ImportError:
-        raise MissingLibrary("a scene with a mesh", "libigl trimesh", "mesh") from None
+    require("mesh", "a scene with a mesh")
+    igl: Any = import_module("igl")
     count, part_of = igl.facet_components(triangles)
     every = [Part.of(vertices, triangles[part_of == i]) for i in range(count)]
     parts = [part for part in every if abs(part.volume) > _EMPTY * float(np.prod(part.high - part.low))]

@@ -1,0 +1,101 @@
+"""What a verdict may say against a run, or in doubt of it: each cause with its sentence and its exit code.
+
+A cause has one row here, one in the table of README.md, and a case in `tests/summary/test_causes.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+FAILED = 2
+"""Exit code: a process failed or was given something wrong, and said so in one line."""
+
+INCOMPLETE = 3
+"""Exit code: the run went well, but its output or its account is not complete."""
+
+NOT_PASSIVE = 4
+"""Exit code: a coupling that claims to be passive here was not. It takes precedence over all codes but an error's."""
+
+CONTRADICTED = 5
+"""Exit code: somebody else spoke in the name of one of the sides, so that nobody knows whether the run was passive."""
+
+
+class Cause(NamedTuple):
+    """passive : what the verdict is for this cause: False, or None: not known.
+
+    code : the exit code, unless another cause's takes precedence. `NOT_PASSIVE` : 0 where the coupling claims nothing,
+    and `INCOMPLETE` where only the servo is to blame. sentence : with the names of values in braces.
+    """
+
+    passive: Literal[False] | None
+    code: int
+    sentence: str
+
+
+class Finding(NamedTuple):
+    """A cause that a summary shows, and its sentence with the values."""
+
+    cause: str
+    text: str
+
+    @property
+    def code(self) -> int:
+        return CAUSES[self.cause].code
+
+
+CAUSES: Mapping[str, Cause] = MappingProxyType({
+    "diverged": Cause(False, NOT_PASSIVE, "it diverged: the energy account is no finite number any more"),
+    "bound": Cause(
+        False, NOT_PASSIVE, "{out} mJ came out of both ports, of d² = {bound} mJ: margin {margin} mJ"
+    ),
+    "margin": Cause(False, NOT_PASSIVE, "margin {margin} mJ"),
+    "half": Cause(False, NOT_PASSIVE, "the {side}'s half: margin {margin} mJ"),
+    "slack": Cause(False, NOT_PASSIVE, "the {side}'s half of the theorem fails by {energy} mJ"),
+    "true positions": Cause(
+        False, NOT_PASSIVE, "with the true positions the {side}'s half of the theorem fails by {energy} mJ"
+    ),
+    "hand": Cause(False, NOT_PASSIVE, "at the hand and the walls: margin {margin} mJ"),
+    "never sent": Cause(False, NOT_PASSIVE, "the {side} credited {energy} mJ that the {other} never sent"),
+    "torn": Cause(None, 0, "the {side}'s recording is torn: the rest of its account is missing"),
+    "peer lost": Cause(None, INCOMPLETE, "the rest of the {side}'s account is missing since its last report{when}"),
+    "no reading": Cause(None, INCOMPLETE, "the {side}'s account is missing: {name} gave no reading"),
+    "account": Cause(None, INCOMPLETE, "the {side}'s account is not here{rest}"),
+    "accounts": Cause(None, INCOMPLETE, "there is no energy account"),
+    "joint account": Cause(None, INCOMPLETE, "of both ports together only, and the {side}'s account is not here"),
+    "not at once": Cause(None, 0, "of both ports together only, and both were not seen at the same time"),
+    "no fit": Cause(None, 0, "the accounts of both sides do not fit each other"),
+    "restart": Cause(None, 0, "the {side} was started anew: what went in and out at the one before is not known"),
+    "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),
+    "contradiction": Cause(
+        None, CONTRADICTED, "somebody else spoke in the {side}'s name: {messages}"
+    ),
+    "deficit": Cause(None, 0, "the {side} gave out {energy} mJ that its reservoir did not have"),
+    "dead stream": Cause(
+        None, 0, "the {side}'s energy stream is dead: nothing of it was acknowledged for {seconds} s"
+    ),
+    "stopped": Cause(None, INCOMPLETE, "the {side}'s force was stopped after {seconds} s: {why}"),
+    "leak": Cause(None, 0, "{stalls}"),
+    "risk": Cause(
+        None, 0, "while the {whose}servo stalled, {energy} mJ may have come out unseen, more than the margin"
+    ),
+    "speed": Cause(None, 0, "the {side} moved at {speed} m/s, and declares at most {limit} m/s"),
+    "repeats": Cause(
+        None, 0, "the {side} makes {reads} readings a second and repeats them, so that its speed is not known: they "
+        "jump at {speed} m/s, and it declares at most {limit} m/s",
+    ),
+    "blur": Cause(
+        None, 0, "the {whose}encoders blur the account by up to {energy} mJ, over the margin of {margin} mJ"
+    ),
+    "world failed": Cause(None, FAILED, "the world failed, and its own account is not known: {why}"),
+    "world's account": Cause(
+        None, 0, "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known"
+    ),
+})  # fmt: skip
+"""In the order in which a verdict names them."""
+
+
+def found(cause: str, **values: object) -> Finding:
+    """The cause with these values in its sentence."""
+    return Finding(cause, CAUSES[cause].sentence.format(**values))
