@@ -29,7 +29,7 @@ MODEL = """<mujoco><option gravity="0 0 0" timestep="0.001"/><default>
 class Arm:
     """Simulated; of a real one, `step` is its driver: go to this place, return the measured force on the tool."""
 
-    dof = 3
+    dof, robot = 3, True  # it stops when its leader lets go, and is led from there afterwards
     min_s, max_s = 0.01, 0.033  # from one set-point to the next
 
     def __init__(self) -> None:

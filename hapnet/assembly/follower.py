@@ -163,14 +163,14 @@ def seen(params: Params) -> Params:
 
 
 def reindexing(params: Params, spec: CouplingSpec[Any], scene: World) -> Reindexing | None:
-    """How the robot of this world meets a leader that was away; None: it goes to where that one is."""
+    """How the robot of this world meets a leader that was away; None: there is no robot that could."""
     here = params.follower.start == "here" or not follows(params)
-    if not scene.robot or not here or "world" not in spec.set_positions:
+    if not scene.robot or "world" not in spec.set_positions:
         return None
     arms = arms_of(params)
     length = ARM_M if arms is None else ARM_M * arms.back.times
     frame = PoseFrame(1.0, 1.0, length) if scene.units == POSE else Frame(1.0, 1.0, (0.0,) * scene.dof)
-    return Reindexing(frame, round(params.world.silence_after_s / NANO))
+    return Reindexing(frame, round(params.world.silence_after_s / NANO), meets=here)
 
 
 def arms_of(params: Params) -> Arms | None:

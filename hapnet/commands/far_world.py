@@ -174,6 +174,9 @@ class Hand:
     def lead(self, position: Vector) -> None:
         self._send(do="lead", position=position)
 
+    def let_go(self, why: str) -> None:
+        self._send(do="let_go", why=why)
+
     def link(self, direction: Direction, text: str) -> None:
         require_no_file(text)
         if direction == "down":

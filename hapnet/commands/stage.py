@@ -138,6 +138,9 @@ class Stage:
     def lead(self, position: Vector) -> None:
         self._call(self._lead, position)
 
+    def let_go(self, why: str) -> None:
+        self._call(self._let_go, why)
+
     def link(self, direction: Direction, text: str) -> None:
         require_no_file(text)
         self._call(self._link, direction, str(link_profile(f"link.{direction}", text)))
@@ -235,6 +238,10 @@ class Stage:
         self._position = position
         if self._pair is not None:
             self._pair.send("device", do="lead", position=position)
+
+    def _let_go(self, why: str) -> None:
+        if self._pair is not None:
+            self._pair.send("device", do="let_go", why=why)
 
     def _link(self, direction: Direction, text: str) -> None:
         self._params = self._params.set({f"link.{direction}": text}, PAGE)

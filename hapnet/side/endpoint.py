@@ -163,7 +163,7 @@ class ControlHalf:
             sample, sent_ns, came_ns, took_ns, pair = self.waiting.popleft()
             if pair > self._pair:  # paired since this tick began
                 self._change_peer(coupling, pair)
-            if pair == self._pair and not self._still:
+            if pair == self._pair and not self._still and (self.reindexing is None or self.reindexing.leads):
                 if self.reindexing is not None:
                     sample = self.reindexing.led(coupling, sample, came_ns)
                 used = self.in_use
@@ -180,10 +180,15 @@ class ControlHalf:
         if self._coupling is not None:
             rest(self._coupling)
 
-    def meet_again(self) -> None:
-        """Wherever the leader is next is where this side's robot is, if it re-indexes."""
+    def lead(self, leads: bool) -> None:
+        """The leader of this side's robot says whether it leads: wherever it is when it leads again is where the robot
+        is, if that re-indexes."""
         if self.reindexing is not None:
-            self.reindexing.due = True
+            self.reindexing.leads = leads
+            if leads:
+                self.reindexing.due = True
+            elif self._coupling is not None:
+                rest(self._coupling)
 
     def used(self, now_ns: int) -> tuple[float, float]:
         """Age and transit of the newest sample that the coupling has been given, as in a `DeviceSample` [s]."""
@@ -193,7 +198,7 @@ class ControlHalf:
         self._pair, self.in_use.took_ns = pair, -1
         if self.deadband is not None:
             self.deadband.on_peer_changed()
-        self.meet_again()
+        self.lead(True)
         if (energy := coupling.on_peer_changed()) > 0.0:
             self._shuffled.append(energy)
 
@@ -328,6 +333,8 @@ class DeviceControl(ControlHalf):
         """
         if self.waiting or self.credits:
             self.take(now_ns)
+        if self.reindexing is not None:
+            self.reindexing.watch(self.coupling, now_ns)
         update = self._held.tick(dt, x, v, release=release)
         return None if update is None else self._send(now_ns, update)
 
@@ -377,6 +384,8 @@ class WorldControl(ControlHalf):
         Returns the position message to send, unless it is held back.
         """
         self.take(now_ns)
+        if self.reindexing is not None:
+            self.reindexing.watch(self.coupling, now_ns)
         return self._send(now_ns, self._counted(dt, x, kinetic, work, dissipated))
 
 

@@ -20,15 +20,24 @@ def rest(coupling: CouplingState) -> None:
         coupling.rest()
 
 
+PAUSE_NS = 150_000_000
+"""A leader that was not heard for so long is away: what still comes from its motion is no more than a prediction."""
+
+
 class Reindexing:
-    """Between what crosses the link and a robot's coupling.
+    """Between what crosses the link and a robot's coupling, which holds its set-position while its leader is away.
 
     frame : its own coordinates are those of the robot's coupling, the coupled ones those of the link.
-    silence_ns : a leader that was silent for longer has been away [ns].
+    silence_ns : a leader that was silent for longer is met where it then is [ns].
+    meets : does the robot meet it at all, and not go to where it is?
     """
 
-    def __init__(self, frame: Frame, silence_ns: int) -> None:
+    def __init__(self, frame: Frame, silence_ns: int, *, meets: bool) -> None:
         self.frame = frame
+        self.leads = True
+        """Does the leader say that it leads?"""
+        self._meets = meets
+        self._paused = False
         self.moved = False
         """Was the robot re-indexed yet?"""
         self.due = False
@@ -41,12 +50,20 @@ class Reindexing:
 
         If the leader was away, the robot's set-position stays where it is.
         """
-        before_ns, self._came_ns = self._came_ns, came_ns
+        before_ns, self._came_ns, self._paused = self._came_ns, came_ns, False
+        if not self._meets:
+            return sample
         if self.due or (before_ns is not None and came_ns - before_ns > self._silence_ns):
             rest(coupling)
             self.due, self.moved = False, True
             self.frame.meet(coupling.set_position, vector_of(sample))
         return self._inward(sample) if self.moved else sample
+
+    def watch(self, coupling: CouplingState, now_ns: int) -> None:
+        """Let the robot stay where it is if nothing came for a while. Once a tick."""
+        if self._came_ns is not None and not self._paused and now_ns - self._came_ns > PAUSE_NS:
+            self._paused = True
+            rest(coupling)
 
     def _inward(self, sample: CouplingSample) -> CouplingSample:
         match sample:

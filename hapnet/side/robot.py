@@ -48,11 +48,10 @@ class RobotSide(RealDeviceSide):
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
         super()._on_signal(now_ns, name, value)
-        if name == LEADS and self._releases and not self._stands_still:
-            self._released = value is False
+        if name == LEADS and isinstance(value, bool) and not self._stands_still:
+            self._released = self._releases and not value
             self._release()
-            if value is True:
-                self.endpoint.meet_again()
+            self.endpoint.lead(value)
 
     def _start(self, x: Vector) -> None:
         super()._start(x)

@@ -169,10 +169,9 @@ class WorldSide:
             self._stands_still, self._released = True, self.releases
             does = "renders no force" if self.releases and self._servo is not None else "holds its set-position"
             self._write(Event(now_ns, "stopped", f"the robot {does} from now on: {value}"))
-        elif name == LEADS and self.releases and not self._stands_still:
-            self._released = value is False
-            if value is True:
-                self.endpoint.meet_again()
+        elif name == LEADS and isinstance(value, bool) and not self._stands_still:
+            self._released = self.releases and not value
+            self.endpoint.lead(value)
         if (servo := self._servo) is not None:
             servo.released = self._released
 

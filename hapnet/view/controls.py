@@ -25,8 +25,8 @@ class Controls(Protocol):
 
     `coupling`, `scene`, `mesh`, `smoothing` and `reset` start a new episode: the force goes to zero, the processes
     restart where the hand is (in another world where that begins), with a fresh energy account, and for about a second
-    there is no telemetry. All methods but `lead` may block, and may raise HapnetError or netem.NetemError: the page
-    shows the line.
+    there is no telemetry. All methods but `lead` and `let_go` may block, and may raise HapnetError or
+    netem.NetemError: the page shows the line.
 
     fixed : why only the hand's own side can be changed here: `lead`, its link and `pause`. Empty: all can.
     """
@@ -35,6 +35,9 @@ class Controls(Protocol):
 
     def lead(self, position: Vector) -> None:
         """Lead the hand to `position`, (n,) [m]. Returns at once: a drag calls it some 20 times a second."""
+
+    def let_go(self, why: str) -> None:
+        """Let the hand lead nothing for this reason; empty: it leads again. Returns at once."""
 
     def link(self, direction: Direction, text: str) -> None:
         """Change the emulated link of one direction; `words` are in tc-netem's syntax, "" for the ideal link."""

@@ -78,6 +78,19 @@ class Page:
         panel.dock_right()
         panel.set_width(_WIDTHS[1])
         server.on_client_connect(self._fit)
+        self._clients: set[int] = set()
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            if not self._clients and controls is not None:
+                controls.let_go("")
+            self._clients.add(client.client_id)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self._clients.discard(client.client_id)
+            if not self._clients and controls is not None:
+                controls.let_go("the page is closed")
 
         @front.on_click
         async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:

@@ -110,12 +110,16 @@ class FakeControls:
     fixed = ""
 
     def __init__(self, feed: Feed | None = None) -> None:
+        self.let_go_for: str | None = None
         self.calls: list[tuple[Any, ...]] = []
         self._feed = feed
         self._news = threading.Condition()
 
     def lead(self, position: Vector) -> None:
         self._called("lead", position)
+
+    def let_go(self, why: str) -> None:
+        self.let_go_for = why
 
     def link(self, way: Direction, words: str) -> None:
         if "loss" in words and "66%" in words:

@@ -128,6 +128,8 @@ def _reasons(setup: Setup) -> Iterator[str]:
     params = setup.params
     if params.hardware != "simulated":
         yield f"the device {params.hardware}"
+    if params.device.enable != "auto":
+        yield "a switch that enables the device"
     if params.device.clutch:
         yield "a clutch"
     if kind_of(params) is None:

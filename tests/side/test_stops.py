@@ -1,0 +1,78 @@
+"""What stops a robot, of each kind: the rows and columns of `hapnet/devices/stops.md`."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapnet import simulate
+from hapnet.errors import InvalidParameter
+from tests.conftest import mostly_slow
+from tests.support.stops import CAUSES, KINDS, ONE_WAY_MS, Rig, moved_mm
+
+CELLS = [(kind, cause) for kind in KINDS for cause in CAUSES]
+FIRST = [*zip(KINDS, CAUSES, strict=False), *[one for one in CELLS if one not in zip(KINDS, CAUSES, strict=False)]]
+
+
+@pytest.mark.parametrize(("kind", "cause"), mostly_slow(FIRST, 4))
+def test_the_robot_stands_still_0_2_s_and_one_way_later(kind: str, cause: str, tmp_path: Path) -> None:
+    before, after = moved_mm(kind, cause, tmp_path, 1)
+    assert before > 5.0, "it was moving"
+    assert after < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "cause"), [("driver", "dead-man"), ("simulated", "remote stop")])
+def test_a_robot_that_is_released_has_no_force(kind: str, cause: str, tmp_path: Path) -> None:
+    before, after = moved_mm(kind, cause, tmp_path, 2, **{"follower.on_stop": "release"})
+    assert before > 5.0
+    assert after < 2.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause", "on_stop"),
+    mostly_slow([
+        ("driver", "dead-man", "freeze"), ("simulated", "silent leader", "freeze"),
+        ("position arm", "closed page", "freeze"), ("driver", "dead-man", "release"),
+        ("simulated", "closed page", "release"),
+    ], 2),
+)  # fmt: skip
+def test_afterwards_it_is_led_from_where_it_is(kind: str, cause: str, on_stop: str, tmp_path: Path) -> None:
+    """However far the hand went alone; the force of the robot and of the hand grow by no more than their limits."""
+    rig = Rig(kind, tmp_path, 3, **{"follower.on_stop": on_stop})
+    rig.run(700)
+    rig.stop(cause)
+    stands = rig.run(1700)[-1][1]
+    alone = rig.device.device.read()[0][0]
+    rig.resume(cause)
+    again = rig.run(1700 + 2 * ONE_WAY_MS + 30)
+    hand = abs(rig.device.device.read()[0][0] - alone)
+    assert max(abs(x - stands) for _, x in again) < hand + 5e-3, "it does not go to where the hand went alone"
+    later = rig.run(2600)
+    assert np.ptp([x for _, x in later]) > 0.02, "it is led"
+
+
+def test_it_moves_only_while_the_device_is_held() -> None:
+    params = {
+        "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_hand.amplitude_m": 0.06,
+        "device.servo": "sampled", "duration_s": 2.0, "device.enable": "0-0.8, 1.6-9", "link.up": "delay 20ms",
+        "link.down": "delay 20ms", "record_hz": 1000.0,
+    }  # fmt: skip
+    result = simulate(params, 1)
+    device, world = result.recording.device, result.recording.world
+    assert device is not None
+    assert world is not None
+    since, later = device["time_s"], world["time_s"]
+    alone = (since > 0.8) & (since < 1.6)
+    assert np.ptp(device["position_m"][alone][:, 0]) < 1e-3
+    assert np.abs(device["force_N"][alone]).max() == 0.0
+    assert np.ptp(world["position_m"][(later > 1.02) & (later < 1.6)][:, 0]) < 1e-4
+    assert np.abs(np.diff(device["force_N"], axis=0)[since[1:] > 1.55]).max() <= 0.5 + 1e-9
+    assert np.abs(np.diff(world["coupling_force_N"], axis=0)[later[1:] > 1.55]).max() <= 0.5 + 1e-9
+    assert result.summary["verdict"]["passive"]
+
+
+@pytest.mark.parametrize("wrong", ["held", "3-2", "hold"])
+def test_who_holds_a_device_must_be_known(wrong: str) -> None:
+    with pytest.raises(InvalidParameter, match=r"device\.enable"):
+        simulate({"device.enable": wrong, "device.servo": "sampled", "duration_s": 0.1})
