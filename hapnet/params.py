@@ -304,7 +304,7 @@ class Params:
         return self.set(changes, FLAG)
 
     def load(self, file: Path) -> Params:
-        """A copy changed by a TOML file, which may have the sources too, as `toml` writes them.
+        """A copy changed by a TOML file. With the sources, as `toml` writes them, the file stands for all parameters.
 
         Raises InvalidParameter: it cannot be read, or has an unknown name.
         """
@@ -313,9 +313,11 @@ class Params:
         except (OSError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else error
             raise InvalidParameter("--params", str(file), f"a TOML file ({why})") from None
-        by = read_sources(table.pop("sources", {}))
+        if "sources" not in table:
+            return self.set(dict(flatten(table)), FILE)
+        by = read_sources(table.pop("sources"))
         changes = dict(flatten(table))
-        return self.set(changes, {RENAMED.get(name, name): by.get(name, FILE) for name in changes})
+        return Params().set({name: value for name, value in changes.items() if name in by}, by)
 
     def changes(self) -> dict[str, Any]:
         """What is set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is `params` again."""
@@ -338,7 +340,8 @@ class Params:
     def toml(self, *, sources: bool = False) -> str:
         """All parameters as TOML with their meanings: `--show-params` prints it and `--params` reads it.
 
-        What is not set is commented out. sources : also a table by which `load` knows the source of each value.
+        What is not set is commented out. sources : for another process, which reads all of it by `load`: the source of
+        each value that is set is in a table of its own.
         """
         lines = ["# Commented out: not set; a scene, a device or a rule may choose another value than this default."]
         section = ""
