@@ -9,8 +9,9 @@ from hapnet.checks import Vector
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.endpoint import DeviceEndpoint
-from hapnet.side.real_device import RealDeviceSide
+from hapnet.side.real_device import FIRST_READING_S, RealDeviceSide
 from hapnet.summary.run import device_summary
+from hapnet.summary.verdict import findings, incomplete
 from tests.support.paper import PAPER
 
 MS = 1_000_000
@@ -137,6 +138,24 @@ def test_a_silent_device_gets_no_force_and_one_line_each_way() -> None:
         "reads_hz": None,
         "contact_missed": None,
     }
+
+
+def test_a_device_that_gave_no_reading_after_it_was_opened_fails_and_its_run_is_not_complete() -> None:
+    setup, now_ns = prepare(PAPER.set({"hardware": "tests.side.test_real_device:Arm", "scene": "free"})), 0
+    side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: now_ns, lambda sample: None)
+    assert isinstance(side, RealDeviceSide)
+    side.endpoint.paired = True
+    side.device.device.silent = side.device.device.deaf = True  # type: ignore[attr-defined]  # after it was opened
+    for now_ns in range(0, round(FIRST_READING_S * 1e9) + 1, 100 * MS):
+        side.tick(now_ns)
+    part = device_summary(side, "pspm")
+    assert findings({"device": part, "coupling": "pspm"})[0].cause == "no reading"
+    assert incomplete({"device": part, "coupling": "pspm"}) == [
+        "the device's account is missing: tests.side.test_real_device:Arm gave no reading"
+    ]
+    now_ns += MS
+    with pytest.raises(HapnetError, match="Arm failed: no reading within 10 s: no answer for 5 ms"):
+        side.tick(now_ns)
 
 
 @pytest.mark.parametrize("to", [-0.03, 0.03])
