@@ -180,6 +180,9 @@ def of_parts(
         recording = whole if both else None
         return merge(parts["device"], parts["world"], seed=seed, recording=recording, margins=margins)
     for part in parts.values():
+        for role in SIDES:  # the other's half, as this one heard of it
+            if (side := part[role]) is not None and role in failed:
+                side["failed"] = failed[role]
         return judged(part)
     return combine(None, None, {"up": None, "down": None}, seed=seed, duration_s=None, coupling=coupling)
 

@@ -11,6 +11,7 @@ from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.from_samples import LiveFigures, motion
+from hapnet.summary.recorded import of_parts
 from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import combine, merge
 from hapnet.summary.structure import SIDES, Summary
@@ -170,6 +171,22 @@ def test_a_peer_that_vanished_leaves_the_verdict_open_and_is_not_accused(result:
     forged = joined(own(result, "world"), "world", claimed(result, "device", sent_nJ=fewer))
     assert forged["verdict"]["passive"] is False
     assert "the world credited" in forged["verdict"]["reason"]
+
+
+@pytest.mark.parametrize("killed", SIDES)
+def test_a_pair_whose_side_was_killed_is_judged_by_what_the_other_one_heard(killed: Role, result: Result) -> None:
+    """A side that is killed leaves no summary; the other's has its last report, and the verdict says what is not."""
+    left: Role = "world" if killed == "device" else "device"
+    heard = claimed(result, killed, final=False, whole=False)
+    reported = {left: joined(own(result, left), left, heard)}
+    found = of_parts(reported, {}, None, {killed: "was killed by SIGKILL"}, coupling="pspm", seed=1, margins={})
+    assert found["verdict"]["passive"] is None
+    words = f"the rest of the {killed}'s account is missing since its last report, 2.5 s after pairing"
+    assert words in found["verdict"]["reason"]
+    assert f"the {killed} ended before its time: was killed by SIGKILL" in found["verdict"]["reason"]
+    assert found[killed]["ledger"]["margin_J"] is not None
+    nothing = of_parts({}, {}, None, {killed: "was killed by SIGKILL"}, coupling="pspm", seed=1)
+    assert nothing["verdict"] == {"passive": None, "reason": "there is no energy account"}
 
 
 def test_a_half_that_its_side_says_was_not_kept_counts(result: Result) -> None:
