@@ -12,7 +12,7 @@ import pytest
 from examples.secure.make_certificates import issue, save
 from hapnet import cli
 from hapnet.errors import InvalidParameter
-from hapnet.transport.config import ZenohSettings, free_address, zenoh_config, zenoh_warnings
+from hapnet.transport.config import ZenohSettings, free_address, proof_of, zenoh_config, zenoh_warnings
 from hapnet.transport.security import Security, is_exposed
 from tests.support.processes import started
 from tests.support.secured import TLS, USRPWD, shows, users as users
@@ -285,3 +285,19 @@ def test_a_password_comes_from_the_environment_and_is_nowhere_on_the_command_lin
     assert "on the side that dials" in capsys.readouterr().err  # the password was found
     assert cli.main([*argv, "--password", "secret"]) == 2
     assert "No such option" in capsys.readouterr().err
+
+
+def test_what_proves_who_is_on_the_links(certificates: Path, users: Path) -> None:
+    """Certificates where each link asks both ends for one, or for a password; a socket of this machine; else nobody."""
+    world, alice = own(certificates, "world", mutual=True), own(certificates, "alice")
+    listens, dials = ("tls/127.0.0.1:1",), ("tls/127.0.0.1:1",)
+    assert proof_of(ZenohSettings(listen=listens, security=world)) == "certificate"
+    assert proof_of(ZenohSettings(connect=dials, security=alice)) == "certificate"
+    one_sided = replace(own(certificates, "world"), tls_ca=None)
+    assert proof_of(ZenohSettings(listen=listens, security=one_sided)) is None
+    assert proof_of(ZenohSettings(listen=listens, security=replace(one_sided, users=users))) == "certificate"
+    assert proof_of(ZenohSettings(listen=("tcp/127.0.0.1:1",), security=Security(users=users))) is None
+    assert proof_of(ZenohSettings(listen=("unixsock-stream//tmp/link",))) == "socket"
+    for open_to_all in (("tcp/127.0.0.1:1",), ("unixsock-stream//tmp/link", "udp/127.0.0.1:1")):
+        assert proof_of(ZenohSettings(listen=open_to_all)) is None
+    assert proof_of(ZenohSettings(multicast_scouting=True)) is None

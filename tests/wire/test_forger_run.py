@@ -14,7 +14,7 @@ import zenoh
 
 from hapnet.errors import BadMessage
 from hapnet.transport.config import free_address
-from hapnet.wire.messages import Account, Bye, Energy, Role, Signals, Welcome, decode, encode
+from hapnet.wire.messages import Account, Bye, Encrypted, Energy, Role, Signals, Welcome, decode, encode
 from tests.support.processes import HAPNET, Program, read_json
 
 WITHOUT_KEYS = (
@@ -30,7 +30,7 @@ Speech = Callable[[int, int, int], tuple[str, Any]]
 
 
 class Forger:
-    """He hears the world, which names the device's incarnation, and speaks as soon as the two are paired."""
+    """He hears both, and speaks in their incarnations' names as soon as the two are paired."""
 
     def __init__(self, address: str, says: Speech) -> None:
         config = zenoh.Config()
@@ -38,9 +38,10 @@ class Forger:
         config.insert_json5("connect/endpoints", f'["{address}"]')
         self.said: int = 0
         self._says = says
-        self._parties: tuple[int, int] | None = None
+        self._names: dict[str, int] = {}
+        self._paired = False
         self._session: Any = zenoh.open(config)
-        self._hears = self._session.declare_subscriber("hapnet/default/device/down/*", zenoh.handlers.FifoChannel(1000))
+        self._hears = self._session.declare_subscriber("hapnet/default/device/*/*", zenoh.handlers.FifoChannel(1000))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -52,11 +53,11 @@ class Forger:
                     message = decode(sample.payload.to_bytes())
                 except BadMessage:
                     continue
-                if isinstance(message, Account | Energy | Welcome):
-                    self._parties = message.addressee, message.incarnation
-            if self._parties is not None:
+                self._names[str(sample.key_expr).split("/")[3]] = message.incarnation
+                self._paired |= isinstance(message, Account | Energy | Welcome | Encrypted)
+            if self._paired and len(self._names) == 2:
                 self.said += 1
-                key, message = self._says(*self._parties, self.said)
+                key, message = self._says(self._names["up"], self._names["down"], self.said)
                 self._session.put(f"hapnet/default/device/{key}", encode(message))
 
     def close(self) -> None:
@@ -85,13 +86,19 @@ def stop(device: int, world: int, number: int) -> tuple[str, Signals]:
     return "down/signals", Signals(world, device, 1000 + number, {"stop": "he said so"})
 
 
+SECRETS = ("without keys", "with keys", "with a word")
+
+
 @contextmanager
-def two_sides(tmp_path: Path, *, keys: bool, seconds: float, seed: int) -> Iterator[tuple[str, Program, Program]]:
+def two_sides(tmp_path: Path, *, secrets: str, seconds: float, seed: int) -> Iterator[tuple[str, Program, Program]]:
     """The address of the world, world and device; each writes its summary to `tmp_path`."""
-    command = HAPNET if keys else (sys.executable, "-c", WITHOUT_KEYS)
+    command = (sys.executable, "-c", WITHOUT_KEYS) if secrets == "without keys" else HAPNET
+    (file := tmp_path / "word").write_text("correct horse", "utf-8")
+    file.chmod(0o600)
     address, link = free_address("tcp"), ("--link", "delay 20ms 5ms loss 2%", "--seed", seed)
     with ExitStack() as stack:
-        words = ("--duration", seconds, *link, "--once", "--no-files")
+        words: tuple[Any, ...] = ("--duration", seconds, *link, "--once", "--no-files")
+        words += ("--secret-file", file) if secrets == "with a word" else ()
         world = stack.enter_context(
             Program("world", "-l", address, *words, "--json", tmp_path / "world.json", command=command)
         )
@@ -109,13 +116,13 @@ def summaries(tmp_path: Path) -> dict[str, dict[str, Any]]:
     "runs",
     [pytest.param(1, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.soak)],
 )
-@pytest.mark.parametrize("keys", [False, True], ids=["without keys", "with keys"])
+@pytest.mark.parametrize("secrets", SECRETS)
 @pytest.mark.parametrize("towards", ["world", "device"])
-def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path: Path) -> None:
+def test_a_forger_on_the_network(towards: Role, secrets: str, runs: int, tmp_path: Path) -> None:
     sender: Role = "device" if towards == "world" else "world"
     for k in range(runs):
         rng = random.Random(k)
-        with two_sides(tmp_path, keys=keys, seconds=4.0, seed=k) as (address, world, device):
+        with two_sides(tmp_path, secrets=secrets, seconds=4.0, seed=k) as (address, world, device):
             world.until_line("waiting")
             says = of_energy(round(4e7 * 125 ** rng.random()), rng.choice(("bare", "sums")), towards)
             forger = Forger(address, says)
@@ -126,11 +133,12 @@ def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path:
         reported = summaries(tmp_path)
         hears, names = reported[towards][towards], reported[sender][sender]
         assert forger.said > 50
-        if keys:
+        if secrets != "without keys":
             assert hears["dropped"]["forged"] > 20
             assert hears["credited_nJ"] <= names["sent_nJ"]
-            assert not any(hears["contradictions"].values())
+            assert any(hears["contradictions"].values()) == (secrets == "with keys")
             assert not any(names["contradictions"].values())
+            assert set(codes) <= ({5} if secrets == "with keys" else {0})
         else:
             assert hears["credited_nJ"] > names["sent_nJ"]
             assert all(found["verdict"]["passive"] is not True for found in reported.values())
@@ -139,18 +147,18 @@ def test_a_forger_on_the_network(towards: Role, keys: bool, runs: int, tmp_path:
             assert set(codes) <= {4, 5}
 
 
-@pytest.mark.parametrize("keys", [False, True], ids=["without keys", "with keys"])
+@pytest.mark.parametrize("secrets", SECRETS)
 @pytest.mark.parametrize(
     ("says", "codes"),
     [pytest.param(bye, {2, 3}, marks=pytest.mark.slow), pytest.param(stop, {3}, marks=pytest.mark.slow)],
     ids=["bye", "stop"],
 )
-def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], keys: bool, tmp_path: Path) -> None:
+def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], secrets: str, tmp_path: Path) -> None:
     """Without keys he ends the pair, and neither side knows whether it was passive; or the device's force, and both say
-    so. With keys that is dropped, and all is as without him. `codes` : without keys; the device's is 2 if it still
-    hears that it was retired, before the world leaves."""
+    so. With a word that is dropped, and all is as without him; with a key alone the run is doubted. `codes` : without
+    keys; the device's is 2 if it still hears that it was retired, before the world leaves."""
     seconds = 3.0
-    with two_sides(tmp_path, keys=keys, seconds=seconds, seed=1) as (address, world, device):
+    with two_sides(tmp_path, secrets=secrets, seconds=seconds, seed=1) as (address, world, device):
         for side in (device, world):
             side.until_line("paired with")
         forger = Forger(address, says)
@@ -160,11 +168,13 @@ def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], keys:
             forger.close()
     reported = summaries(tmp_path)
     verdicts = [reported[role]["verdict"] for role in ("device", "world")]
-    assert {code for code, _, _ in ends} <= ({0} if keys else codes)
-    if keys:
+    kept = secrets != "without keys"
+    assert {code for code, _, _ in ends} <= {"without keys": codes, "with keys": {0, 5}, "with a word": {0}}[secrets]
+    if kept:
         receiver = "world" if says is bye else "device"
         assert reported[receiver][receiver]["dropped"]["forged"] > 50
-        assert all(verdict["passive"] is True for verdict in verdicts)
+        told = None if secrets == "with keys" else True
+        assert all(verdict["passive"] is told for verdict in verdicts)
         assert all(end["duration_s"] > seconds for end in reported.values())
         assert reported["device"]["device"]["stopped"] is None
         assert reported["device"]["motion"]["peak_force_N"] > 1.0  # the hand is at the wall by then

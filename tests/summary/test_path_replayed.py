@@ -1,0 +1,76 @@
+"""`path` with a stranger who repeats all that both sides send, encrypted or not: it is what it is without him."""
+
+import random
+from collections.abc import Iterable
+from functools import partial
+from unittest.mock import patch
+
+import pytest
+
+from hapnet.assembly.build import device_session, world_session
+from hapnet.params import Params
+from hapnet.side.packet import Packet
+from hapnet.simulation.simulation import Simulation
+from hapnet.summary.structure import DIRECTIONS
+from tests.support.forger import made_session
+
+
+class Repeated(Simulation):
+    """A run whose frames are all repeated once, after 0 to 2 s. secrets : are they encrypted?
+
+    The first two or three count once when they are repeated: they came before the pair was made.
+    """
+
+    def __init__(self, params: Params, seed: int, *, repeats: bool, secrets: bool) -> None:
+        self._heard: list[tuple[int, bool, Packet]] = []
+        self._repeats, self._rng = repeats, random.Random(seed)
+        made = partial(made_session, secrets=secrets)
+        module = "hapnet.simulation.simulation"
+        with (
+            patch(f"{module}.device_session", partial(made, device_session, private=b"d" * 32)),
+            patch(f"{module}.world_session", partial(made, world_session, private=b"w" * 32)),
+        ):
+            super().__init__(params, seed, kernel=False)
+
+    def _keep(self, packets: Iterable[Packet], *, up: bool) -> list[Packet]:
+        packets = list(packets)
+        self._heard += [(self.now_ns + self._rng.randrange(2 * 10**9), up, packet) for packet in packets]
+        return packets
+
+    def _to_world(self, packets: Iterable[Packet]) -> None:
+        super()._to_world(self._keep(packets, up=True))
+
+    def _to_device(self, packets: Iterable[Packet]) -> None:
+        super()._to_device(self._keep(packets, up=False))
+
+    def _step(self) -> None:
+        due = [each for each in self._heard if each[0] <= self.now_ns]
+        self._heard = [each for each in self._heard if each[0] > self.now_ns]
+        for _, up, packet in due if self._repeats else ():
+            (super()._to_world if up else super()._to_device)([packet])
+        super()._step()
+
+
+@pytest.mark.parametrize("secrets", [False, True], ids=["plain", "encrypted"])
+@pytest.mark.parametrize(
+    "coupling",
+    ["pspm", pytest.param("tdpa", marks=pytest.mark.slow), pytest.param("wave", marks=pytest.mark.slow)],
+)
+def test_the_path_is_the_same_with_a_stranger_who_repeats_frames(coupling: str, secrets: bool) -> None:
+    words = {"duration_s": 10.0, "coupling": coupling, "link.up": "delay 30ms 10ms loss 5%"}
+    params = Params().set(words | {"link.down": words["link.up"]})
+    alone, watched = (
+        Repeated(params, 3, repeats=repeats, secrets=secrets).run().summary["path"] for repeats in (False, True)
+    )
+    for key in ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms"):
+        assert watched[key] == pytest.approx(alone[key], rel=0.05), key
+    for direction in DIRECTIONS:
+        with_him, without = watched[direction], alone[direction]
+        assert with_him is not None
+        assert without is not None
+        for key in ("jitter_p99_ms", "age_p99_ms"):
+            assert with_him[key] == pytest.approx(without[key], rel=0.05), (direction, key)
+        assert with_him["loss"] == pytest.approx(without["loss"], abs=0.01)
+        assert with_him["arrived"] <= with_him["sent"]
+        shares = [(flow["overtaken"] or 0) / (flow["sent"] or 1) for flow in (with_him, without)]
+        assert shares[0] == pytest.approx(shares[1], abs=0.01)
