@@ -103,7 +103,7 @@ def _unless_declared(speed: float) -> float:
 
 _DECLARED = {
     "workspace": "device.workspace_m", "greatest_speed": "device.greatest_speed", "resolution": "device.resolution_m",
-    "stiffness_range": "device.stiffness_range", "smallest_mass": "device.mass",
+    "stiffness_range": "device.stiffness_range",
 }  # fmt: skip
 """What a device may declare, and the parameter that stands in for it."""
 
