@@ -178,7 +178,8 @@ async def _run(
     if sys.platform != "win32":
         handle_on_loop(signal.SIGUSR1, side.stop_force, "SIGUSR1")
     run = int(os.environ.pop(PARENT, "0"))  # not getppid(): who has been killed by now is no longer our parent
-    starter, parent = ("hapnet run", run) if run else ("hapnet play", page_parent)
+    starter = "hapnet run" if run and CONSOLE not in os.environ else "hapnet play"
+    parent = run or page_parent
     beside = [asyncio.create_task(_outlive(side, parent, starter, reported))] if parent else []
     if os.environ.pop(CONSOLE, None) is not None:
 
