@@ -90,9 +90,11 @@ class Punctuality:
         if self._row == 1:
             text = f"the servo stalled for {self._row_ns * 1e-6:.1f} ms: no force"
         else:
-            text = f"the servo stalled for {self._row_ns * 1e-9:.3g} s, late at each of {self._row} ticks: no force"
+            text = (
+                f"the servo stalled for {seconds(self._row_ns * 1e-9)} s, late at each of {self._row} ticks: no force"
+            )
         if self.late > self._row:
-            text += f" ({self.late} late ticks so far, {self.without_force_ns * 1e-9:.3g} s without force)"
+            text += f" ({self.late} late ticks so far, {seconds(self.without_force_ns * 1e-9)} s without force)"
         return Event(now_ns, "overrun", text, "warning")
 
     def _rate(self, now_ns: int) -> Sequence[Event]:
@@ -111,3 +113,8 @@ class Punctuality:
         asked, per_s = 1e9 / self._period_ns, made * 1e9 / lasted_ns
         ticks = f"{per_s:.0f} of {asked:.0f} ticks a second over the last {lasted_ns * 1e-9:.0f} s"
         return [Event(now_ns, "rate", f"the servo made {ticks}", "warning" if slow else "info")]
+
+
+def seconds(value: float) -> str:
+    """A time [s] with three digits; never a power of ten."""
+    return f"{value:.3g}" if value < 100.0 else f"{value:.0f}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from hapnet.side.punctuality import KEPT
+from hapnet.side.punctuality import KEPT, seconds
 from hapnet.summary.structure import SIDES, SidePart, Summary
 from hapnet.wire.messages import Role
 
@@ -30,9 +30,9 @@ def stalls(summary: Summary) -> Iterator[str]:
             cost = f": {milli(leaked)} mJ came out beyond the account" if leaked else ""
             yield f"the {WHOSE[side]}servo stalled for longer than watchdog_s{often}{long}{cost}"
         if without_s:
-            yield f"{without_s:.3g} s without force in all"
-        if seconds := servo["withheld_s"]:
-            yield f"no force for {seconds:.2g} s: the process that holds the device's network stood still"
+            yield f"{seconds(without_s)} s without force in all"
+        if withheld_s := servo["withheld_s"]:
+            yield f"no force for {withheld_s:.2g} s: the process that holds the device's network stood still"
 
 
 def rates(summary: Summary) -> Iterator[str]:
