@@ -223,9 +223,13 @@ def test_the_pages_example_is_a_world_once_it_is_in_the_folder(tmp_path: Path) -
     assert said.stdout == "A corridor along the last axis, `width` [m] wide.\n"
 
 
-def test_what_stands_behind_a_name_wins_over_a_parameter() -> None:
-    given = {"scene": "wall?position=0.015&dof=2", "world.wall.position_m": 0.03, "world.wall.stiffness": 500.0}
-    setup = prepare(given)
-    (wall,) = setup.scene.walls
-    assert (setup.dof, wall.offset, wall.stiffness) == (2, 0.015, 500.0)
-    assert any("world.wall.position_m" in warning for warning in setup.warnings)
+def test_what_stands_behind_a_name_is_used_and_another_set_value_is_refused() -> None:
+    given = {"scene": "wall?position=0.015&dof=2", "world.wall.stiffness": 500.0}
+    for setup in (prepare(given), prepare({**given, "world.wall.position_m": 0.015})):
+        (wall,) = setup.scene.walls
+        assert (setup.dof, wall.offset, wall.stiffness) == (2, 0.015, 500.0)
+        assert not setup.warnings
+    with pytest.raises(
+        InvalidParameter, match=r"^world\.wall\.position_m is 0\.03; allowed: 0\.015, or left out: the scene"
+    ):
+        prepare({**given, "world.wall.position_m": 0.03})
