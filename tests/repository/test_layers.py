@@ -31,8 +31,8 @@ MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
 
 BASE = {
-    "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema",
-    "loading", "units", "versions", "file_content",
+    "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "param_sources",
+    "installing", "loading", "units", "versions", "file_content",
 }  # fmt: skip
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
