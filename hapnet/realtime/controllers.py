@@ -96,6 +96,7 @@ class ThreadedDevice:
         endpoint, params = DeviceEndpoint(session), setup.params
         self.wire: WireHalf = endpoint
         self.side: DeviceSide
+        self._thread_time = ThreadTime()
         if follows:
             self.side = robot_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.follower.robot, params.follower.servo_hz
@@ -103,7 +104,7 @@ class ThreadedDevice:
             self.side = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
             driver, rate_hz = params.hardware, params.device.servo_hz
         if isinstance(self.side, RealDeviceSide):
-            self.side.waited = ThreadTime()
+            self.side.waited = self._thread_time
         self._follows = follows
         self._coupling = setup.params.coupling
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
@@ -112,7 +113,7 @@ class ThreadedDevice:
         self._servo = Servo(
             round(1e9 / rate_hz),
             self._tick,
-            safe=self.side.stop,
+            safe=self._end,
             on_error=callbacks.fail,
             paced=not is_blocking(driver),
             realtime=realtime,
@@ -154,6 +155,12 @@ class ThreadedDevice:
     def part(self) -> SidePart:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
         return robot_summary(part, self.side) if self._follows else part
+
+    def _end(self) -> None:
+        try:
+            self.side.stop()
+        finally:
+            self._thread_time.close()  # its file would stay open as long as this process lives
 
     def _tick(self, now_ns: int) -> None:
         message = self.side.tick(now_ns)
