@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hapnet.installing import install_command
 from netem.errors import unknown
 
 
@@ -70,6 +69,8 @@ class MissingLibrary(HapnetError):
         self.what: str = what
         self.library: str = library
         self.extra: str = extra
+        from hapnet.installing import install_command  # nothing else needs it
+
         how = install_command(library)
         libraries = " and ".join(library.split())
         super().__init__(f"{what} needs {libraries}, of the extra `{extra}`, which is not installed: {how}")

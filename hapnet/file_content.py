@@ -85,11 +85,25 @@ def bounded(tree: Any) -> Any:
             elif isinstance(one, list):
                 inside += one
             elif isinstance(one, int) and not -(1 << 63) <= one < 1 << 63:
-                raise ValueError("an integer of more than 64 bits")
+                raise ValueError(f"{_named(one, tree)}an integer of more than 64 bits")
         if not inside:
             return tree
         level = inside
     raise ValueError(f"nested more than {DEEPEST} deep")
+
+
+def _named(value: int, tree: Any) -> str:
+    """The beginning of a sentence about a value, with the key under which it is in `tree`; empty: there is none."""
+    left: list[tuple[str, Any]] = [("", tree)]
+    while left:
+        name, one = left.pop()
+        if one is value:
+            return name
+        if isinstance(one, dict):
+            left += [(f"{key!r:.60} has ", inner) for key, inner in one.items()]
+        elif isinstance(one, list):
+            left += [(name, inner) for inner in one]
+    return ""
 
 
 def _dots(line: str) -> int:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import shlex
 import shutil
-import subprocess
 import sys
 from functools import cache
+from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
 
-_LIMIT_S = 20.0
-"""An interpreter that takes longer to start is no help [s]."""
+_INSTALLS_ELSEWHERE = (22, 3)
+"""From this version on pip installs into another environment: ``pip --python``."""
 
 
 def install_command(libraries: str) -> str:
@@ -30,13 +30,13 @@ def _installer() -> str:
         return f"{own} -m pip"
     for interpreter in _others():
         if _has_pip(interpreter):
-            return f"{shlex.quote(interpreter)} -m pip --python {own}"
+            return f"{shlex.quote(str(interpreter))} -m pip --python {own}"
     if (uv := shutil.which("uv")) is not None:
         return f"{shlex.quote(uv)} pip --python {own}"
     return f"{own} -m ensurepip && {own} -m pip"
 
 
-def _others() -> list[str]:
+def _others() -> list[Path]:
     """Interpreters outside of this environment: the one that it was made with, then those that are found."""
     made_with = Path(sys.base_prefix) / "bin"
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
@@ -44,14 +44,21 @@ def _others() -> list[str]:
     if (on_path := shutil.which("python3")) is not None:
         found.append(Path(on_path))
     own = Path(sys.prefix)
-    return list(dict.fromkeys(str(one) for one in found if one.exists() and own not in one.parents))
+    return [one for one in dict.fromkeys(found) if one.exists() and own not in one.parents]
 
 
-def _has_pip(interpreter: str) -> bool:
-    """Can it install into another environment? That is `pip --python`, of pip 22.3."""
-    code = "import sys, pip; sys.exit(tuple(map(int, pip.__version__.split('.')[:2])) < (22, 3))"
-    try:
-        done = subprocess.run([interpreter, "-I", "-c", code], capture_output=True, timeout=_LIMIT_S, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    return done.returncode == 0
+def _has_pip(interpreter: Path) -> bool:
+    """True if the interpreter's libraries include a pip that installs elsewhere. The interpreter is not started."""
+    version = interpreter.resolve().name  # python3.11
+    prefixes = (interpreter.parent.parent, interpreter.resolve().parent.parent)
+    folders = [
+        prefix / "lib" / each / name
+        for prefix in dict.fromkeys(prefixes)
+        for each, name in ((version, "site-packages"), (version, "dist-packages"), ("python3", "dist-packages"))
+    ]
+    found = distributions(name="pip", path=[str(folder) for folder in folders])
+    return any(_numbers(each.version) >= _INSTALLS_ELSEWHERE for each in found)
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".")[:2] if part.isdecimal())

@@ -5,7 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import partial
 
-from hapnet.assembly.user_device import UserDevice, load_class
+from hapnet.assembly.device_class import load_class
+from hapnet.assembly.user_device import UserDevice
 from hapnet.devices.driver import Driver
 from hapnet.devices.registry import known
 from hapnet.errors import DeviceSilent, InvalidParameter

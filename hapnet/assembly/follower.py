@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from hapnet import checks
 from hapnet.assembly.contact_force import require_contact_force
-from hapnet.assembly.user_device import servo_rate
+from hapnet.assembly.device_class import servo_rate
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
 from hapnet.couplings.rendering import largest

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.assembly.user_device import declared, load_class
+from hapnet.assembly.device_class import declared, load_class
 from hapnet.couplings import held_torque
 from hapnet.couplings.default_stiffness import PAPERS, default_stiffness
 from hapnet.couplings.registry import coupling

@@ -8,10 +8,8 @@ times device.greatest_speed: above that parameter only the account is not known;
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from math import isfinite
 from typing import Any, TypeVar, cast
 
@@ -19,14 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.device_class import allowed, load_class
 from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.assembly.posed import Posed
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
-from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.loading import failure, load
-from hapnet.params import ARMS, DeviceParams, FollowerParams, Params, is_simulated
+from hapnet.loading import failure
+from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
@@ -34,48 +32,6 @@ from hapnet.side.force_limiter import ForceLimiter
 from hapnet.units import METRES, POSE, one_text
 
 Section = TypeVar("Section", DeviceParams, FollowerParams)
-
-
-def allowed() -> str:
-    """What can be given as a device, as text."""
-    named = ", ".join(("simulated", *ARMS, *known()))
-    return f"{named}, or module:Class with dof, force_limit, resolution, read and apply"
-
-
-def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
-    """Import the class, but make no device: that may open the hardware, which only one process can do.
-
-    Its options are bound already. parameter : that names it.
-
-    Raises InvalidParameter: there is no such class, or no such option.
-    """
-    target, words = resolve(name)
-    found = load(parameter, target, allowed(), ("simulated", *ARMS, *known()))
-    if not callable(found):
-        raise InvalidParameter(parameter, name, allowed())
-    return partial(found, **options(name, found, words)) if words else found
-
-
-def servo_rate(params: Params) -> float:
-    """The rate of the servo [Hz]: the device's own, if that is below the one that the parameters give.
-
-    Raises InvalidParameter: there is no such device, or its rate is not a number.
-    """
-    wanted = params.device.servo_hz
-    if is_simulated(params.hardware):
-        return wanted
-    own = declared(load_class(params.hardware), "rate_hz")
-    return wanted if own is None else min(wanted, checks.positive("rate_hz", own))
-
-
-def is_blocking(hardware: str) -> bool:
-    """Does reading this device wait for its next reading?"""
-    return not is_simulated(hardware) and bool(declared(load_class(hardware), "blocking"))
-
-
-def declared(made: Callable[..., Any], part: str) -> Any:
-    """What a class, or a function that makes devices, declares before it is called; None: nothing."""
-    return getattr(made.func if isinstance(made, partial) else made, part, None)
 
 
 def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:

@@ -53,7 +53,8 @@ def doctor(
 
 def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, json_to: str | None) -> int:
     """Measure a device; returns 0, as a warning is for people to judge."""
-    from hapnet.assembly.user_device import UserDevice, servo_rate
+    from hapnet.assembly.device_class import servo_rate
+    from hapnet.assembly.user_device import UserDevice
     from hapnet.commands import known_devices
     from hapnet.doctor.device import examine_device as measure
 

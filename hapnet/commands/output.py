@@ -15,7 +15,6 @@ from typing import IO, TYPE_CHECKING, Any, cast
 from hapnet.commands import progress
 from hapnet.errors import HapnetError, OutputError, RecordingError
 from hapnet.extras import require
-from hapnet.summary.causes import CONTRADICTED, INCOMPLETE as INCOMPLETE, NOT_PASSIVE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -98,6 +97,8 @@ def unless_closed(command: Callable[[], int]) -> int:
     except OSError as error:
         if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EBADF, errno.EIO):
             raise
+        from hapnet.summary.causes import INCOMPLETE
+
         silence(sys.stdout)
         complain(f"cannot write standard output: {error.strerror}")
         return INCOMPLETE
@@ -152,6 +153,8 @@ class Written:
 
     def code(self, code: int = 0) -> int:
         """The exit code of a run that otherwise ends with `code`; prints what is missing and broken, one line each."""
+        from hapnet.summary.causes import CONTRADICTED, INCOMPLETE, NOT_PASSIVE
+
         for lines in (self.missing, self.broken):
             if lines:
                 complain("; ".join(dict.fromkeys(lines)))

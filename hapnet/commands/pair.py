@@ -19,7 +19,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.commands import output
 from hapnet.commands.log import record
 from hapnet.commands.side import CONSOLE, ORPHANED, PARENT, PLACE
 from hapnet.errors import HapnetError
@@ -40,6 +39,7 @@ from hapnet.processes.start import (
 )
 from hapnet.realtime.servo_process import NOT_STARTED
 from hapnet.side.notices import Notice
+from hapnet.summary.causes import INCOMPLETE
 from hapnet.transport.config import free_address, local_address
 
 
@@ -249,7 +249,7 @@ class Pair:
         self.errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
         with contextlib.suppress(json.JSONDecodeError):
             self.parts[role] = json.loads(await self._reports[role])
-        if code not in (0, output.INCOMPLETE) and not self._reported and self.failure is None:
+        if code not in (0, INCOMPLETE) and not self._reported and self.failure is None:
             own = (self.errors[role] or said) if 0 < code < 128 else []
             self.refused = bool(own) and not own[-1].startswith(NOT_STARTED)
             self.failed[role] = own[-1] if own else how_it_ended(code)

@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from hapnet.commands import complete, flags, output
 from hapnet.params import Params
 from hapnet.study.spec import SEED, Case, Spec, in_file, value_words
+from hapnet.summary.causes import INCOMPLETE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -121,7 +122,7 @@ def run(
             output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
         if ran.stopped is not None:
             return studies.stop(ran, "the same command goes on")
-        return written.code(output.INCOMPLETE if failed else 0)
+        return written.code(INCOMPLETE if failed else 0)
 
 
 @app.command(short_help="Draw the results of a sweep as a heat map.")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 from hapnet import checks
-from hapnet.assembly import user_device
+from hapnet.assembly import device_class
 from hapnet.assembly.build import prepare
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import lent
@@ -267,7 +267,7 @@ class _Call:
         changes: dict[str, object] = {"duration_s": self.duration_s}
         if self.device is not None:
             chosen = "hardware" if self.role == "device" else "follower.robot"
-            changes[chosen] = _named(names, "device", self.device, user_device.allowed(), _is_device)
+            changes[chosen] = _named(names, "device", self.device, device_class.allowed(), _is_device)
         if self.scene is not None:
             changes["scene"] = _named(
                 names, "scene", self.scene, "a scene's name, a world, or what makes one", is_world

@@ -17,8 +17,8 @@ from dataclasses import replace
 from typing import Any
 
 from hapnet.assembly.build import device_side, prepare
+from hapnet.assembly.device_class import is_blocking
 from hapnet.assembly.own_parts import named_failure
-from hapnet.assembly.user_device import is_blocking
 from hapnet.errors import HapnetError
 from hapnet.kernel.real_time import ends
 from hapnet.params import Params

@@ -256,7 +256,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
                 samples.append(Drawing(_time(record.log_time - utc_ns), record.data))
         if _META not in texts:
             raise RecordingError(f"{path} is not a recording: it is an MCAP file without the metadata record {_META!r}")
-        summary = _settings(texts[_SUMMARY]) if _SUMMARY in texts else None
+        summary = _summary(texts[_SUMMARY], path) if _SUMMARY in texts else None
         return from_samples(_settings(texts[_META]), samples, summary, records.torn)
     except (ArithmeticError, AttributeError, BadMessage, DecodeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{path} is not a recording: its content does not fit ({cause(error)})") from error
@@ -266,6 +266,13 @@ def _settings(text: str) -> dict[str, Any]:
     found = read_json(text)
     if not isinstance(found, dict):
         raise ValueError("its settings are no table")
+    return found
+
+
+def _summary(text: str, path: str | os.PathLike[str]) -> dict[str, Any]:
+    found = read_json(text)
+    if not isinstance(found, dict):
+        raise RecordingError(f"{path} is not a recording: its summary does not fit (it is no table)")
     return found
 
 

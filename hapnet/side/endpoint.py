@@ -37,8 +37,9 @@ from hapnet.wire import messages
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
 from hapnet.wire.identity import EARLIER, ROBOT
+from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.path import InUse, age_of_content_s, age_s, transit_s
-from hapnet.wire.session import Outgoing, PositionStream, Session
+from hapnet.wire.session import PositionStream, Session
 from hapnet.wire.signals import STOP
 from hapnet.wire.stream import BACKLOG as BACKLOG
 

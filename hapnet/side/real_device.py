@@ -8,10 +8,10 @@ is not known. So the account counts the force, of those that may have been held,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from operator import sub
-from typing import Any, Protocol
+from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
@@ -20,7 +20,6 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.agreement import Agreement
-from hapnet.plant.device import Device
 from hapnet.plant.force_probe import ForceProbe
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
@@ -32,6 +31,7 @@ from hapnet.side.driver_times import DriverTimes
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.side.notices import signal_text
+from hapnet.side.real_device_protocol import RealDevice
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.wire.fields import Signal
 
@@ -39,55 +39,6 @@ _TURNED_EVERY_NS = 10_000_000
 
 FIRST_READING_S = 10.0
 """A device that gives no reading for this time from its start on has failed [s]; later it may be silent for longer."""
-
-
-class RealDevice(Device, Protocol):
-    """A device with what only real ones have."""
-
-    name: str
-    watchdog_s: float | None
-    """It takes the force away by itself when no command has come for so long [s]; None: it does not."""
-
-    smallest_mass: float | None
-    """The handle is felt as no lighter [kg]; None: not declared."""
-
-    knows_force: bool
-    """Is what `acted` returns known from the device?"""
-
-    @property
-    def blocks(self) -> bool:
-        """Does `read` wait for its next reading?"""
-
-    @property
-    def missed(self) -> int:
-        """Readings that it made and nobody took."""
-
-    def begin(self) -> None:
-        """Control begins."""
-
-    def acted(self) -> Vector | None:
-        """The force that acted between the last two readings [N], if the device reports it."""
-
-    def interval(self) -> float | None:
-        """The time between the last two readings [s] by the device's own clock, if it reports that."""
-
-    def orientation(self) -> Vector | None:
-        """How its handle is turned, as of the last reading: a unit quaternion, or None if it is not known."""
-
-    def signal(self, name: str, value: Signal) -> None:
-        """The world sends a value beside the stream."""
-
-    def vibrate(self, force: Vector) -> None:
-        """What of the force grains make now [N]."""
-
-    def braked(self) -> str:
-        """Why it renders no force now; empty: it does."""
-
-    def buttons(self) -> Sequence[bool]:
-        """Its buttons as of the last reading."""
-
-    def close(self) -> None:
-        """Let go of it."""
 
 
 class RealDeviceSide(SampledDeviceSide):

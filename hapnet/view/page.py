@@ -40,6 +40,8 @@ _NARROW_BELOW = 1100  # in windows of a smaller width the panels are narrow, or 
 class Page:
     """The page's content. Times `now_s` are from one monotonic clock.
 
+    More than twenty attributes: every panel is one, and each keeps what was shown last, as only a change is sent.
+
     controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
     player : what plays a recording; None: what is shown happens now.
     """

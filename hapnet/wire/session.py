@@ -18,11 +18,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.account import AccountExchange
-from hapnet.wire.control_sender import ControlMessage
 from hapnet.wire.encryption import Cipher
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
@@ -33,7 +31,6 @@ from hapnet.wire.impostors import Impostors
 from hapnet.wire.messages import (
     Account,
     Bye,
-    Channel,
     Encrypted,
     Energy,
     Hello,
@@ -55,10 +52,11 @@ from hapnet.wire.messages import (
     encode,
 )
 from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
+from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.path import Path, arrive
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow, stale_detail
-from hapnet.wire.secret import Secret, decrypted, sealed
+from hapnet.wire.secret import Secret, decrypted
 from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
@@ -67,15 +65,10 @@ from hapnet.wire.sums import Sums
 from hapnet.wire.token_bucket import TokenBucket
 
 
-class Outgoing(NamedTuple):
-    """A frame to send, and the last part of its key expression."""
-
-    kind: Channel
-    data: bytes
-
-
 class Session:
     """One side, from the start of its process to its end.
+
+    More than twenty attributes: what outlives a pair of sides is kept here, beside the parts of the present pair.
 
     role, dof, name, about : this side's identity, sent to the peer. `about` is small: what this side runs.
     incarnation : 64 random bits, not 0, drawn when the process starts.
@@ -244,7 +237,7 @@ class Session:
             outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *reported)))
         if peer is not None and not self.closed and (account := self.accounts.poll(now_ns)) is not None:
             outgoing.append(self._outgoing(Account(self.identity.incarnation, peer.incarnation, *account)))
-        outgoing.extend(_outgoing(message, key) for message, key in self._handshake.poll(now_ns))
+        outgoing.extend(Outgoing.of(message, key) for message, key in self._handshake.poll(now_ns))
         return outgoing, events
 
     @property
@@ -406,14 +399,10 @@ class Session:
     def _outgoing(self, message: Energy | Signals | Account) -> Outgoing:
         if self._cipher is not None:
             return Outgoing(message.CHANNEL, self._cipher.encrypt(encode(message)))
-        return _outgoing(message, self._handshake.keys.shared_with(message.addressee))
+        return Outgoing.of(message, self._handshake.keys.shared_with(message.addressee))
 
     def _open_channel(self, residue_J: float) -> EnergyChannel:
         return EnergyChannel(self._admission, spacing_ns=self.settings.spacing_ns, residue_J=residue_J)
-
-
-def _outgoing(message: Energy | Signals | Account | ControlMessage, key: bytes | None) -> Outgoing:
-    return Outgoing(message.CHANNEL, encode(message) if key is None else sealed(message, key))
 
 
 def _word(stream: Stream | type[Stream]) -> str:

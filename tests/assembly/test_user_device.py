@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hapnet.assembly.build import device_session, device_side, prepare
-from hapnet.assembly.user_device import UserDevice, load_class
+from hapnet.assembly.device_class import load_class
+from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.plant.device import SimulatedDevice

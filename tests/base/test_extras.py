@@ -29,6 +29,10 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+WHERE_NEEDED = {"manifold3d"}
+"""Libraries of extras that few scenes need; the code that needs one says so: see `test_mesh_parts.py`."""
+
+
 def absent(monkeypatch: pytest.MonkeyPatch, *modules: str) -> None:
     monkeypatch.setattr(extras, "find_spec", lambda name: None if name in modules else find_spec(name))
 
@@ -97,4 +101,4 @@ def test_the_extras_are_those_of_the_package() -> None:
         return (names - own).union(*(libraries(name.removeprefix("hapnet-haptics[").rstrip("]")) for name in own))
 
     for extra, modules in extras._LIBRARIES.items():
-        assert libraries(extra) == set(modules.values())
+        assert libraries(extra) - WHERE_NEEDED == set(modules.values())

@@ -1,8 +1,6 @@
 """What needs an extra that is not installed: one line before anything runs, and the page says so where it offers it."""
 
 import importlib.util
-import re
-import tomllib
 from typing import Any
 
 import pytest
@@ -47,21 +45,3 @@ def test_the_page_says_which_scene_needs_an_extra(module: str, label: str, extra
     assert label not in offered
     assert f"{label} (needs the extra {extra})" in offered
     assert len(offered) == len(scenes.SCENES)
-
-
-def brought(extra: str, of: dict[str, list[str]]) -> set[str]:
-    """The libraries that an extra brings, those of its extras too."""
-    found: set[str] = set()
-    for text in of[extra]:
-        name, _, inner = text.partition("[")
-        if name == "hapnet-haptics":
-            found.update(*(brought(one.strip(), of) for one in inner.partition("]")[0].split(",")))
-        else:
-            found.add(re.split("[<>=!~; ]", text)[0])
-    return found
-
-
-@pytest.mark.parametrize("extra", extras._LIBRARIES)
-def test_each_extra_brings_the_libraries_that_are_checked(extra: str) -> None:
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-    assert set(extras._LIBRARIES[extra].values()) <= brought(extra, declared)

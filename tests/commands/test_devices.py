@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hapnet import cli
-from hapnet.assembly.user_device import UserDevice, load_class
+from hapnet.assembly.device_class import load_class
+from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.devices import registry
 from hapnet.devices.axes import Axes

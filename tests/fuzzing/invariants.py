@@ -25,7 +25,7 @@ from hapnet.wire.messages import (
     Wave,
     decode,
 )
-from hapnet.wire.session import Outgoing
+from hapnet.wire.outgoing import Outgoing
 from tests.fuzzing.decoder import BAD_FRAMES, Broken, allowed, hold
 from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, SIGNALS, WAVE, WELCOME
 from tests.fuzzing.numbers import Numbers

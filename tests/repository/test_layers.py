@@ -66,6 +66,7 @@ READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",
     "hapnet/file_content.py": "reads what others may have written: all that is a plain file and not too large",
     "hapnet/params.py": "--params names a file",
+    "hapnet/installing.py": "looks for an interpreter that has pip",
     "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",

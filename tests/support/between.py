@@ -24,8 +24,9 @@ from hapnet.summary.structure import Summary
 from hapnet.wire.encryption import Encrypted
 from hapnet.wire.events import EnergyCredited
 from hapnet.wire.messages import Hello, Role, Welcome, decode
+from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.secret import Secret
-from hapnet.wire.session import Outgoing, Session, SessionSettings
+from hapnet.wire.session import Session, SessionSettings
 from tests.support.forger import made_session
 
 MS = 1_000_000

@@ -277,13 +277,22 @@ def test_the_command_says_it_with_exit_code_2(tmp_path: Path, capsys: pytest.Cap
         assert not said.out
 
 
-@pytest.mark.parametrize("absent", ["igl", "trimesh"])
+@pytest.mark.parametrize(
+    ("absent", "missing"),
+    [
+        (["igl"], "libigl"),
+        (["trimesh"], "trimesh"),
+        (["igl", "trimesh", "scipy"], "libigl trimesh scipy"),
+    ],
+)
 def test_without_the_extra_it_says_all_that_is_to_be_installed(
-    absent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    absent: list[str], missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And nothing that is there."""
     file = write_stl(tmp_path / "a.stl", *stair())
-    monkeypatch.setitem(sys.modules, absent, None)
-    with pytest.raises(MissingLibrary, match=r"of the extra `mesh`.* install libigl trimesh"):
+    for module in absent:
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingLibrary, match=rf"of the extra `mesh`.* install {missing}$"):
         make_scene(f"mesh:{file}?unit=mm")
 
 
