@@ -112,7 +112,8 @@ def run(
                 written.missing += [line for line in said if line != pair.failure]
             reported = {role: cast("Summary", part) for role, part in pair.parts.items()}
             recorded: dict[str, Path] = {role: file for role in SIDES if (file := pair.recording(role)).exists()}
-            if not recorded and len(reported) < 2:  # a process that is interrupted while it starts leaves nothing
+            began = bool(recorded) or len(reported) == 2
+            if not began:  # a process that is interrupted while it starts leaves nothing
                 if pair.refused:
                     if out is None:
                         output.discard(directory, "log.jsonl", "params.toml")
@@ -125,7 +126,8 @@ def run(
                 write_files(found, directory, written)
                 output.show_files(words, FILES, directory)
             written.judge(found.summary, chosen, virtual=False)
-            written.missing += incomplete(found.summary)
+            if began:
+                written.missing += incomplete(found.summary)
             with written.part():
                 output.write_json(found.summary, json_to)
         code = written.code(exit_code(caught))

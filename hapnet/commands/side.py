@@ -151,7 +151,8 @@ def _main(
         if not started_by:  # hapnet run judges both sides together
             known_devices.learn(params, summary)
             written.judge(summary, params, virtual=False)
-            written.missing += incomplete(summary)
+            if side.control.origin_ns is not None or not caught:  # one that is stopped before it began lacks nothing
+                written.missing += incomplete(summary)
         if orphaned is not None and os.getppid() != started_by:
             _leave(summary, Path(orphaned), f"{role}-summary.json", written)
         with written.part():

@@ -78,8 +78,10 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
         )
         await world.until(lambda: world.count >= 10)
         of_world, of_device = await asyncio.gather(world.end(), device.end())
-    assert device.reported("paired") == ["paired with the world"]
-    assert world.reported("paired") == ["paired with the device"]
+    [at_device], [at_world] = device.reported("paired"), world.reported("paired")
+    assert at_device.startswith("paired with the world, encrypted, key ")
+    assert at_device.endswith("; the world must show the same: nobody has proved who it is")
+    assert at_device.replace("the world", "the device") == at_world  # the key too
     up, down = of_device["device"], of_world["world"]
     for summary in (up, down):
         assert summary["ledger"]["margin_J"] > 0.0
@@ -203,7 +205,7 @@ async def test_a_world_that_restarts_is_paired_anew() -> None:
             await again.until(lambda: again.count >= 3)
             later, summary = await asyncio.gather(again.end(), device.end())
     assert set(device.reported("left")) == {"the world left: the run is over"}  # perhaps the second one's too: both end
-    assert device.reported("paired")[1] == "paired with the world (another process; pair 2)"
+    assert device.reported("paired")[1].startswith("paired with the world (another process; pair 2), ")
     assert summary["device"]["incarnations"] == 2
     assert summary["device"]["ledger"]["slack_J"] >= -1e-9
     assert later["world"]["ledger"]["bound_J"] == 0.0  # a restarted side starts with an empty reservoir
