@@ -33,11 +33,15 @@ from hapnet.realtime.servo import set_timer_slack, tuned_interpreter
 from hapnet.side.notices import Notice
 from hapnet.transport.config import ZenohSettings, free_address, local_address, zenoh_config
 from hapnet.transport.entities import publisher
+from hapnet.wire.events import PositionReceived
 from hapnet.wire.messages import Position, decode, encode
-from hapnet.wire.stream_frames import stamped
+from hapnet.wire.stream_frames import sequence_of
 
 Stamps = list[tuple[int, bytes]]
-"""The time when a message was handed over or had arrived [ns], and its bytes, which are unique."""
+"""The time when a message was handed over, or raw when it had arrived [ns], and its bytes."""
+
+Arrivals = list[tuple[int, int]]
+"""The time when a message had arrived [ns], and its number. A pair encrypts, so the bytes are others on the way."""
 
 _PERIOD_NS = 1_000_000
 _KEY = "hapnet/bench/raw/up/position"
@@ -77,7 +81,7 @@ def one_way_latency_realtime(options: Options) -> Row:
     refusals: list[str] = []
 
     def once(seconds: float) -> Distribution:
-        (handed_over, refusal), (arrived, _) = run_sides(seconds, realtime=True)
+        handed_over, arrived, refusal = run_sides(seconds, realtime=True)
         refusals.append(refusal)
         return join(tick_starts(handed_over), arrived)
 
@@ -105,18 +109,19 @@ def in_turns(kinds: list[Callable[[float], Distribution]], options: Options) -> 
 
 def hapnet_once(seconds: float) -> Distribution:
     """Microseconds through two `RealtimeSide`s."""
-    (handed_over, _), (arrived, _) = run_sides(seconds, realtime=False)
+    handed_over, arrived, _ = run_sides(seconds, realtime=False)
     return join(handed_over, arrived)
 
 
-def run_sides(seconds: float, *, realtime: bool) -> list[tuple[Stamps, str]]:
-    """Run a device and a world in processes of their own; returns the result of `run_side` for each."""
+def run_sides(seconds: float, *, realtime: bool) -> tuple[Stamps, Arrivals, str]:
+    """Run a device and a world in processes of their own; returns hand-overs, arrivals, and `StampedSide.refusal`."""
     with (
         _link() as address,
         Child(run_side, "world", address, seconds, False) as world,
         Child(run_side, "device", address, seconds, realtime) as device,
     ):
-        return [side.result(seconds + _JOIN_S) for side in (device, world)]
+        (handed_over, _, refusal), (_, arrived, _) = (side.result(seconds + _JOIN_S) for side in (device, world))
+        return handed_over, arrived, refusal
 
 
 def raw_once(seconds: float) -> Distribution:
@@ -144,7 +149,8 @@ def _bare_once(
             sender.wait_ready()
             for child in (receiver, sender):
                 child.go()
-            return join(*(child.result(seconds + _JOIN_S) for child in (sender, receiver)))
+            sent, came = (child.result(seconds + _JOIN_S) for child in (sender, receiver))
+            return join(sent, [(at_ns, number) for at_ns, data in came if (number := sequence_of(data)) is not None])
 
 
 @contextlib.contextmanager
@@ -160,14 +166,13 @@ def tick_starts(handed_over: Stamps) -> Stamps:
     return [(message.sent_ns, data) for message, data in messages if isinstance(message, Position)]
 
 
-def join(handed_over: Stamps, arrived: Stamps) -> Distribution:
-    """Latencies [us] of what arrived after the first half second; a message has another stamp when it arrives."""
+def join(handed_over: Stamps, arrived: Arrivals) -> Distribution:
+    """Latencies [us] of what arrived after the first half second."""
     if not handed_over:
         raise HapnetError("one_way_latency: the servo handed nothing over")
     since_ns = handed_over[0][0] + round(_SETTLE_S * 1e9)
-    sent = {stamped(data, 0): at_ns for at_ns, data in handed_over if at_ns >= since_ns}
-    came = [(at_ns, stamped(data, 0)) for at_ns, data in arrived]
-    late = [at_ns - sent[data] for at_ns, data in came if data in sent]
+    sent = {sequence_of(data): at_ns for at_ns, data in handed_over if at_ns >= since_ns}
+    late = [at_ns - sent[number] for at_ns, number in arrived if number in sent]
     if not late:
         raise HapnetError("one_way_latency: nothing arrived")
     return Distribution.of(late, 1e-3)
@@ -184,12 +189,13 @@ class StampedSide(RealtimeSide):
         setup = prepare(params, "sampled")
         super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._note_refusal)
         self.handed_over: Stamps = []
-        self.arrived: Stamps = []
+        self.arrived: Arrivals = []
         receive, arrived, clock = self.wire.receive, self.arrived, time.monotonic_ns
 
         def stamped(now_ns: int, data: bytes) -> object:
             events = receive(now_ns, data)
-            arrived.append((clock(), data))
+            came_ns = clock()
+            arrived.extend((came_ns, event.sequence) for event in events if type(event) is PositionReceived)
             return events
 
         vars(self.wire)["receive"] = stamped  # an attribute of the instance, which hides the class's method
@@ -205,8 +211,8 @@ class StampedSide(RealtimeSide):
 
 def run_side(
     wait_for_start: WaitForStart, role: Literal["device", "world"], address: str, seconds: float, realtime: bool
-) -> tuple[Stamps, str]:
-    """Run one side for `seconds` after pairing: the device's hand-overs or the world's arrivals, and `refusal`."""
+) -> tuple[Stamps, Arrivals, str]:
+    """Run one side for `seconds` after pairing: its hand-overs, its arrivals, and `refusal`."""
     words = {"device.pspm_period_s": KILOHERTZ["device.pspm_period_s"], "link.up": "", "link.down": ""}
     duration_s = seconds + _SETTLE_S
     params = Params().set({**words, "operator": "sine", "duration_s": duration_s})
@@ -216,7 +222,7 @@ def run_side(
         await side.run(asyncio.Event(), duration_s)
 
     asyncio.run(run())
-    return side.handed_over if role == "device" else side.arrived, side.refusal
+    return side.handed_over, side.arrived, side.refusal
 
 
 def send_zenoh(wait_for_start: WaitForStart, address: str, seconds: float, ours: bool) -> Stamps:

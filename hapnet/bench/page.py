@@ -90,8 +90,10 @@ def _written(directory: Path) -> Path:
 @contextlib.contextmanager
 def _shown(seconds: float, received: list[Received], busy: list[float], address: str) -> Iterator[None]:
     """A page and a client, processes of their own, while the pair whose world listens at `address` runs."""
-    port = int(free_address().rpartition(":")[2])
-    with Child(_serve, address, seconds, port) as server, Child(_receive, port, seconds) as client:
+    from hapnet.view.gate import new_token
+
+    port, token = int(free_address().rpartition(":")[2]), new_token()
+    with Child(_serve, address, seconds, port, token) as server, Child(_receive, port, token, seconds) as client:
         for one in (server, client):
             one.wait_ready()
         for one in (server, client):
@@ -101,7 +103,7 @@ def _shown(seconds: float, received: list[Received], busy: list[float], address:
         busy.append(server.result(30.0))
 
 
-def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int) -> float:
+def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int, token: str) -> float:
     """Serve the page; returns the CPU time that it took, per second, from the first update to the last."""
     from hapnet.view.history import History
     from hapnet.view.server import serve
@@ -110,7 +112,7 @@ def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int
     history = History()
     watcher = Watcher(ZenohSettings(connect=(address,)), history.take)
     watcher.open()
-    with serve(history, port=port) as page:
+    with serve(history, port=port, token=token) as page:
         _wait(lambda: page.watched and watcher.pair is not None)
         wait_for_start()
         _wait(lambda: history.snapshot().taken > 0)
@@ -128,7 +130,7 @@ def _wait(until: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Received:
+def _receive(wait_for_start: WaitForStart, port: int, token: str, seconds: float) -> Received:
     """Be a browser as far as the server can see: say where its camera is, and read what comes.
 
     It stands for a browser on another machine, so it takes only time that nobody else here wants.
@@ -136,7 +138,7 @@ def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Receive
     if sys.platform != "win32":
         os.nice(19)
     times, total, surfaces, first = list[float](), 0, 0, float("inf")
-    with _connected(port) as client, contextlib.suppress(TimeoutError):
+    with _connected(port, token) as client, contextlib.suppress(TimeoutError):
         client.send(_camera())
         wait_for_start()
         while time.monotonic() < first + _SETTLED_S + 0.8 * seconds:
@@ -154,15 +156,18 @@ def _receive(wait_for_start: WaitForStart, port: int, seconds: float) -> Receive
     return Received(tuple(times), total / span, surfaces)
 
 
-def _connected(port: int) -> ClientConnection:
+def _connected(port: int, token: str) -> ClientConnection:
     """A connection to the page's server, once it listens."""
     from websockets.sync.client import connect
-    from websockets.typing import Subprotocol
+    from websockets.typing import Origin, Subprotocol
 
-    spoken = Subprotocol(f"viser-v{_version()}")
+    spoken, page = Subprotocol(f"viser-v{_version()}"), f"127.0.0.1:{port}"
     while True:
         try:
-            return connect(f"ws://127.0.0.1:{port}", subprotocols=[spoken], max_size=None, compression=None)
+            return connect(
+                f"ws://{page}/{token}/", origin=Origin(f"http://{page}"), subprotocols=[spoken], max_size=None,
+                compression=None,
+            )  # fmt: skip
         except OSError:
             time.sleep(0.05)
 
