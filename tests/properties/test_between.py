@@ -44,7 +44,7 @@ def test_he_is_never_passed_over_in_silence(seeds: range) -> None:
             if run.fooled and not planned.own_names:  # he speaks in the other's name, and so does the other
                 assert verdict["passive"] is not True, (seed, planned, role, verdict)
                 assert contradicted(seen), (seed, planned, role)
-    assert fooled >= 0.8 * len(seeds)
+    assert fooled >= 0.6 * len(seeds)  # else these runs would say little: often enough both sides believed him first
     assert early >= 0.5 * len(seeds)
 
 
