@@ -20,8 +20,9 @@ def rest(coupling: CouplingState) -> None:
         coupling.rest()
 
 
-PAUSE_NS = 150_000_000
-"""A leader that was not heard for so long is away: what still comes from its motion is no more than a prediction."""
+PAUSE_NS = 100_000_000
+"""A leader that was not heard for so long is away [ns]. A robot that is led on by prediction needs some 50 ms to stop,
+and stands 0.2 s and the link's delay after its leader's last message."""
 
 
 class Reindexing:
