@@ -75,4 +75,5 @@ def test_who_listens_reads_nothing_but_who_is_there(has_word: bool, tmp_path: Pa
     summary = read_json(tmp_path / "device.json")
     assert summary["verdict"]["passive"], summary["verdict"]
     assert summary["device"]["acked_nJ"] + summary["device"]["credited_nJ"] > 0, summary["device"]
-    assert set(summary["device"]["dropped"]) <= {"closed"}
+    # "unpaired": whoever proves its key first sends a little before the other side has paired
+    assert set(summary["device"]["dropped"]) <= {"closed", "unpaired"}
