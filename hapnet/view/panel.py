@@ -85,7 +85,7 @@ class ControlPanel:
             self._alike = gui.add_checkbox("both directions alike", not fixed, visible=not fixed)
         self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
         home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
-        with gui.add_folder("more", expand_by_default=False):
+        with gui.add_folder("more"):
             reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray", visible=not fixed)
             self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red", visible=not fixed)
             self._smoothing = gui.add_checkbox(
