@@ -10,13 +10,13 @@ import os
 import random
 import re
 import signal
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from tests.faults import test_ended_runs
 from tests.faults.support import let_pass
-from tests.support.processes import child_of, read_json, started, until
+from tests.support.processes import read_json, started, until
 
 VERDICTS = r"\d+: .*, \d+ s: (passive|NOT passive|passivity not known): "
 WHO = ("launcher", "device", "world", "servo", "standby")
@@ -28,16 +28,7 @@ LIMIT_S = 180.0
 
 def number_of(who: str, launcher: int) -> int | None:
     """The process's; None: it is not there, nor, for the launcher, both sides."""
-    with suppress(AssertionError, FileNotFoundError):
-        match who:
-            case "launcher":
-                child_of(launcher, "device"), child_of(launcher, "world")
-                return launcher
-            case "servo":
-                return child_of(child_of(launcher, "device"), "hapnet.realtime.servo_child")
-            case _:
-                return child_of(launcher, "hapnet.commands.standby" if who == "standby" else who)
-    return None
+    return test_ended_runs.number_of("hapnet.commands.standby" if who == "standby" else who, launcher)
 
 
 def ended(who: str, number: signal.Signals, after_s: float, folder: Path) -> None:
