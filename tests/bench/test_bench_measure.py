@@ -187,9 +187,11 @@ def test_link_release_is_netems_own_benchmark() -> None:
 # Latency
 
 
-def test_latency_joins_by_content_and_drops_the_start() -> None:
-    sent = [(0, b"a"), (400_000_000, b"b"), (600_000_000, b"c"), (700_000_000, b"lost"), (800_000_000, b"d")]
-    arrived = [(90_000, b"a"), (600_100_000, b"c"), (800_070_000, b"d"), (800_080_000, b"stranger")]
+def test_latency_joins_by_number_and_drops_the_start() -> None:
+    """Position 3 is lost, and nobody of this run sent number 9."""
+    sent_ns = [0, 400_000_000, 600_000_000, 700_000_000, 800_000_000]
+    sent = [(at_ns, encode(Position(1, number, at_ns, (0.1,)))) for number, at_ns in enumerate(sent_ns)]
+    arrived = [(90_000, 0), (600_100_000, 2), (800_070_000, 4), (800_080_000, 9)]
     found = latency.join(sent, arrived)
     assert found.values == pytest.approx([70.0, 100.0])
     with pytest.raises(HapnetError, match="nothing arrived"):
