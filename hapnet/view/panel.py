@@ -176,12 +176,14 @@ class ControlPanel:
         self._down.folder.visible = not self._alike.value
 
     def _switch_pause(self) -> None:
-        self._controls.pause(not self._paused)
-        self._paused = not self._paused  # a second click may come before the next status
+        wanted = not self._paused
+        self._controls.pause(wanted)
+        self._paused = wanted  # a second click may come before the next status
 
     def _switch_recording(self) -> None:
-        self._controls.record(not self._recording)
-        self._recording = not self._recording
+        wanted = not self._recording
+        self._controls.record(wanted)
+        self._recording = wanted
 
     def _couple(self, label: str) -> None:
         if label not in self._choice.options:
