@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from hapnet.checks import Vector
@@ -45,8 +46,17 @@ class Feed:
         self._samples = [s for s in recording.samples() if not isinstance(s, Event)]
         self._last = {type(s): s for s in self._samples}
         self._history = history
+        self._one_pair = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, daemon=True)
+
+    def begin_anew(self, changes: dict[str, Any]) -> None:
+        """End the pair with the final accounts of both sides; another starts with these attributes changed."""
+        with self._one_pair:
+            for role in ROLES:
+                self._history.take(replace(self.status(role, time.monotonic_ns()), final=True))
+            self.incarnation += 1
+            vars(self).update(changes)
 
     def status(self, role: Role, now_ns: int) -> Status:
         params = {
@@ -79,8 +89,9 @@ class Feed:
             now = time.monotonic_ns()
             if now >= status_due:
                 status_due += NANO // 2
-                for role in ROLES:
-                    self._history.take(self.status(role, now))
+                with self._one_pair:
+                    for role in ROLES:
+                        self._history.take(self.status(role, now))
                 self._history.take(KnownPlanes(self.planes if self.rendering == "hapnet" else None))
             if self.paused:
                 began += 10_000_000
@@ -129,10 +140,7 @@ class FakeControls:
         self._called("link", way, words)
 
     def coupling(self, name: str, rendering: str) -> None:
-        if self._feed is not None:
-            self._feed.coupling = name
-            self._feed.rendering = rendering
-        self._begin_anew("coupling", name, rendering)
+        self._begin_anew("coupling", name, rendering, changes={"coupling": name, "rendering": rendering})
 
     def scene(self, label: str) -> None:
         self._begin_anew("scene", label)
@@ -141,9 +149,7 @@ class FakeControls:
         self._begin_anew("mesh", name, len(content))
 
     def smoothing(self, seconds: float) -> None:
-        if self._feed is not None:
-            self._feed.smoothing = seconds
-        self._begin_anew("smoothing", seconds)
+        self._begin_anew("smoothing", seconds, changes={"smoothing": seconds})
 
     def pause(self, on: bool) -> None:
         if self._feed is not None:
@@ -166,9 +172,9 @@ class FakeControls:
         with self._news:
             return self._news.wait_for(lambda: bool(until()), seconds)
 
-    def _begin_anew(self, *call: Any) -> None:
+    def _begin_anew(self, *call: Any, changes: dict[str, Any] | None = None) -> None:
         if self._feed is not None:
-            self._feed.incarnation += 1
+            self._feed.begin_anew(changes or {})
         self._called(*call)
 
     def _called(self, *call: Any) -> None:

@@ -255,7 +255,7 @@ def test_words_are_put_in_force_by_enter_and_bad_ones_are_told(playing: Open) ->
     assert controls.named("link")[-1][1].startswith("delay 270ms")
 
 
-@pytest.mark.soak  # in a browser that renders in software it has not ended on two cores, and why is not known yet
+@pytest.mark.slow
 def test_buttons_and_switches_call_theirs(playing: Open) -> None:
     page, controls = playing.page, playing.controls
     state = page.locator(".hapnet-state")
