@@ -32,11 +32,13 @@ def plan(rng: random.Random) -> Plan:
 @seeds_up_to(100)
 def test_he_is_never_passed_over_in_silence(seeds: range) -> None:
     fooled = early = 0
+    unheard: list[int] = []
     for seed in seeds:
         rng = random.Random(seed)
         run = Between(params(rng), seed, planned := plan(rng))
         run.run()
         fooled += run.fooled
+        unheard += [] if run.fooled or planned.own_names else [seed]
         early += run.early_nJ > 0
         for role, seen in run.verdicts().items():
             verdict = seen["verdict"]
@@ -44,7 +46,8 @@ def test_he_is_never_passed_over_in_silence(seeds: range) -> None:
             if run.fooled and not planned.own_names:  # he speaks in the other's name, and so does the other
                 assert verdict["passive"] is not True, (seed, planned, role, verdict)
                 assert contradicted(seen), (seed, planned, role)
-    assert fooled >= 0.6 * len(seeds)  # else these runs would say little: often enough both sides believed him first
+    assert unheard == []  # else these runs would say little: in another's name he is always believed by one side
+    assert fooled >= 0.8 * len(seeds)
     assert early >= 0.5 * len(seeds)
 
 

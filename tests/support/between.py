@@ -1,6 +1,6 @@
 """Somebody between both sides who only adds frames: runs in virtual time in which each side may pair with him.
 
-He hears all that both send, and says what he likes to either, at once. He takes no frame away. To the device he is a
+He hears all that both send, within a millisecond, and says what he likes to either, at once. He takes no frame away. To the device he is a
 world, to the world a device: in their names, or in names of his own; he has a key of his own, and keeps to the protocol
 otherwise. What they then send him he passes on, energy too, but some of it early. Before that a decoy may look for the
 world's place of a candidate.
@@ -91,6 +91,8 @@ class Between(Simulation):
         self._decoy: Puppet | None = None
         self._speaking = False
         self._spoke_ns = -1
+        self._heard: dict[int, Packet] = {}
+        """What he has heard while it is still on its way, by identity."""
         made = partial(made_session, secrets=True, word=word)
         module = "hapnet.simulation.simulation"
         with (
@@ -118,8 +120,16 @@ class Between(Simulation):
     def _deliver(self, sender: Role, packets: list[Packet]) -> None:
         """He acts on each frame before it is where it belongs."""
         for packet in packets:
-            self._hear(sender, packet.data)
+            if self._heard.pop(id(packet), None) is None:
+                self._hear(sender, packet.data)
             self._give(OTHER[sender], [packet])
+
+    def _overhear(self) -> None:
+        """He hears the frames that are on their way."""
+        for sender, link in (("device", self.up), ("world", self.down)):
+            for packet in [entry[2] for entry in link.queue if id(entry[2]) not in self._heard]:
+                self._heard[id(packet)] = packet
+                self._hear(sender, packet.data)
 
     def _give(self, role: Role, packets: Iterable[Packet]) -> None:
         (super()._to_world if role == "world" else super()._to_device)(packets)
@@ -163,10 +173,12 @@ class Between(Simulation):
     # -- what he says -------------------------------------------------------------------------------------------------
 
     def _step(self) -> None:
+        self._overhear()
         self._speak()
         super()._step()
 
     def _tick(self) -> None:
+        self._overhear()
         self._speak()
         super()._tick()
 
