@@ -8,7 +8,8 @@ from hapnet.params import Params
 from hapnet.summary.verdict import contradicted
 from hapnet.wire.messages import Role
 from tests.properties.test_forger import seeds_up_to
-from tests.support.between import MS, Between, Plan
+from tests.support.between import MS, Between
+from tests.support.stranger import Plan
 
 LINKS = ("", "lan", "wifi", "delay 20ms 5ms loss 5%")
 SIDES: tuple[Role, Role] = ("device", "world")
