@@ -153,16 +153,16 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     warnings = settings.security.warnings()
     exposed = [endpoint for endpoint in endpoints_of(config, "listen") if is_exposed(endpoint)]
     security = settings.security
-    if exposed and not security.encrypt:
+    if exposed and security.secret_file is None:
         warnings += (
-            f"listening on {', '.join(exposed)} without encryption: anybody who reaches it can read and send; use "
-            "--encrypt and --secret-file, tls/ or quic/ with --tls-cert, --tls-key, --tls-ca and --mutual-tls, or "
-            "127.0.0.1",
+            f"listening on {', '.join(exposed)} without --secret-file: anybody who reaches it can be the other side, "
+            "or stand between the two while they pair; use --secret-file, tls/ or quic/ with --tls-cert, --tls-key, "
+            "--tls-ca and --mutual-tls, or 127.0.0.1",
         )
-    elif exposed and security.secret_file is None:
+    elif exposed and not security.encrypt:
         warnings += (
-            f"listening on {', '.join(exposed)} without --secret-file: who reaches it can be the other side, or stand "
-            "between the two while they pair",
+            f"listening on {', '.join(exposed)} without --encrypt: anybody who reaches it can read the telemetry, and "
+            "a peer that cannot encrypt is accepted",
         )
     return warnings
 

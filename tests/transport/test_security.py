@@ -213,16 +213,17 @@ def test_what_is_exposed(endpoint: str, exposed: bool) -> None:
     assert is_exposed(endpoint) is exposed
 
 
-def test_listening_without_encryption_is_warned_of_in_one_line(tmp_path: Path) -> None:
+def test_listening_without_a_word_or_encryption_is_warned_of_in_one_line(tmp_path: Path) -> None:
     file = tmp_path / "z.json5"
     file.write_text('{listen: {endpoints: ["tcp/0.0.0.0:1", "udp/127.0.0.1:1", "ws/[::]:2"]}}', "utf-8")
     (warning,) = zenoh_warnings(ZenohSettings(config=str(file)))
-    assert warning.startswith("listening on tcp/0.0.0.0:1, ws/[::]:2 without encryption: ")
-    encrypting = Security(encrypt=True)
-    (warning,) = zenoh_warnings(ZenohSettings(config=str(file), security=encrypting))
     assert warning.startswith("listening on tcp/0.0.0.0:1, ws/[::]:2 without --secret-file: ")
+    encrypting = Security(encrypt=True)
+    assert zenoh_warnings(ZenohSettings(config=str(file), security=encrypting)) == (warning,)
     (word := tmp_path / "word").write_text("correct horse\n", "utf-8")
     word.chmod(0o600)
+    (warning,) = zenoh_warnings(ZenohSettings(config=str(file), security=Security(secret_file=word)))
+    assert warning.startswith("listening on tcp/0.0.0.0:1, ws/[::]:2 without --encrypt: ")
     assert zenoh_warnings(ZenohSettings(config=str(file), security=replace(encrypting, secret_file=word))) == ()
     assert zenoh_warnings(ZenohSettings(multicast_scouting=True)) == ()
     assert zenoh_warnings(ZenohSettings(connect=("tcp/192.0.2.1:1",))) == ()
@@ -250,7 +251,7 @@ def test_a_world_warns_once_and_first() -> None:
         world.process.send_signal(signal.SIGTERM)
         code, stdout, stderr = world.end()
     assert (code, stderr) == (143, "")
-    assert stdout.startswith(f"warning: listening on {address} without encryption: ")
+    assert stdout.startswith(f"warning: listening on {address} without --secret-file: ")
     assert stdout.count("warning") == 1
 
 
