@@ -52,7 +52,7 @@ class Between(Simulation):
     @property
     def fooled(self) -> bool:
         """Has either side paired with him?"""
-        return self._stranger is not None and self._stranger.fooled
+        return self._stranger is not None and bool(self._stranger.believed)
 
     def _sessions(self) -> dict[Role, Session]:
         return {"device": self.device_endpoint.session, "world": self.world_endpoint.session}

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from hapnet.errors import BadMessage
 from hapnet.side.endpoint import NANO
 from hapnet.wire.encryption import Encrypted
 from hapnet.wire.events import EnergyCredited
@@ -60,7 +61,10 @@ class Puppet:
         message, cipher = decode(data), self.session._cipher
         if not isinstance(message, Encrypted) or message.number >= 2**63 or cipher is None:
             return None
-        inside = cipher.decrypt(message)
+        try:
+            inside = cipher.decrypt(message)
+        except BadMessage:  # both sides speak with each other, after all
+            return None
         return to.outward(inside[:4] + to.identity.incarnation.to_bytes(8, "big") + inside[12:])
 
 
@@ -80,16 +84,13 @@ class Stranger:
         self.plan = plan
         self.faces: dict[Role, Puppet] = {}
         """By role that he plays: "world" is what the device hears."""
+        self.believed: set[Role] = set()
+        """The roles in which somebody has paired with him."""
         self._say, self._settings = say, settings
         self._decoy: Puppet | None = None
         self._paired_both_ns: int | None = None
         self._debt_nJ = 0
         self._left_nJ = plan.early_nJ
-
-    @property
-    def fooled(self) -> bool:
-        """Has either side paired with him?"""
-        return any(face.paired for face in self.faces.values())
 
     def hear(self, sender: Role, data: bytes, now_ns: int) -> None:
         """Take a frame that the side of this role has sent."""
@@ -119,6 +120,7 @@ class Stranger:
 
     def speak(self, now_ns: int) -> None:
         """Say what is due."""
+        self.believed |= {role for role, face in self.faces.items() if face.paired}
         if len(self.faces) == 2 and all(face.paired for face in self.faces.values()):
             if self._paired_both_ns is None:
                 self._paired_both_ns, self._debt_nJ = now_ns, 0
