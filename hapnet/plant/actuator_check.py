@@ -9,6 +9,10 @@ with integrals I, and II of them: b and k are what device and hand do to the han
 itself goes. Least squares find 1/m for each delay d; the delay is the one that fits best. A hand's own motion has
 little in common with pulses of 14 to 28 Hz, so the sign is known from a tenth of a millimetre on.
 
+Where a reading comes late, because the computer was busy, nobody knows when exactly it was taken, and when the force
+changed: position and velocity may begin anew there and after it, at the price of four more unknowns. If that leaves too
+little, the axis is pushed again.
+
 No clock: times are arguments.
 """
 
@@ -31,6 +35,11 @@ PLAUSIBLE_KG = 0.002, 20.0
 LATE_TICKS = 2
 """A force that acts at the next reading is in time: its device may read and apply at once."""
 
+UNEVEN = 2.5
+"""A reading is late that comes after more than so many times the usual interval."""
+MOST_ATTEMPTS = 8
+"""So often an axis is pushed until its response is known, if readings are late."""
+
 _LEAST_TICKS = 3
 _PULSES = (1, -1, -1, 1, -1, 1, 1, -1)
 _MOST_LATE = 8
@@ -41,7 +50,8 @@ _HEAVIER, _LIGHTER = 1.7, 0.6
 
 class Response(NamedTuple):
     """What an axis did: apparent mass [kg], below zero where it moves against the force; the delay of the force, in
-    readings; how sure the mass is, in standard errors; reported velocity over that of the positions, None: not known.
+    readings; how sure the mass is, in standard errors; reported velocity over that of the positions, None: not known;
+    at how many readings position and velocity begin anew.
     """
 
     mass: float
@@ -49,6 +59,7 @@ class Response(NamedTuple):
     sure: float
     velocity: float | None
     stood_still: bool
+    gaps: int = 0
 
     @property
     def known(self) -> bool:
@@ -82,11 +93,12 @@ class ActuatorCheck:
         self._rows: list[tuple[float, float, float, float]] = []
         self._age_s = self._from_m = 0.0
         self._group = -1
+        self._attempts = 0
 
     def restart(self) -> None:
         """Begin again with the first axis."""
         self.responses.clear()
-        self._rows, self._group, self._age_s = [], -1, 0.0
+        self._rows, self._group, self._age_s, self._attempts = [], -1, 0.0, 0
 
     def step(self, dt: float, acted: Vector, x: Vector, v: Vector) -> Vector:
         """Take a reading, `dt` seconds after the last, with the force that acted in between; returns the next force."""
@@ -95,8 +107,11 @@ class ActuatorCheck:
         self._rows.append((self._age_s, acted[axis], x[axis], v[axis]))
         pulse = int(self._age_s / self._pulse_s)
         if pulse >= len(_PULSES) * self._rounds:
-            self.responses.append(response(self._rows))
-            self._rows, self._group = [], -1
+            found, self._rows, self._group = response(self._rows), [], -1
+            self._attempts += 1
+            if found.known or not found.gaps or self._attempts == MOST_ATTEMPTS:
+                self.responses.append(found)
+                self._attempts = 0
             self.done = len(self.responses) == self._dof
             return (0.0,) * self._dof
         if (group := pulse // 4) != self._group:
@@ -140,7 +155,7 @@ class ActuatorCheck:
 
     def _doubts(self, axis: int, one: Response) -> list[str]:
         if not one.known or self.impossible:
-            return []
+            return ["could not be checked: too many of its readings came late"] if one.gaps and not one.known else []
         found, mass = [], abs(one.mass)
         if self._minimum is not None and mass < _LIGHTER * self._minimum:
             found.append(f"moves as {mass:.2g} kg would, and {self._minimum:g} kg are declared: is its force larger?")
@@ -158,24 +173,33 @@ def response(rows: Sequence[tuple[float, float, float, float]]) -> Response:
     time, force, x, v = (np.asarray(column, dtype=np.float64) for column in zip(*rows, strict=True))
     x = x - x[0]
     dt = np.diff(time)
-    if not np.any(force) or len(rows) < 2 * len(_PULSES):
+    if len(rows) < 2 * len(_PULSES):
+        return Response(math.inf, 0, 0.0, None, False, len(rows))
+    if not np.any(force):
         return Response(math.inf, 0, 0.0, None, False)
     if not np.any(x):
         return Response(math.inf, 0, 0.0, None, True)
+    late_at = np.flatnonzero(dt > UNEVEN * np.median(dt)) + 1
+    gaps = np.unique(np.minimum(np.r_[late_at, late_at + 1], len(rows) - 1))  # it may be stamped late, too
+    if len(gaps) > len(rows) // len(_PULSES):
+        return Response(math.inf, 0, 0.0, None, False, len(gaps))
     span = float(time[-1])
     s = time / span
     once = _integral(x, dt)
-    base = np.column_stack([once / span, _integral(once, dt) / span**2, np.ones_like(s), s, s**2, s**3])
+    anew = [(s >= s[gap]) * (s - s[gap]) ** power for gap in gaps for power in (0, 1)]
+    base = np.column_stack([once / span, _integral(once, dt) / span**2, np.ones_like(s), s, s**2, s**3, *anew])
     fits = [_fit(np.r_[np.zeros(late), force[: len(force) - late]], x, dt, base) for late in range(_MOST_LATE)]
     left = [fit[2] for fit in fits]
     late = int(np.argmin(left))
-    noise = left[late] / (len(rows) - 7)
+    noise = left[late] / (len(rows) - base.shape[1] - 1)
     in_time = min(range(LATE_TICKS), key=left.__getitem__)
     moved = float(np.sum((x - base @ np.linalg.lstsq(base, x, rcond=None)[0]) ** 2))  # what only the force explains
     if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
         late = in_time
     gain, error, _ = fits[late]
-    return Response(1.0 / gain if gain else math.inf, late, abs(gain) / error, _velocity(x, v, dt), False)
+    return Response(
+        1.0 / gain if gain else math.inf, late, abs(gain) / error, _velocity(x, v, dt, gaps), False, len(gaps)
+    )
 
 
 def pushed(time: Array, force: Array, x: Array, lags: int) -> tuple[float, float]:
@@ -208,12 +232,16 @@ def _integral(values: Array, dt: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt)])
 
 
-def _velocity(x: Array, v: Array, dt: Array) -> float | None:
-    """Reported velocity over the change of position: from their sums over a pulse, which a filter changes little."""
+def _velocity(x: Array, v: Array, dt: Array, gaps: Array) -> float | None:
+    """Reported velocity over the change of position: from their sums over a pulse, which a filter changes little, and
+    without late readings."""
     window = max(1, len(x) // (2 * len(_PULSES)))
-    moved = x[window:] - x[:-window]
+    late = np.zeros(len(x))
+    late[gaps] = 1.0
+    whole = np.cumsum(late)[window:] == np.cumsum(late)[:-window]
+    moved = (x[window:] - x[:-window])[whole]
     reported = _integral(v, dt)
-    reported = reported[window:] - reported[:-window]
+    reported = (reported[window:] - reported[:-window])[whole]
     square = float(moved @ moved)
     error = math.sqrt(max(0.0, float(reported @ reported) * square - float(reported @ moved) ** 2))
     return float(reported @ moved) / square if square > 0.0 and abs(float(reported @ moved)) > error else None

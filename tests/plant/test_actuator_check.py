@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import random
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,55 @@ MS = 1_000_000
 
 def name(kind: type) -> str:
     return f"{kind.__module__}:{kind.__name__}"
+
+
+# A computer that stalls
+
+
+def checked(seed: int, often: float, sign: float) -> ActuatorCheck:
+    """100 g in a hand that pulls it, as the page's own device, checked by a computer that stalls for 2 to 60 ms: before
+    a reading, before the reading is stamped, and before the force is applied, each so `often`."""
+    rng = random.Random(seed)
+    check, sent, force, now, at, x, v = ActuatorCheck(1, 0.3, 0.001, rounds=2), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    last: float | None = None
+
+    def stalled() -> float:
+        return rng.uniform(0.002, 0.06) if rng.random() < often else 0.0
+
+    def moved() -> None:
+        nonlocal at, x, v
+        steps = max(1, round((now - at) / 1e-4))
+        for _ in range(steps):
+            v += (now - at) / steps * (sign * force + 40.0 * (0.03 - x) - 4.0 * v) / 0.1
+            x += (now - at) / steps * v
+        at = now
+
+    while not check.done:
+        now += 0.001 + stalled()
+        moved()
+        now += stalled()
+        (sent,) = check.step(0.0 if last is None else now - last, (sent,), (x,), (v,))
+        last = now
+        now += stalled()
+        moved()
+        force = sent
+    return check
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_sign_is_known_although_the_computer_stalls_now_and_then(sign: float) -> None:
+    for seed in range(20):
+        check = checked(seed, 0.01, sign)
+        assert bool(check.wrong_way) is (sign < 0.0), seed
+        assert check.responses[0].mass == pytest.approx(0.1 * sign, rel=0.1), seed
+        assert check.doubts == []
+
+
+def test_where_it_stalls_all_the_time_nobody_is_accused_and_it_is_said() -> None:
+    for seed in range(20):
+        check = checked(seed, 0.1, 1.0)
+        assert check.wrong_way == ""
+        assert check.doubts == ["the handle could not be checked: too many of its readings came late"]
 
 
 # The doctor
