@@ -30,7 +30,7 @@ from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop, handled
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary
-from hapnet.summary.verdict import blocked, incomplete
+from hapnet.summary.verdict import incomplete
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.transport.refusals import Refusals, watched
 from hapnet.wire.messages import Role
@@ -137,7 +137,7 @@ def _main(
     finally:
         log.close()
     with held_back(caught):
-        written.missing += filter(None, (side.unrecorded, log.failure, blocked(summary)))
+        written.missing += filter(None, (side.unrecorded, log.failure))
         if words is not None:
             output.show_summary(words, summary, verbose=given.verbose)
         if directory is not None and record is not None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 FAILED = 2
 """Exit code: a process failed or was given something wrong, and said so in one line."""
@@ -23,13 +23,13 @@ CONTRADICTED = 5
 
 
 class Cause(NamedTuple):
-    """passive : what the verdict is for this cause: False, or None: not known.
+    """passive : what the verdict is for this cause: False; None: not known; True: as it is without this cause.
 
     code : the exit code, unless another cause's takes precedence. `NOT_PASSIVE` : 0 where the coupling claims nothing,
     and `INCOMPLETE` where only the servo is to blame. sentence : with the names of values in braces.
     """
 
-    passive: Literal[False] | None
+    passive: bool | None
     code: int
     sentence: str
 
@@ -91,6 +91,10 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     "world failed": Cause(None, FAILED, "the world failed, and its own account is not known: {why}"),
     "world's account": Cause(
         None, 0, "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known"
+    ),
+    "blocked": Cause(True, INCOMPLETE, "the {side}'s driver blocks: {what}"),
+    "unproved": Cause(
+        True, 0, "nobody proved who the peer is: there was neither a secret nor a certificate"
     ),
 })  # fmt: skip
 """In the order in which a verdict names them."""

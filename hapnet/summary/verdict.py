@@ -55,7 +55,7 @@ def judge(tree: object) -> Verdict:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
     gave = [*_givers(summary), *_stalls(summary), *_rates(summary), *_reporter(summary), *_cut_short(summary)]
-    gave += who.unproved(summary)
+    gave += (one.text for one in _asides(summary))
     for passive, findings in ((False, list(_against(summary))), (None, list(_doubts(summary)))):
         if findings:
             reasons = dict.fromkeys([*(one.text for one in findings), *gave])
@@ -118,16 +118,7 @@ def excess_nJ(energy: Flow) -> int:
 def findings(tree: object) -> list[Finding]:
     """All that speaks against a run or leaves it in doubt, also what the reason does not have room for."""
     summary = _with_margin(read(tree), tree)
-    return [*_against(summary), *_doubts(summary)]
-
-
-def blocked(tree: object) -> str | None:
-    """One line if a driver blocked the servo; None if none did."""
-    for side, part in _parts(read(tree)):
-        driver = part["driver"]
-        if driver is not None and driver["blocked"] is not None:
-            return f"the {_WHO[side]}'s driver blocks: {driver['blocked']}"
-    return None
+    return [*_against(summary), *_doubts(summary), *_asides(summary)]
 
 
 def incomplete(tree: object) -> list[str]:
@@ -313,6 +304,15 @@ def _doubts(summary: Summary) -> Iterator[Finding]:
         yield found("world failed", why=world["failed"])
     if summary["environment"]["env_diverged"] is True:
         yield found("world's account")
+
+
+def _asides(summary: Summary) -> Iterator[Finding]:
+    """What is said with any verdict, and changes none."""
+    for side, part in _parts(summary):
+        driver = part["driver"]
+        if driver is not None and driver["blocked"] is not None:
+            yield found("blocked", side=_WHO[side], what=driver["blocked"])
+    yield from who.unproved(summary)
 
 
 def contradicted(tree: object) -> bool:

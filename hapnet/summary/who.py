@@ -27,7 +27,7 @@ def contradictions(side: Role, part: SidePart) -> Iterator[Finding]:
         yield found("contradiction", side=other, messages=", ".join(kinds))
 
 
-def unproved(summary: Summary) -> Iterator[str]:
+def unproved(summary: Summary) -> Iterator[Finding]:
     """All that was judged is of whoever the peer was, where neither a secret nor a certificate says who that is."""
     if any(part["peer"]["proof"] == "nobody" for side in SIDES if (part := summary[side]) is not None):
-        yield "nobody proved who the peer is: there was neither a secret nor a certificate"
+        yield found("unproved")

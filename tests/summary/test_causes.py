@@ -108,6 +108,14 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         {"environment": {"env_diverged": True}},
         "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known",
     ),
+    "blocked": (
+        {"device.driver": {"blocked": "read() of mine:Handle took 4.0 s"}},
+        "the device's driver blocks: read() of mine:Handle took 4.0 s",
+    ),
+    "unproved": (
+        {"device.peer": {"proof": "nobody"}},
+        "nobody proved who the peer is: there was neither a secret nor a certificate",
+    ),
 }  # fmt: skip
 
 
@@ -134,6 +142,16 @@ def test_each_cause_gives_its_verdict_its_sentence_and_its_code(cause: str, caps
     assert code_of(summary, capsys) == ended
 
 
+@pytest.mark.parametrize("cause", [cause for cause, row in CAUSES.items() if row.passive])
+def test_what_changes_no_verdict_is_said_with_each(cause: str) -> None:
+    changes, sentence = CASES[cause]
+    for other, passive in (("slack", False), ("deficit", None)):
+        verdict = judge(but({**CASES[other][0], **changes}))
+        assert verdict["passive"] is passive
+        assert CASES[other][1] in verdict["reason"]
+        assert sentence in verdict["reason"]
+
+
 def test_no_run_without_the_devices_account_ends_with_0(capsys: pytest.CaptureFixture[str]) -> None:
     """Whatever else is known of it, and whatever the coupling claims."""
     for coupling in ("pspm", "zoh", "wave"):
@@ -152,7 +170,7 @@ def test_the_page_has_each_row_of_the_table_and_no_other() -> None:
     page = (ROOT / "hapnet" / "summary" / "README.md").read_text("utf-8")
     table = page.partition("| cause | verdict | exit code | sentence |\n|---|---|---|---|\n")[2].partition("\n\n")[0]
     rows = [re.split(r" *\| *", line.strip("| ")) for line in table.splitlines()]
-    words = {False: "*NOT passive*", None: "*not known*"}
+    words = {False: "*NOT passive*", None: "*not known*", True: "any"}
     assert rows == [[name, words[row.passive], str(row.code), row.sentence] for name, row in CAUSES.items()]
 
 
