@@ -111,6 +111,17 @@ class Page:
         else:
             self._plots_panel.expand()
 
+    def draw(self, now_s: float, *, rest: bool) -> None:
+        """Draw the 3-D part, and the rest if that is due, and send it; to be called some 60 times a second."""
+
+        def drawn() -> None:
+            self.draw_scene(now_s)
+            if rest:
+                self.draw_rest(now_s)
+            self._server.flush()  # otherwise viser collects for as long as a frame lasts before it sends
+
+        self._steps.run("page", drawn, now_s)
+
     def draw_scene(self, now_s: float) -> None:
         """Draw the 3-D part; to be called some 60 times a second."""
         self._steps.run("scene", partial(self._draw_scene, now_s), now_s, again=self._drop_scene)

@@ -137,10 +137,7 @@ class PageServer:
             if not self.watched:
                 due = now + IDLE_S
                 continue
-            self._page.draw_scene(now)
-            self._server.flush()  # otherwise viser collects for as long as a frame lasts before it sends
-            if frame % FRAMES_A_PLOT == 0:
-                self._page.draw_rest(now)
+            self._page.draw(now, rest=frame % FRAMES_A_PLOT == 0)
             frame += 1
             due = max(due + self._frame_s, now - self._frame_s)  # one late frame is made up for, more are skipped
 
