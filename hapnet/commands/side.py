@@ -131,9 +131,9 @@ def _main(
         try:
             summary = asyncio.run(_run(side, params.duration_s, log, caught, parent))
         except HapnetError as error:
-            if side.control.origin_ns is None:
-                raise  # nothing has run
             failure, summary = error, side.summary()
+            if side.control.origin_ns is None and not _in_vain(summary):
+                raise  # nothing has run
     finally:
         log.close()
     with held_back(caught):
@@ -161,6 +161,12 @@ def _main(
     if failure is not None:
         raise failure
     return code
+
+
+def _in_vain(summary: Summary) -> bool:
+    """Was the device asked for readings, and gave none?"""
+    device = summary["device"]
+    return device is not None and device["driver"] is not None and bool(device["driver"]["missed"])
 
 
 def _leave(summary: Summary, directory: Path, name: str, written: output.Written) -> None:

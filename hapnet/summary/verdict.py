@@ -256,7 +256,9 @@ def _givers(summary: Summary) -> Iterator[str]:
 def _reporter(summary: Summary) -> Iterator[str]:
     """Whose account is only a claim: that of a process elsewhere."""
     if (reported := summary["told"]) is not None:
-        yield f"the {reported['side']}'s account as it reported it"
+        for side in SIDES:
+            if side == reported["side"] and _half(summary, side) is not None:
+                yield f"the {side}'s account as it reported it"
 
 
 def _cut_off(summary: Summary) -> Iterator[Finding]:
