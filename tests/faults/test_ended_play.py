@@ -1,4 +1,4 @@
-"""`hapnet play` whose processes are killed or ended at any time: a verdict and a summary all the same.
+"""`hapnet play` whose processes are killed or ended at any time of its life: a verdict and a summary all the same.
 
 By hand, 30 random times for each process and each signal, with a line for each on how it ended:
 ``pytest -n 3 --dist load -rP -m soak tests/faults/test_ended_play.py``.
@@ -10,13 +10,18 @@ import os
 import random
 import re
 import signal
+from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from hapnet.recording.telemetry import Status, Telemetry
+from hapnet.transport.config import ZenohSettings
+from hapnet.view.watcher import Watcher
 from tests.faults import test_ended_runs
 from tests.faults.support import let_pass
-from tests.support.processes import read_json, started, until
+from tests.support.processes import Program, read_json, started, until
 
 VERDICTS = r"\d+: .*, \d+ s: (passive|NOT passive|passivity not known): "
 WHO = ("launcher", "device", "world", "servo", "standby")
@@ -24,6 +29,21 @@ SIDES = ("device", "world")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM)
 CASES = [(who, number) for who in WHO for number in SIGNALS]
 LIMIT_S = 180.0
+KNOWN_S = 1.0
+"""So long after pairing a side's account is there, on a busy machine too."""
+
+
+class Moment(NamedTuple):
+    """So long [s] after the process was `there`, after the sides were `paired`, or after the play was told to end
+    (`ending`)."""
+
+    since: str
+    after_s: float
+
+    @classmethod
+    def drawn(cls, rng: random.Random) -> Moment:
+        since = rng.choices(["there", "paired", "ending"], [2, 7, 1])[0]
+        return cls(since, rng.uniform(0.0, {"there": 2.0, "paired": 5.0, "ending": 1.0}[since]))
 
 
 def number_of(who: str, launcher: int) -> int | None:
@@ -31,18 +51,40 @@ def number_of(who: str, launcher: int) -> int | None:
     return test_ended_runs.number_of("hapnet.commands.standby" if who == "standby" else who, launcher)
 
 
-def ended(who: str, number: signal.Signals, after_s: float, folder: Path) -> None:
-    """A play one of whose processes gets this signal so long after it is there [s]."""
+def until_paired(program: Program) -> None:
+    """Wait until both sides say that they are paired, to whoever watches them."""
+    program.until_line("hapnet view -e ")
+    address = next(found[1] for line in program.out if (found := re.search(r"hapnet view -e (\S+)`", line)))
+    paired = set[str]()
+
+    def take(message: Telemetry) -> None:
+        if isinstance(message, Status) and message.paired:
+            paired.add(message.role)
+
+    watcher = Watcher(ZenohSettings(connect=(address,)), take)
+    watcher.open()
+    with closing(watcher):
+        program.until("a pair", lambda: len(paired) == len(SIDES), LIMIT_S)
+
+
+def ended(who: str, number: signal.Signals, moment: Moment, folder: Path) -> None:
+    """A play one of whose processes gets this signal at that moment."""
     file, more = folder / "summary.json", ("--realtime",) if who == "servo" else ()
     with started("play", "--no-browser", "--port", 0, *more, "--json", file, "--out", folder / "left") as program:
         launcher = program.process.pid
         program.until("the process", lambda: number_of(who, launcher) is not None, LIMIT_S)
-        let_pass(after_s)
-        if (pid := number_of(who, launcher)) is None:
-            pytest.skip("it has ended")
+        if moment.since != "there":
+            until_paired(program)
         sides = [number_of(side, launcher) for side in SIDES]
-        os.kill(pid, number)
-        if who == "standby":  # the pair goes on without
+        if moment.since == "ending":
+            let_pass(KNOWN_S)
+            os.kill(launcher, signal.SIGTERM)
+        let_pass(moment.after_s)
+        pid = launcher if who == "launcher" else number_of(who, launcher)
+        gone = pid is None or program.process.poll() is not None
+        if pid is not None and not gone:
+            os.kill(pid, number)
+        if who == "standby" and moment.since != "ending":  # the pair goes on without
             let_pass(1.0)
             assert program.process.poll() is None
             os.kill(launcher, signal.SIGTERM)
@@ -50,34 +92,45 @@ def ended(who: str, number: signal.Signals, after_s: float, folder: Path) -> Non
         program.until_gone(LIMIT_S)
         until(lambda: not any(side and Path(f"/proc/{side}").exists() for side in sides), LIMIT_S)  # own groups
     assert "Traceback" not in stderr
-    when = f"{who:8} {number.name} {after_s:.2f} s after it was there: code {code:4}"
-    if who == "launcher" and number == signal.SIGKILL:
-        assert_sides_left_theirs(code, folder / "left", when)
+    when = f"{who:8} {number.name} {moment.after_s:.2f} s after {moment.since:6}: code {code:4}"
+    known = moment.since == "ending" or (moment.since == "paired" and moment.after_s > KNOWN_S)
+    if who == "launcher" and number == signal.SIGKILL and not gone:
+        assert_sides_left_theirs(code, folder / "left", when, both=known and moment.since == "paired")
         return
-    if who in ("launcher", "standby"):
+    asked = moment.since == "ending" or who in ("launcher", "standby")
+    if asked:
         assert (code, stderr) == (143, "")
     else:
         process = "the servo's process" if who == "servo" else f"the {who} process"
+        early = "did not start: it " if who == "servo" and "did not start" in stderr else ""
         assert code == 2
-        assert re.search(f"^hapnet: {process} .*{number.name}$", stderr, re.MULTILINE), stderr
+        assert re.search(f"^hapnet: {process} {early}.*{number.name}$", stderr, re.MULTILINE), stderr
     summary = read_json(file)
     said = [line for line in stdout.splitlines() if re.match(VERDICTS, line)]
     assert len(said) == 1, stdout
     assert said[0].endswith(f": {summary['verdict']['reason']}")
     assert "tracking error" in stdout
     whole = all(summary[side] is not None and summary[side]["ledger"]["margin_J"] is not None for side in SIDES)
-    if number == signal.SIGKILL and who in SIDES:
+    killed = number == signal.SIGKILL and who in SIDES
+    if killed and not asked:
         assert summary["verdict"]["passive"] is None
         assert re.search(f"the (rest of the )?{who}'s account is |there is no energy account", said[0])
-    elif whole and code == 2:
+    elif known and not killed:
+        assert whole
+        assert summary["verdict"]["passive"]
+    if not killed and whole and code == 2:
         assert f"the {'device' if who == 'servo' else who} ended before its time" in said[0]
-    print(f"{when}, {said[0]}")
+    print(f"{when}{' gone' if gone else ''}, {said[0]}")
 
 
-def assert_sides_left_theirs(code: int, folder: Path, when: str) -> None:
-    """A launcher that is killed can say nothing: each side that had begun leaves its summary, with the verdict."""
+def assert_sides_left_theirs(code: int, folder: Path, when: str, *, both: bool) -> None:
+    """A launcher that is killed can say nothing: each side that had begun leaves its summary, with the verdict.
+
+    both : both sides had.
+    """
     assert code == -signal.SIGKILL
     left = sorted(folder.glob("*-summary.json")) if folder.exists() else []
+    assert len(left) == len(SIDES) or not both
     for file in left:
         summary = read_json(file)
         assert summary["verdict"]["passive"] is not False
@@ -90,11 +143,11 @@ def assert_sides_left_theirs(code: int, folder: Path, when: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("who", "number"), [(who, number) for who, number in CASES if who in SIDES])
 def test_a_side_that_ends_leaves_a_verdict_and_a_summary(who: str, number: signal.Signals, tmp_path: Path) -> None:
-    ended(who, number, 3.0, tmp_path)
+    ended(who, number, Moment("paired", 2.0), tmp_path)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("who", "number"), CASES)
 @pytest.mark.parametrize("seed", range(30))
 def test_at_thirty_random_times(who: str, number: signal.Signals, seed: int, tmp_path: Path) -> None:
-    ended(who, number, random.Random(f"{who} {number} {seed}").uniform(0.0, 12.0), tmp_path)
+    ended(who, number, Moment.drawn(random.Random(f"{who} {number} {seed}")), tmp_path)
