@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE, POSITIVE as _POSITIVE, Range, parameter as _p
+from hapnet.param_values import NOT_NEGATIVE as _NOT_NEGATIVE, POSITIVE as _POSITIVE, Range, Section, parameter as _p
 
 Matrix = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 """A scalar, one number for each axis, or the rows of a matrix."""
 
 
 @dataclass(frozen=True)
-class DeviceParams:
+class DeviceParams(Section):
     """The haptic device and its side of the coupling.
 
     More than twenty attributes: one for each key of `[device]`.
@@ -97,7 +97,7 @@ class DeviceParams:
 
 
 @dataclass(frozen=True)
-class OperatorParams:
+class OperatorParams(Section):
     """The simulated hand: its impedance and its motion."""
 
     mass: float = _p(0.554, "mass of hand and arm [kg]", _NOT_NEGATIVE)
@@ -129,7 +129,7 @@ class OperatorParams:
 
 
 @dataclass(frozen=True)
-class WallParams:
+class WallParams(Section):
     """The walls of the scene."""
 
     stiffness: float = _p(3000.0, "K_w [N/m] (rec.)", _POSITIVE)
@@ -140,7 +140,7 @@ class WallParams:
 
 
 @dataclass(frozen=True)
-class WorldParams:
+class WorldParams(Section):
     """The virtual world and its side of the coupling."""
 
     mass: Matrix = _p(0.02, "virtual mass [kg] (rec.)", _POSITIVE)
@@ -165,7 +165,7 @@ class WorldParams:
 
 
 @dataclass(frozen=True)
-class FollowerParams:
+class FollowerParams(Section):
     """A robot in the virtual mass's place. All but the two scales is in its own units; its spring, damper and reservoir
     are those of `world`."""
 
@@ -214,7 +214,7 @@ class FollowerParams:
 
 
 @dataclass(frozen=True)
-class ContactModelParams:
+class ContactModelParams(Section):
     """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
     except those that do not show in its cases: `fade_s`, `shift_s`, `reach_m`.
 
@@ -243,7 +243,7 @@ class ContactModelParams:
 
 
 @dataclass(frozen=True)
-class LinkParams:
+class LinkParams(Section):
     """The emulated link, in tc-netem's syntax. Each side shapes what it sends."""
 
     up: str = _p("delay 40ms 10ms loss 2%", "link from the device to the world")
@@ -256,7 +256,7 @@ class LinkParams:
 
 
 @dataclass(frozen=True)
-class WireParams:
+class WireParams(Section):
     """The protocol's timing and admission."""
 
     hello_period_s: float = _p(

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, Self, cast
 
 from hapnet.errors import InvalidParameter
 
@@ -87,6 +87,32 @@ def nested(section: Any) -> dict[str, Any]:
         for one, value in found
         if is_dataclass(value) or one.metadata
     }
+
+
+class Section:
+    """A dataclass of parameters that knows which values it was made with.
+
+    A copy by `dataclasses.replace` is made with all of them, so nobody knows which of these were meant: none.
+    """
+
+    made_with: frozenset[str]
+
+    def __new__(cls, *values: object, **named: object) -> Self:
+        self = super().__new__(cls)
+        own = [spec.name for spec in fields(cast(Any, cls)) if spec.init]
+        made_with = frozenset([*own[: len(values)], *named])
+        object.__setattr__(self, "made_with", made_with if len(made_with) < len(own) else frozenset())
+        return self
+
+
+def set_by_hand(node: Any, prefix: str = "") -> Iterator[str]:
+    """The dotted names of the parameters that a section, or one in it, was made with."""
+    for spec in fields(node):
+        value = getattr(node, spec.name)
+        if isinstance(value, Section):
+            yield from set_by_hand(value, f"{prefix}{spec.name}.")
+        elif spec.metadata and isinstance(node, Section) and spec.name in node.made_with:
+            yield prefix + spec.name
 
 
 def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.Field[Any]]]:

@@ -33,6 +33,7 @@ from hapnet.param_values import (
     NOT_NEGATIVE as _NOT_NEGATIVE,
     POSITIVE as _POSITIVE,
     Range,
+    Section,
     check_allowed,
     check_kind,
     converted,
@@ -41,10 +42,11 @@ from hapnet.param_values import (
     nested,
     parameter as _p,
     replaced,
+    set_by_hand,
     toml_value,
 )
 
-Section = TypeVar("Section")
+LawSection = TypeVar("LawSection")
 
 _BEFORE: Mapping[str, object] = {
     "rendering": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
@@ -79,12 +81,20 @@ def is_simulated(hardware: str) -> bool:
     return hardware == "simulated" or is_arm(hardware)
 
 
+def known_damping(params: Params) -> float:
+    """What is known of the device's own damping [Ns/m]: a simulated one's, or the lower bound that a real one's user
+    trusts."""
+    device = params.device
+    return device.own_damping if is_simulated(params.hardware) else device.trusted_damping
+
+
 @dataclass(frozen=True, repr=False)
-class Params:
+class Params(Section):
     """All parameters of a run, each with the source of its value (`hapnet.param_sources`).
 
     What was set stays set, also to the default: nothing else is then chosen in its place. A section that is made by
-    hand, as in ``Params(device=DeviceParams(...))``, sets those of its values that are not the default.
+    hand sets what it is made with, as ``Params(device=DeviceParams(damping=0.1))`` does; one that is made with all of
+    its values, as by `dataclasses.replace`, sets those that are not the default.
 
     >>> Params().set({"link.up": "4g", "device.stiffness": 200})
     Params().set({'device.stiffness': 200.0, 'link.up': '4g'})
@@ -145,6 +155,8 @@ class Params:
             check_allowed(name, value, spec.metadata["allowed"])
             if name not in known and value != spec.default:
                 known[name] = PROGRAM
+        for name in set_by_hand(self):
+            known.setdefault(name, PROGRAM)
         object.__setattr__(self, "sources", tuple(sorted(known.items())))
         object.__setattr__(self, "given", frozenset(known))
         if self.world.step_min_s > self.world.step_max_s:
@@ -170,7 +182,7 @@ class Params:
         if self.asked(name) and self.get(name) != used:
             raise InvalidParameter(name, self.get(name), allowed)
 
-    def of(self, kind: type[Section]) -> Section:
+    def of(self, kind: type[LawSection]) -> LawSection:
         """A law's own parameters, by their class."""
         return next((section for _, section in self.laws if type(section) is kind), kind())
 

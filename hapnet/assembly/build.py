@@ -42,7 +42,7 @@ from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
-from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated
+from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
@@ -162,7 +162,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
             raise InvalidParameter("device.resolution_m", device.resolution_m, "0 with the continuous servo")
     if 0.0 < device.watchdog_s < 1.0 / device.servo_hz:
         raise InvalidParameter("device.watchdog_s", device.watchdog_s, "0 (off), or a period of the servo or more")
-    if harvest == "range" and device.trusted_damping:
+    if harvest == "range" and device.trusted_damping and is_simulated(params.hardware):
         raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
     for name, side in (("device", device), ("world", params.world)):
         for field_name, plain in _SET_POSITIONS_ONLY.items() if name not in spec.set_positions else ():
@@ -175,7 +175,7 @@ def _prepared(params: Params, default_servo: str) -> Setup:
     if params.hardware != "simulated" and servo != "sampled":
         raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
     if servo == "sampled" and spec.limited:
-        found = held_torque.check(device, harvest, scene.dof)
+        found = held_torque.check(dataclasses.replace(device, own_damping=known_damping(params)), harvest, scene.dof)
         if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
             warnings.extend(found)
     warnings.extend(followers.warnings(params, spec, scene.dof))

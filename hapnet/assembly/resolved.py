@@ -15,7 +15,7 @@ from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
 from hapnet.param_sources import DEVICE, RULE
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated
 from hapnet.plant.worlds.protocol import World
 
 
@@ -37,15 +37,29 @@ def resolved(params: Params) -> Resolved:
 
     Raises InvalidParameter: names the parameter that cannot be used as it was set.
     """
+    _refuse_simulated_only(params)
     params = with_scene(with_arm(params))
-    scene, warnings = scene_of(params)
+    scene = scene_of(params)
     before, params = params, with_units(params, scene)
     if params != before:  # radians have other defaults, also for the scene's walls
-        scene, _ = scene_of(params)
+        scene = scene_of(params)
     spec = coupling(params.coupling)
     params = _with_stages(with_springs(_with_rate(params)), spec)
     params, scene = with_follower(params, spec, scene)
-    return Resolved(params, scene, spec, (*warnings, *scene.warnings))
+    return Resolved(params, scene, spec, tuple(scene.warnings))
+
+
+_SIMULATED = ("operator", "operator_hand.", "device.mass", "device.own_damping", "device.substeps")
+"""Beginnings of the names of what only a simulated device has."""
+
+
+def _refuse_simulated_only(params: Params) -> None:
+    """Raise InvalidParameter if the user set, beside a device that is not simulated, what only a simulated one has."""
+    if is_simulated(params.hardware):
+        return
+    for name, value in params.changes().items():
+        if name.startswith(_SIMULATED) and params.asked(name):
+            raise InvalidParameter(name, value, f"left out with the device {params.hardware}: it is not simulated")
 
 
 def _with_rate(params: Params) -> Params:

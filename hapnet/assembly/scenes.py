@@ -44,27 +44,45 @@ def with_scene(params: Params) -> Params:
     return params.set(found, SCENE) if found else params
 
 
-def scene_of(params: Params) -> tuple[World, list[str]]:
-    """The scene, and a warning for each parameter that was set but that the scene does not read."""
-    known, own, named = scene_parameters(params.scene), is_own(params.scene), named_parameters(params.scene)
+def scene_of(params: Params) -> World:
+    """The scene of these parameters.
+
+    Raises InvalidParameter: it cannot be made with them, or does not read one that the user set.
+    """
+    scene = _made(params)
+    for name in _unread(params, scene):
+        allowed = f"left out: the scene {params.scene} does not read it"
+        raise InvalidParameter(name, params.get(name), allowed)
+    return scene
+
+
+def for_its_scene(params: Params) -> Params:
+    """A copy without what was set for another scene, which this one does not read. Raises InvalidParameter."""
+    if not any(params.asked(name) for name in SCENE_PARAMETERS.values()):
+        return params
+    return params.unset(*_unread(params, _made(params)))
+
+
+def _unread(params: Params, scene: World) -> list[str]:
+    """What the user set and the scene does not read."""
+    known = {*scene_parameters(params.scene), *named_parameters(params.scene)}
+    if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
+        known |= {"step_min_s", "step_max_s"}
+    return [name for keyword, name in SCENE_PARAMETERS.items() if keyword not in known and params.asked(name)]
+
+
+def _made(params: Params) -> World:
+    known, own = scene_parameters(params.scene), is_own(params.scene)
     values: dict[str, Any] = {"dof": params.dof} if params.dof and "dof" in known else {}
-    warnings = {}
     for keyword, name in SCENE_PARAMETERS.items():
-        value = params.get(name)
-        if keyword in known:
-            if own and name not in params.given:  # its default is of a kind that no parameter has
-                continue
-            values[keyword] = value
-        elif params.asked(name) and keyword not in named:
-            shown = repr(value) if isinstance(value, str) else f"{value:g}"
-            warnings[keyword] = f"{name} is {shown}, but the scene {params.scene} does not read it"
+        if keyword not in known or (own and name not in params.given):  # its default is of a kind that no parameter has
+            continue
+        values[keyword] = params.get(name)
     try:
         scene = make_scene(params.scene, **values)
         if params.dof not in (0, scene.dof, DOF if scene.units == POSE else 0):
             raise InvalidParameter("dof", params.dof, f"0 or {scene.dof}: the scene {params.scene} sets its own")
-        if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
-            warnings = {keyword: one for keyword, one in warnings.items() if not keyword.startswith("step_")}
-        return scene, [*warnings.values()]
+        return scene
     except InvalidParameter as error:
         keyword, _, entry = error.name.partition(" ")  # a timeline names its entry
         if keyword not in SCENE_PARAMETERS:

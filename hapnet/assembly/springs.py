@@ -14,7 +14,7 @@ from hapnet.couplings.default_stiffness import PAPERS, default_stiffness
 from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
 from hapnet.param_sources import RULE
-from hapnet.params import DeviceParams, Params, is_simulated
+from hapnet.params import DeviceParams, Params, is_simulated, known_damping
 
 MOST_CEILING_J = 0.2
 """A stiff spring needs a large reserve, and the reservoir's ceiling follows it up to this [J], if the user set none."""
@@ -39,14 +39,13 @@ def with_springs(params: Params) -> Params:
     if not coupling(params.coupling).staged(params):
         return params.set({"device.stiffness": PAPERS}, RULE)
     held = _as_declared(params)
-    simulated = is_simulated(params.hardware)
     K = default_stiffness(
-        held.own_damping if simulated else held.trusted_damping,
+        known_damping(params),
         float(np.max(held.damping)),
         held.servo_hz,
         _declared_range(params),
         resolution_m=held.resolution_m,
-        exact=simulated,
+        exact=is_simulated(params.hardware),
     )
     ceiling_J = held.ceiling_J
     if "device.ceiling_J" not in params.given and K > PAPERS:

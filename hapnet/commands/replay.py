@@ -61,6 +61,7 @@ def _replay(
 ) -> int:
     from dataclasses import replace as changed
 
+    from hapnet.assembly.scenes import for_its_scene
     from hapnet.plots.files import save_figure
     from hapnet.plots.replay import figure
     from hapnet.plots.run import figure as figure_of_run
@@ -70,6 +71,8 @@ def _replay(
 
     original = read_original(files)
     base = original.params
+    chosen = params.over(links.for_all_of(base), model.named(), links)
+    base = for_its_scene(base.set({"scene": chosen.scene}, chosen.source("scene")))
     chosen = params.over(links.for_all_of(base), model.named(), links)
     if chosen.duration_s <= 0.0:
         raise InvalidParameter("duration_s", chosen.duration_s, "above 0 in virtual time")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from hapnet.assembly.build import prepare
 from hapnet.assembly.links import link_profile
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
 from hapnet.commands import output
 from hapnet.commands.pair import Pair
@@ -104,7 +105,7 @@ class Stage:
         while not stop.is_set():
             self._over.clear()
             self._pair = None
-            params = self._params
+            params = for_its_scene(self._params)
             with tempfile.TemporaryDirectory(prefix="hapnet-") as directory:
                 pair = Pair(
                     params, self._seed, Path(directory), self._on_notice, record=False, console=True,
@@ -190,8 +191,7 @@ class Stage:
                 self._loop.call_soon_threadsafe(do, *args)
 
     def _anew(self, changes: dict[str, object]) -> None:
-        params = self._params.set(changes, PAGE)
-        prepare(params, "sampled")  # in the page's thread, which shows an error
+        prepare(for_its_scene(self._params.set(changes, PAGE)), "sampled")  # in the page's thread, which shows an error
 
         def change() -> None:
             self._params = self._params.set(changes, PAGE)

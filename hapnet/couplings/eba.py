@@ -49,7 +49,7 @@ from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, Coupl
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, parameter
-from hapnet.params import Params
+from hapnet.params import Params, is_simulated, known_damping
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, OfAxes, Reals
 
@@ -136,7 +136,9 @@ class EbaParams:
     """Energy bounding (Kim, Ryu 2004)."""
 
     damping: float = parameter(
-        0.0, "lower bound of the device's own damping [Ns/m]; 0: device.own_damping", NOT_NEGATIVE
+        0.0,
+        "lower bound of the device's own damping [Ns/m]; 0: device.own_damping, of a real one device.trusted_damping",
+        NOT_NEGATIVE,
     )
     predict_s: float = parameter(0.06, PREDICT_S, NOT_NEGATIVE)
     reset_force_N: float = parameter(0.05, RESET_FORCE, NOT_NEGATIVE)
@@ -151,10 +153,11 @@ class Tuning:
 
 def tune(params: Params, link: Delays) -> Tuning:
     own = params.of(EbaParams)
-    damping = own.damping or params.device.own_damping
+    damping = own.damping or known_damping(params)
     if damping == 0.0:
         allowed = "above 0 with the coupling eba, which may render no force without damping (or set eba.damping)"
-        raise InvalidParameter("device.own_damping", 0.0, allowed)
+        name = "own_damping" if is_simulated(params.hardware) else "trusted_damping"
+        raise InvalidParameter(f"device.{name}", 0.0, allowed)
     return Tuning(damping, predicts(params, link, own.predict_s))
 
 

@@ -45,7 +45,7 @@ from hapnet.couplings.spec import (
     scalar_stiffness,
 )
 from hapnet.param_values import NOT_NEGATIVE, parameter
-from hapnet.params import Params
+from hapnet.params import Params, known_damping
 from hapnet.records.equation import equation
 from hapnet.records.record import Floats, OfAxes, Reals
 from hapnet.records.vectors import copy
@@ -212,12 +212,12 @@ def tune(params: Params, link: Delays) -> Tuning:
 
 
 def warn(params: Params, tuning: Tuning) -> tuple[str, ...]:
-    gains, device = tuning.gains, params.device
-    need = gains.stiffness / device.servo_hz / 2.0 + gains.drag
-    if device.own_damping > need:
+    gains, own = tuning.gains, known_damping(params)
+    need = gains.stiffness / params.device.servo_hz / 2.0 + gains.drag
+    if own > need:
         return ()
     return (
-        f"the coupling pd holds its force for a tick: with {device.own_damping:g} Ns/m of damping in the device itself "
+        f"the coupling pd holds its force for a tick: with {own:g} Ns/m of damping in the device itself "
         f"it is not passive for motions as fast as a tick; above {need:.3g} Ns/m it would be",
     )
 

@@ -11,6 +11,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.metrics import METRICS, Measures as Measures
 from hapnet.metrics.measured import Measured as Measured
 from hapnet.metrics.obstacles import rubs
+from hapnet.param_sources import RULE
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
 from hapnet.simulation.simulation import Simulation
@@ -81,7 +82,7 @@ def _studied(params: Params) -> Params:
 def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording, Recording | None]:
     """The reference run over an ideal link: its measures, its recording, and `Measured.local`."""
     run = simulated(ideal, seed)
-    local = simulated(ideal.set(_FAST), seed).result.recording if rubs(run.scene) else None
+    local = simulated(ideal.set(_FAST, RULE), seed).result.recording if rubs(run.scene) else None
     whole = run.result.recording
     return measures(replace(run, ideal=whole, local=local)), whole, local
 

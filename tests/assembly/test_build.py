@@ -192,10 +192,13 @@ def test_a_scene_from_outside_keeps_its_own_defaults() -> None:
         ("tests.assembly.test_build:OwnSteps", "step_max_s", False),
     ],
 )
-def test_parameters_that_the_scene_does_not_read_are_warned_of(scene: str, name: str, read: bool) -> None:
-    setup = setup_of(scene=scene, **{f"world.{name}": 0.06})
-    expected = () if read else (f"world.{name} is 0.06, but the scene {scene} does not read it",)
-    assert setup.warnings == expected
+def test_parameters_that_the_scene_does_not_read_are_refused(scene: str, name: str, read: bool) -> None:
+    if read:
+        assert setup_of(scene=scene, **{f"world.{name}": 0.06}).warnings == ()
+    else:
+        said = f"^world.{name} is 0.06; allowed: left out: the scene {scene} does not read it$"
+        with pytest.raises(InvalidParameter, match=said):
+            setup_of(scene=scene, **{f"world.{name}": 0.06})
     assert setup_of(scene=scene).warnings == ()
 
 
@@ -212,9 +215,12 @@ class OwnSteps(Steps):
     min_s, max_s = 0.01, 0.02
 
 
-@pytest.mark.parametrize(("name", "longest"), [("Steps", 0.06), ("OwnSteps", 0.02)])
-def test_steps_are_as_asked_unless_the_object_says_its_own(name: str, longest: float) -> None:
-    scene = setup_of(scene=f"tests.assembly.test_build:{name}", world__step_min_s=0.05, world__step_max_s=0.06).scene
+@pytest.mark.parametrize(
+    ("name", "asked", "longest"),
+    [("Steps", {"world__step_min_s": 0.05, "world__step_max_s": 0.06}, 0.06), ("OwnSteps", {}, 0.02)],
+)
+def test_steps_are_as_asked_unless_the_object_says_its_own(name: str, asked: dict[str, float], longest: float) -> None:
+    scene = setup_of(scene=f"tests.assembly.test_build:{name}", **asked).scene
     rng = np.random.default_rng(1)
     drawn = [scene.next_step_s(rng) for _ in range(200)]
     assert longest - 0.01 <= min(drawn) <= max(drawn) <= longest

@@ -1,5 +1,7 @@
-"""What was set is used and recorded, whatever its value is; or it is refused in one line, or said not to be read."""
+"""What was set is used and recorded, whatever its value is; or it is refused in one line."""
 
+import copy
+import dataclasses
 import json
 import pickle
 import random
@@ -13,10 +15,11 @@ from hypothesis import given, settings, strategies as st
 from hapnet import cli
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, virtual_mass
 from hapnet.assembly.resolved import resolved
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.param_sources import ASKED, DEFAULT, DEVICE, RULE, SCENE
 from hapnet.param_values import Range, flatten
-from hapnet.params import Params
+from hapnet.params import DeviceParams, Params, WallParams, WorldParams
 from hapnet.realtime.recorder import described
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.study.sweep import sweep
@@ -120,24 +123,19 @@ def refused(error: HapnetError) -> None:
 
 
 def parts(setup: Setup, changes: dict[str, object]) -> None:
-    """The walls, and the steps of the world, are those of the parameters; or it is said that they are not read."""
+    """The walls, and the steps of the world, are those of the parameters."""
     wall, world, robot = setup.params.world.wall, setup.params.world, setup.params.follower
     walls = getattr(setup.scene, "walls", ())
     # a follower's walls are in the leader's units: b times the force per 1 / a of the way
     scale = robot.motion_scale * robot.force_scale if robot.robot != "none" else 1.0
-    if "world.wall.stiffness" in changes and not said(setup, "world.wall.stiffness"):
+    if "world.wall.stiffness" in changes:
         known = setup.scene.stiffnesses or tuple(one.stiffness for one in walls)
         assert not known or any(one == pytest.approx(scale * wall.stiffness, rel=1e-12) for one in known)
     if "world.wall.damping" in changes:
         assert [one.damping for one in walls] == pytest.approx([scale * wall.damping] * len(walls), rel=1e-12)
-    if not said(setup, "world.step_m"):
-        rng = np.random.default_rng(1)
-        drawn = [setup.scene.next_step_s(rng) for _ in range(5)]
-        assert world.step_min_s <= min(drawn) <= max(drawn) <= world.step_max_s
-
-
-def said(setup: Setup, name: str) -> bool:
-    return any(one.startswith(name) for one in setup.warnings)
+    rng = np.random.default_rng(1)
+    drawn = [setup.scene.next_step_s(rng) for _ in range(5)]
+    assert world.step_min_s <= min(drawn) <= max(drawn) <= world.step_max_s
 
 
 def is_near(case: tuple[str, object]) -> bool:
@@ -247,6 +245,22 @@ def test_a_ceiling_that_was_set_does_not_follow_a_stiff_spring() -> None:
         ),
         ({"hardware": f"{HERE}:Knob", "device.servo_hz": 1000.0}, "is 1000.0; allowed: at most 500, as the device"),
         ({"follower.robot": "simulated", "world.step_max_s": 0.05}, "is 0.05; allowed: left out with a follower"),
+        (
+            {"scene": "free", "world.wall.stiffness": 3000.0},
+            "is 3000.0; allowed: left out: the scene free does not",
+        ),
+        ({"scene": f"{HERE}:hinge", "world.step_max_s": 0.05}, "is 0.05; allowed: left out: the scene tests.assembly"),
+        *[
+            ({"hardware": f"{HERE}:Knob", name: value}, f"is {value!r}; allowed: left out with the device {HERE}:Knob:")
+            for name, value in {
+                "device.mass": 0.045,
+                "device.own_damping": 0.3,
+                "device.substeps": 4,
+                "operator": "press",
+                "operator_hand.mass": 0.554,
+                "operator_hand.reach_s": 2.0,
+            }.items()
+        ],
     ],
 )
 def test_what_would_not_be_used_is_refused(changes: dict[str, object], said: str) -> None:
@@ -255,6 +269,44 @@ def test_what_would_not_be_used_is_refused(changes: dict[str, object], said: str
     name = list(changes)[-1]
     assert str(caught.value).startswith(f"{name} {said}")
     prepare(Params().set(changes).unset(name))
+
+
+def test_another_scene_gets_what_it_reads_and_the_first_one_all_of_it_again() -> None:
+    asked = Params().set({"world.wall.stiffness": 900.0, "world.step_max_s": 0.04})
+    free = for_its_scene(asked.set({"scene": "free"}))
+    assert free == Params().set({"scene": "free", "world.step_max_s": 0.04})
+    prepare(free)
+    assert for_its_scene(asked) == asked
+
+
+def test_a_law_goes_by_what_is_known_of_a_real_devices_damping() -> None:
+    """Not by `device.own_damping`, which is the simulated device's."""
+    knob: dict[str, object] = {"hardware": f"{HERE}:Knob", "coupling": "eba"}
+    with pytest.raises(InvalidParameter, match=r"^device\.trusted_damping is 0\.0; allowed: above 0 with"):
+        prepare(knob)
+    assert prepare({**knob, "device.trusted_damping": 0.2}).tuning.damping_Ns_m == 0.2
+    assert prepare({"coupling": "eba"}).tuning.damping_Ns_m == 0.3
+    held = prepare({**knob, "coupling": "pd", "device.trusted_damping": 0.2}).warnings
+    assert any("with 0.2 Ns/m of damping in the device itself" in one for one in held)
+
+
+def test_a_section_made_by_hand_sets_what_it_is_made_with() -> None:
+    """Also to the default; a copy of it by `replace`, which is made with everything, only what is not the default."""
+    made = Params(
+        device=DeviceParams("auto", damping=0.1), world=WorldParams(wall=WallParams(stiffness=3000.0)), duration_s=10.0
+    )
+    names = {"device.servo", "device.damping", "world.wall.stiffness", "duration_s"}
+    assert made.given == names
+    assert {source for _, source in made.sources} == {"program"}
+    assert made == Params().set({name: Params().get(name) for name in names})
+    assert made.unset(*names) == Params()
+    assert made.set({"dof": 2}).given == names | {"dof"}
+    for other in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made), dataclasses.replace(made)):
+        assert (other, other.given) == (made, names)
+    plain = Params()
+    assert dataclasses.replace(plain, link=dataclasses.replace(plain.link, up="4g")).given == {"link.up"}
+    corridor = Params(scene=f"{HERE}:corridor", world=WorldParams(wall=WallParams(stiffness=3000.0)))
+    assert prepare(corridor).params.world.wall.stiffness == 3000.0
 
 
 @pytest.mark.parametrize(

@@ -227,11 +227,11 @@ def test_reproduce_says_that_numbers_are_reconstructed(figure: str, capsys: Capt
     assert {file.name for file in (tmp_path / "r").iterdir()} == {f"{figure}.{end}" for end in ("png", "mcap", "json")}
 
 
-def test_what_the_scene_does_not_read_is_warned_of_once_and_first(capsys: Capture) -> None:
-    assert cli.main([*QUICK, "--scene", "free", "--set", "world.wall.stiffness=30000"]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("warning: world.wall.stiffness is 30000, but the scene free does not read it\n")
-    assert out.count("warning") == 1
+def test_what_the_scene_does_not_read_is_refused(capsys: Capture) -> None:
+    assert cli.main([*QUICK, "--scene", "free", "--set", "world.wall.stiffness=30000"]) == 2
+    out, err = capsys.readouterr()
+    said = "world.wall.stiffness is 30000.0; allowed: left out: the scene free does not read it"
+    assert (out, err) == ("", f"hapnet: {said}\n")
 
 
 def test_range_harvest_with_too_little_damping_is_warned_of_and_with_none_refused(capsys: Capture) -> None:

@@ -154,10 +154,10 @@ def test_what_is_wrong_with_fixed_parameters_alone_does_not_hide_results(directo
     assert [bool(row["error"]) for row in rows(Path("runs/sweep-study"))] == [False, True]
 
 
-def test_parameters_that_a_scene_does_not_read_are_told(directory: Path, capsys: Capture) -> None:
+def test_parameters_that_a_scene_does_not_read_are_refused(directory: Path, capsys: Capture) -> None:
     spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.damping = [1, 10, 100]")
-    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
-    assert "world.wall.damping is 100, but the scene" in capsys.readouterr().out
+    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 2
+    assert "world.wall.damping is 1.0; allowed: left out: the scene" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

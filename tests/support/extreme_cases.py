@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
@@ -137,7 +138,7 @@ def extreme_case(seed: int) -> Params:
         changes[f"{side}.on_silence"] = "release" if release else "hold"
         changes[f"{side}.silence_after_s"] = spread(rng, 0.005, 0.5)
     changes |= _hand(rng, changes, float(np.linalg.eigvalsh(np.array(stiffness))[-1]))
-    return Params().set(changes)
+    return for_its_scene(Params().set(changes))
 
 
 def _hand(rng: np.random.Generator, changes: Mapping[str, Any], K: float) -> dict[str, Any]:

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.couplings import pspm
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
-from tests.support.theorem_cases import random_case
+from tests.support.theorem_cases import with_any_scene
 
 MINE = dataclasses.replace(pspm.LAW, name="mine")
 """A user's own law, which happens to be PSPM."""
@@ -28,7 +29,7 @@ _OF_ONE_AXIS = ("device.stiffness", "device.damping", "world.mass", "world.dampi
 def kernel_case(seed: int, dof: int, servo: str = "sampled", duration_s: float = 2.5) -> Params:
     """Case `seed`: couplings, feels, links and parameters of all kinds, with one axis or (0) as many as it draws."""
     rng = np.random.default_rng([seed, 1016])
-    params = random_case(seed, duration_s)
+    params = with_any_scene(seed, duration_s)
     changes: dict[str, Any] = {
         "device.servo": servo,
         "coupling": "zoh" if rng.random() < 0.3 else "pspm",
@@ -45,7 +46,7 @@ def kernel_case(seed: int, dof: int, servo: str = "sampled", duration_s: float =
     if dof == 1:
         changes |= {"scene": str(rng.choice(["free", "wall", "box"])), "dof": 1}
         changes |= {name: _first(params.get(name)) for name in _OF_ONE_AXIS}
-    return params.set(changes)
+    return for_its_scene(params.set(changes))
 
 
 def _first(matrix: Any) -> float:

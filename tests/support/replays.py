@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.params import Params
 from hapnet.recording.mcap import RecordingWriter, read_recording, save
 from hapnet.recording.samples import DeviceSample, Event, Recording, WorldSample
@@ -51,7 +52,7 @@ def recorded(path: Path, seed: int = 5, **changes: object) -> Result:
 def replayed(*files: Path, **changes: object) -> tuple[Result, dict[str, Any]]:
     original = read_original(files)
     params = original.params.set({name.replace("__", "."): value for name, value in changes.items()})
-    result = simulate(params, original.seed)
+    result = simulate(for_its_scene(params), original.seed)
     return result, compare(original, result.recording, result.summary)
 
 

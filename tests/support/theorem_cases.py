@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
 from tests.conftest import DATA, random_spd
@@ -50,6 +51,11 @@ def diagonal(rng: np.random.Generator, n: int, low: float, high: float) -> list[
 
 def random_case(seed: int, duration_s: float = 5.0) -> Params:
     """Case `seed`."""
+    return for_its_scene(with_any_scene(seed, duration_s))
+
+
+def with_any_scene(seed: int, duration_s: float) -> Params:
+    """Case `seed`, also with what its scene does not read."""
     rng = np.random.default_rng([seed, 2009])
     scene = str(rng.choice(["free", "wall", "box", "paper"]))
     n = 3 if scene == "paper" else int(rng.integers(1, 4))
