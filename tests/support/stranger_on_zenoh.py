@@ -1,6 +1,7 @@
 """The stranger on a true network: `python -m tests.support.stranger_on_zenoh ENDPOINT '{"early_nJ": 40000000}'`.
 
-He says "ready" once he is connected to the world's endpoint, and at SIGTERM or SIGINT what came of it.
+He says "ready" once he is connected to the world's endpoint, and at SIGTERM or SIGINT what came of it. Over udp
+Zenoh may not close then, as the world is gone: kill him.
 """
 
 from __future__ import annotations
@@ -62,9 +63,9 @@ def main(endpoint: str, plan: Plan) -> None:
             except queue.Empty:
                 pass
             stranger.speak(time.monotonic_ns())
+        print(json.dumps({"heard": sorted(stranger.faces), "believed": sorted(stranger.believed)}), flush=True)
         for subscriber in subscribers:
             subscriber.undeclare()
-    print(json.dumps({"heard": sorted(stranger.faces), "believed": sorted(stranger.believed)}), flush=True)
 
 
 if __name__ == "__main__":
