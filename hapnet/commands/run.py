@@ -126,7 +126,9 @@ def run(
                 write_files(found, directory, written)
                 output.show_files(words, FILES, directory)
             written.judge(found.summary, chosen, virtual=False)
-            if began:
+            if (
+                began and pair.failure is None
+            ):  # else that is why, and the verdict's line on standard output says the rest
                 written.missing += incomplete(found.summary)
             with written.part():
                 output.write_json(found.summary, json_to)
