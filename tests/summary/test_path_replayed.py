@@ -2,20 +2,16 @@
 
 import random
 from collections.abc import Iterable
-from functools import partial
-from unittest.mock import patch
 
 import pytest
 
-from hapnet.assembly.build import device_session, world_session
 from hapnet.params import Params
 from hapnet.side.packet import Packet
-from hapnet.simulation.simulation import Simulation
 from hapnet.summary.structure import DIRECTIONS
-from tests.support.forger import made_session
+from tests.support.forger import Keyed
 
 
-class Repeated(Simulation):
+class Repeated(Keyed):
     """A run whose frames are all repeated once, after 0 to 2 s. secrets : are they encrypted?
 
     The first two or three count once when they are repeated: they came before the pair was made.
@@ -24,13 +20,7 @@ class Repeated(Simulation):
     def __init__(self, params: Params, seed: int, *, repeats: bool, secrets: bool) -> None:
         self._heard: list[tuple[int, bool, Packet]] = []
         self._repeats, self._rng = repeats, random.Random(seed)
-        made = partial(made_session, secrets=secrets)
-        module = "hapnet.simulation.simulation"
-        with (
-            patch(f"{module}.device_session", partial(made, device_session, private=b"d" * 32)),
-            patch(f"{module}.world_session", partial(made, world_session, private=b"w" * 32)),
-        ):
-            super().__init__(params, seed, kernel=False)
+        super().__init__(params, seed, secrets=secrets)
 
     def _keep(self, packets: Iterable[Packet], *, up: bool) -> list[Packet]:
         packets = list(packets)

@@ -5,14 +5,10 @@ no frame away.
 """
 
 from collections.abc import Iterable
-from functools import partial
 from typing import Any
-from unittest.mock import patch
 
-from hapnet.assembly.build import device_session, world_session
 from hapnet.params import Params
 from hapnet.side.packet import Packet
-from hapnet.simulation.simulation import Simulation
 from hapnet.summary import path
 from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary
@@ -20,13 +16,13 @@ from hapnet.summary.structure import Summary
 from hapnet.wire.messages import Role
 from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.session import Session
-from tests.support.forger import made_session
+from tests.support.forger import Keyed
 from tests.support.stranger import OTHER, Plan, Stranger
 
 MS = 1_000_000
 
 
-class Between(Simulation):
+class Between(Keyed):
     """A run with him. plan : what he does; None: nothing. word : what both sides know, and he does not."""
 
     def __init__(self, params: Params, seed: int = 0, plan: Plan | None = None, *, word: str = "") -> None:
@@ -41,13 +37,7 @@ class Between(Simulation):
         self._spoke_ns = -1
         self._heard: dict[int, Packet] = {}
         """What he has heard while it is still on its way, by identity."""
-        made = partial(made_session, secrets=True, word=word)
-        module = "hapnet.simulation.simulation"
-        with (
-            patch(f"{module}.device_session", partial(made, device_session, private=b"d" * 32)),
-            patch(f"{module}.world_session", partial(made, world_session, private=b"w" * 32)),
-        ):
-            super().__init__(params, seed, kernel=False)
+        super().__init__(params, seed, secrets=True, word=word)
 
     @property
     def fooled(self) -> bool:

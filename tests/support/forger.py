@@ -39,7 +39,27 @@ class Lie:
     style: str
 
 
-class Attacked(Simulation):
+class Keyed(Simulation):
+    """A run whose sides tell each other sums.
+
+    secrets : have both a private key? word : that both know besides.
+    """
+
+    def __init__(self, params: Params, seed: int, *, secrets: bool, word: str = "") -> None:
+        def made(make: Callable[..., Session], private: bytes, setup: Setup, incarnation: int) -> Session:
+            session = make(setup, incarnation, secret=Secret(private, word) if secrets else None)
+            session.settings = replace(session.settings, sends_sums=True)
+            return session
+
+        module = "hapnet.simulation.simulation"
+        with (
+            patch(f"{module}.device_session", partial(made, device_session, b"d" * 32)),
+            patch(f"{module}.world_session", partial(made, world_session, b"w" * 32)),
+        ):
+            super().__init__(params, seed, kernel=False)
+
+
+class Attacked(Keyed):
     """A run under attack.
 
     lie : what the forger does; None: nothing.
@@ -68,13 +88,7 @@ class Attacked(Simulation):
         self._heard: Energy | None = None
         self._kept: list[Packet] = []
         self._encrypted = 0
-        made = partial(made_session, secrets=secrets, word=word)
-        module = "hapnet.simulation.simulation"
-        with (
-            patch(f"{module}.device_session", partial(made, device_session, private=b"d" * 32)),
-            patch(f"{module}.world_session", partial(made, world_session, private=b"w" * 32)),
-        ):
-            super().__init__(params, seed, kernel=False)
+        super().__init__(params, seed, secrets=secrets, word=word)
 
     @property
     def deceived(self) -> Session:
@@ -132,11 +146,3 @@ class Attacked(Simulation):
             self._kept.append(packet)
         else:
             self._deceive([packet])
-
-
-def made_session(
-    make: Callable[..., Session], setup: Setup, incarnation: int, *, secrets: bool, private: bytes, word: str = ""
-) -> Session:
-    session = make(setup, incarnation, secret=Secret(private, word) if secrets else None)
-    session.settings = replace(session.settings, sends_sums=True)
-    return session
