@@ -206,14 +206,7 @@ def writes_on_link(params: Params, write: Write, moved: Reindexing | None = None
         if moved is not None:
             sample = moved.recorded(sample)
         if arms is not None and isinstance(sample, WorldSample):
-            sample = sample._replace(
-                position_m=arms.place(sample.position_m),
-                velocity_mps=arms.place(sample.velocity_mps),
-                set_position_m=arms.place(sample.set_position_m),
-                target_m=arms.place(sample.target_m),
-                coupling_force_N=arms.force(sample.coupling_force_N),
-                contact_force_N=arms.force(sample.contact_force_N),
-            )
+            sample = sample.moved(arms.place, arms.place, arms.force)
         write(sample)
 
     return changed

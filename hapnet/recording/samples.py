@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from operator import attrgetter
@@ -120,6 +120,22 @@ class WorldSample(NamedTuple):
     work_J: float = math.nan
     stored_J: float = math.nan
     account_J: float = math.nan
+
+    def moved(
+        self,
+        place: Callable[[Vector], Vector],
+        velocity: Callable[[Vector], Vector],
+        force: Callable[[Vector], Vector],
+    ) -> WorldSample:
+        """The sample in other coordinates. place, velocity, force : turn such vectors into them."""
+        return self._replace(
+            position_m=place(self.position_m),
+            velocity_mps=velocity(self.velocity_mps),
+            set_position_m=place(self.set_position_m),
+            target_m=place(self.target_m),
+            coupling_force_N=force(self.coupling_force_N),
+            contact_force_N=force(self.contact_force_N),
+        )
 
 
 class PostureSample(NamedTuple):

@@ -102,11 +102,4 @@ class Reindexing:
         if not self.moved or not isinstance(sample, WorldSample):
             return sample
         frame = self.frame
-        return sample._replace(
-            position_m=frame.coupled(sample.position_m),
-            velocity_mps=frame.velocity(sample.velocity_mps),
-            set_position_m=frame.coupled(sample.set_position_m),
-            target_m=frame.coupled(sample.target_m),
-            coupling_force_N=frame.coupled_force(sample.coupling_force_N),
-            contact_force_N=frame.coupled_force(sample.contact_force_N),
-        )
+        return sample.moved(frame.coupled, frame.velocity, frame.coupled_force)
