@@ -302,7 +302,7 @@ def _doubts(summary: Summary) -> Iterator[Finding]:
     for side, part in _parts(summary):
         yield from _doubts_of_servo(side, part, summary)
     world, slack = summary["world"], summary["environment"]["env_slack_J"]
-    if world is not None and world["failed"] is not None and slack is None:
+    if world is not None and world["failed"] is not None and slack is None and "world" not in summary["torn"]:
         yield found("world failed", why=world["failed"])
     if summary["environment"]["env_diverged"] is True:
         yield found("world's account")

@@ -159,6 +159,12 @@ def test_no_run_without_the_devices_account_ends_with_0(capsys: pytest.CaptureFi
             assert code_of(but({**NO_MARGIN, **part, "coupling": coupling}), capsys) == 3, (coupling, part)
 
 
+def test_a_world_that_was_killed_did_not_fail() -> None:
+    """Its recording is torn, which is the cause."""
+    changes = {"torn": ["world"], "world.failed": "was killed by SIGKILL"}
+    assert [one.cause for one in findings(but(changes))] == ["torn"]
+
+
 @pytest.mark.parametrize("coupling", ["pspm", "zoh"])
 def test_encoders_are_not_blamed_where_there_are_none(coupling: str) -> None:
     """Without a reservoir, the true slack below zero says nothing of encoders."""

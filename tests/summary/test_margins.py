@@ -1,14 +1,17 @@
 """Margins of one account: after the first second never above the end, and both ports while a pair runs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from hapnet.couplings.registry import COUPLINGS, jointly_passive
+from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Recording
+from hapnet.simulation.simulation import simulate
 from hapnet.summary.from_samples import START_S, LiveFigures, min_total_margin
 from hapnet.summary.joint import JointMargin
+from hapnet.summary.recorded import from_recording, of_parts
 from hapnet.summary.run import combine
 from tests.summary.test_verdict import SIDE
 from tests.view.test_history import device, world
@@ -86,6 +89,49 @@ def test_both_ports_while_a_pair_runs_are_those_of_its_recording(lag_ns: int) ->
         assert found["total_margin_J"] == pytest.approx(min_total_margin(recording), abs=1e-12)
         start_s = max(one["time_s"][0] for one in columns)
         assert found["total_later_J"] == pytest.approx(min_total_margin(recording, start_s + START_S), abs=1e-12)
+
+
+HANDS, SCENES = ("press", "sine", "rest", "hand-3"), ("wall", "free", "sphere")
+
+
+def with_stop(recording: Recording, rng: np.random.Generator) -> Recording:
+    """As if a side's process had stood still for up to 5 s: nothing of it was sampled meanwhile."""
+    kind = rng.choice(["device", "world"])
+    columns = getattr(recording, kind)
+    times = columns["time_s"]
+    begun = rng.uniform(0.0, times[-1])
+    seen = (times < begun) | (times >= begun + rng.uniform(0.0, 5.0))
+    seen[0] = True
+    return replace(recording, summary=None, **{kind: {name: column[seen] for name, column in columns.items()}})
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3000)
+def test_after_the_start_is_never_above_the_end_in_1000_whole_runs() -> None:
+    """As the run says it, and as its recording does in which a side stood still."""
+    rng, names, told = np.random.default_rng(12), sorted(COUPLINGS), 0
+    for number in range(1000):
+        delay, jitter = rng.uniform(0.0, 150.0), rng.uniform(0.0, 30.0)
+        link = f"delay {delay:.0f}ms {jitter:.0f}ms loss {rng.uniform(0.0, 10.0):.1f}%"
+        params = Params().set({
+            "coupling": names[number % len(names)], "operator": str(rng.choice(HANDS)),
+            "scene": str(rng.choice(SCENES)),
+            "duration_s": round(float(rng.uniform(0.2, 8.0)), 3), "link.up": link, "link.down": link,
+            "operator_hand.wait_s": 0.0, "device.servo": "sampled", "device.watchdog_s": float(rng.choice([0.0, 0.02])),
+        })  # fmt: skip
+        result = simulate(params, seed=number)
+        whole = result.recording
+        stopped = with_stop(whole, rng)
+        halves = {"device": {**result.summary, "world": None}, "world": {**result.summary, "device": None}}
+        of_run = of_parts(halves, {}, stopped, {}, coupling=params.coupling, seed=number)
+        for summary in (result.summary, from_recording(stopped), of_run):
+            theorem = summary["theorem"]
+            least, later, end = theorem["margin_J"], theorem["margin_later_J"], theorem["margin_end_J"]
+            if later is not None and end is not None and not theorem["diverged"]:
+                told += 1
+                assert least <= later <= end, (number, params.coupling, theorem)
+    print(f"{told} margins after the start, none above the end")
+    assert told > 1000
 
 
 def test_a_side_that_restarts_begins_the_sum_anew() -> None:
