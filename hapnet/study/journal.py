@@ -19,14 +19,17 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from hapnet.errors import HapnetError
+from hapnet.file_content import read_json
 from hapnet.study.case import Measures
 from hapnet.study.spec import Case, Spec, Values, flat_of, shown
 from hapnet.study.task import CaseResult
 from hapnet.versions import versions
 from netem.versions import DISTRIBUTION
+
+Kind = TypeVar("Kind")
 
 NAME = "journal.sqlite"
 FORMAT = 1
@@ -66,14 +69,14 @@ class Journal:
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
         self.path: Path = path
         self._db, self._lock = connection, lock
-        about = {name: json.loads(value) for name, value in self._db.execute("SELECT name, value FROM about")}
+        about = {name: read_json(value) for name, value in self._db.execute("SELECT name, value FROM about")}
         if about.get("format") != FORMAT:
             raise HapnetError(f"{path} has format {about.get('format')}, of another hapnet version; allowed: {FORMAT}")
-        self.name: str = about["name"]
-        self.fixed: Values = about["fixed"]
-        self.varied: list[str] = about["varied"]
-        self.versions: dict[str, str] = about["versions"]
-        self.fingerprint: str = about["fingerprint"]
+        self.name: str = _is(str, about["name"])
+        self.fixed: Values = _is(dict, about["fixed"])
+        self.varied: list[str] = [_is(str, one) for one in _is(list, about["varied"])]
+        self.versions: dict[str, str] = _is(dict, about["versions"])
+        self.fingerprint: str = _is(str, about["fingerprint"])
 
     @classmethod
     def create_or_resume(cls, directory: Path, spec: Spec, cases: Sequence[Case], *, fresh: bool = False) -> Journal:
@@ -110,8 +113,9 @@ class Journal:
 
     def count(self) -> tuple[int, int, int]:
         """How many cases there are, how many were run, and how many of these failed."""
-        (cases,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
-        done, failed = self._db.execute("SELECT count(*), count(error) FROM results").fetchone()
+        with _readable(self.path):
+            (cases,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
+            done, failed = self._db.execute("SELECT count(*), count(error) FROM results").fetchone()
         return cases, done, failed
 
     def pending(self) -> list[Case]:
@@ -162,11 +166,11 @@ class Journal:
 
     def _row(self, found: Sequence[Any]) -> Row:
         number, varied, seed, key, done, measures, *rest = found
-        values: Values = json.loads(varied)
+        values: Values = _is(dict, read_json(varied))
         if unset := tuple(name for name in self.varied if name not in values):
             values |= shown(unset, flat_of(self.fixed, values))
         case = Case(number, values, seed, key, unset)
-        return Row(case, bool(done), json.loads(measures) if done else {}, *rest)
+        return Row(case, bool(done), _measures(read_json(measures)) if done else {}, *rest)
 
     def _same(self, cases: Sequence[Case]) -> None:
         if self.fingerprint == _fingerprint(cases):
@@ -177,6 +181,21 @@ class Journal:
             f"{self.path} is of another spec: {len(now - before)} cases are new, {len(before - now)} are gone, "
             f"{len(now & before)} are the same; --out for another directory, or --fresh to discard its results"
         )
+
+
+def _is(kind: type[Kind] | tuple[type[Kind], ...], value: object) -> Kind:
+    """The value, which must be of one of these kinds. Raises TypeError."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{value!r:.40} is not of the kind that it should be")
+    return value
+
+
+def _measures(tree: object) -> Measures:
+    found: Measures = _is(dict, tree)
+    for one in found.values():
+        if one is not None:
+            _is((int, float), one)
+    return found
 
 
 def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) -> None:
@@ -214,7 +233,7 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except sqlite3.OperationalError as error:
         raise HapnetError(f"cannot use the journal {path}: {error}") from error
-    except (sqlite3.DatabaseError, ValueError, KeyError) as error:
+    except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise HapnetError(f"{path} is not the journal of a sweep ({error}); --fresh begins a new one") from error
     except OSError as error:
         raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from error

@@ -9,6 +9,8 @@ import json
 import random
 import re
 import struct
+import tempfile
+import tomllib
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -20,6 +22,9 @@ import zstandard
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.simulation.simulation import Simulation
+from hapnet.study.journal import NAME, Journal
+from hapnet.study.spec import Spec
+from hapnet.study.task import CaseResult
 
 HERE = Path(__file__).parents[1]
 SIZES = (0, 1, 2, 7, 255, 256, 4096, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
@@ -44,7 +49,19 @@ def seeds(kind: str) -> list[tuple[str, bytes]]:
         "urdf": [(".urdf", _URDF.encode())],
         "toml": [(".toml", Params().toml().encode()), (".toml", _STUDY.encode())],
         "npy": [(".npy", array.getvalue())],
+        "mujoco": [(".xml", _ARM.encode()), (".xml", (HERE.parent / "examples/dominoes.xml").read_bytes())],
+        "journal": _journals() if kind == "journal" else [],
     }[kind]
+
+
+def _journals() -> list[tuple[str, bytes]]:
+    spec = Spec.of_tables("a study", tomllib.loads(_STUDY))
+    with tempfile.TemporaryDirectory() as room:
+        journal = Journal.create_or_resume(Path(room), spec, spec.cases())
+        results = [CaseResult(case.number, {"margin_J": 0.1}, wall_s=0.2, worker="x") for case in journal.pending()[:9]]
+        journal.record([*results, CaseResult(9, {}, "it failed")])
+        journal.close()
+        return [(NAME, (Path(room) / NAME).read_bytes())]
 
 
 def _recordings() -> list[bytes]:
@@ -76,11 +93,25 @@ _URDF = """<?xml version="1.0"?>
 </robot>
 """
 
-_STUDY = """title = "a study"
-[vary]
+_ARM = """<mujoco model="arm">
+  <compiler angle="radian"/><option timestep="0.002"/>
+  <default><geom size="0.01" mass="0.1"/></default>
+  <worldbody>
+    <body name="upper" pos="0.2 0 0"><joint name="one" axis="0 0 1" range="-1 1" damping="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0.1 0 0"/>
+      <body name="lower" pos="0.1 0 0"><joint name="two" type="slide" axis="1 0 0" range="0 0.1"/>
+        <geom type="sphere"/><site name="tip" pos="0.1 0 0"/></body></body>
+  </worldbody>
+  <actuator><position joint="one" kp="10"/><motor joint="two" gear="2"/></actuator>
+  <equality><joint joint1="one" joint2="two" polycoef="0 1 0 0 0"/></equality>
+  <keyframe><key name="home" qpos="0.1 0.02" ctrl="0 0"/></keyframe>
+</mujoco>
+"""
+
+_STUDY = """[vary]
 coupling = ["pspm", "zoh"]
 "link.up" = ["", "delay 40ms 10ms loss 2%"]
-"world.wall.stiffness" = { from = 1000, to = 3000, count = 3 }
+"world.wall.stiffness" = { from = 1000, to = 3000, steps = 3 }
 [fixed]
 duration_s = 2.0
 """
@@ -224,6 +255,39 @@ def _deep_xml(rng: random.Random, data: bytes) -> bytes:
         (b"<link>" * n, b"<link>" * n + b"</link>" * n, laughs, b"<link name='&j;'/>", b"<!--", b"<![CDATA[")
     )
     return data[:at] + bad + data[at:]
+
+
+def _deep_json(rng: random.Random, data: bytes) -> bytes:
+    """Another value where a JSON value begins, as long as the one that was there."""
+    places = list(re.finditer(rb"[{\[][^{}\[\]\0]*[}\]]", data))
+    if not places:
+        return data
+    where = rng.choice(places)
+    odd = rng.choice((b"7", b"null", b'"x"', b"[]", b"[" * len(where[0]), b"{}", b'{"seed":{}}', b"9" * len(where[0])))
+    return data[: where.start()] + odd[: len(where[0])].ljust(len(where[0])) + data[where.end() :]
+
+
+def _large_model(rng: random.Random, data: bytes) -> bytes:
+    """A model that claims to be large, somewhere among its elements."""
+    n = rng.choice((b"7", b"1000", b"60000", b"99999999", b"2000000000"))
+    at = rng.choice([place.end() for place in re.finditer(rb">", data)] or [0])
+    bad = rng.choice(
+        (
+            b'<replicate count="%b"><geom size="0.01"/></replicate>' % n,
+            b'<replicate count="1000">' * 3 + b'<geom size="0.01"/>' + b"</replicate>" * 3,
+            b'<flexcomp name="x" type="grid" count="%b %b 2" spacing="0.01 0.01 0.01" dim="3"/>' % (n, n),
+            b'<asset><hfield name="h" nrow="%b" ncol="%b" size="1 1 1 1"/></asset>' % (n, n),
+            b'<asset><texture name="t" type="cube" builtin="flat" width="%b"/></asset>' % n,
+            b'<asset><texture name="t" type="2d" builtin="checker" width="%b" height="%b"/></asset>' % (n, n),
+            b'<size memory="%bM"/>' % n,
+            b'<size nuserdata="%b" nkey="%b"/>' % (n, n),
+            b'<size nuser_geom="%b"/>' % n,
+            b'<include file="/dev/zero"/>',
+            b'<asset><mesh name="m" file="/dev/zero"/></asset>',
+        )
+    )
+    data = data[:at] + bad + data[at:]
+    return data if rng.random() < 0.5 else re.sub(rb"<worldbody>", b"<worldbody>" + bad, data, count=1)
 
 
 # -- recordings --------------------------------------------------------------------------------------------------------
@@ -394,4 +458,6 @@ _STRUCTURAL: Mapping[str, tuple[Callable[[random.Random, bytes], bytes], ...]] =
     "urdf": (*_TEXT, *_TEXT, _deep_xml),
     "toml": (*_TEXT, *_TEXT, _deep_toml),
     "npy": (_heading, _heading, _claim),
+    "mujoco": (*_TEXT, *_TEXT, _deep_xml, _large_model, _large_model),
+    "journal": (*_TEXT, _deep_json, _deep_json, _claim),
 }

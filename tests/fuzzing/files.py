@@ -20,17 +20,21 @@ from hapnet.errors import HapnetError
 from hapnet.loading import permitting
 from hapnet.params import Params
 from hapnet.plant.worlds.mesh_file import read_mesh
+from hapnet.plant.worlds.registry import make_scene
 from hapnet.plant.worlds.volume_file import read_volume
 from hapnet.recording.export import write
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.opened import fitting, opened
 from hapnet.simulation.replay import read_original
+from hapnet.study.journal import Journal
 from hapnet.study.spec import Spec
 from hapnet.summary.recorded import of_recordings
 from netem import NetemError
 from tests.fuzzing.file_mutator import FileMutator, seeds
 
-SHARES: Mapping[str, float] = {"recording": 0.4, "mesh": 0.2, "urdf": 0.15, "toml": 0.15, "npy": 0.1}
+SHARES: Mapping[str, float] = {
+    "recording": 0.35, "mesh": 0.15, "urdf": 0.15, "toml": 0.15, "npy": 0.1, "mujoco": 0.05, "journal": 0.05,
+}  # fmt: skip
 MOST_S, MOST_MB = 10, 300
 
 
@@ -50,12 +54,23 @@ def _toml(file: Path) -> None:
     Spec.read(file)
 
 
+def _journal(file: Path) -> None:
+    journal = Journal.look(file.parent)
+    try:
+        journal.count()
+        list(journal.rows())
+    finally:
+        journal.close()
+
+
 READERS: Mapping[str, Callable[[Path], object]] = {
     "recording": _recording,
     "mesh": lambda file: read_mesh(str(file), 1e-3),
     "urdf": lambda file: table_of(f"arm:{file}?tip=tip"),
     "toml": _toml,
     "npy": lambda file: read_volume(str(file), 1e-3, 1e-3, None),
+    "mujoco": lambda file: make_scene(f"mujoco:{file}"),
+    "journal": _journal,
 }
 
 
@@ -86,7 +101,7 @@ def run(kind: str, seed: int, count: int) -> Counter[str]:
     with tempfile.TemporaryDirectory() as room:
         for number in range(count):
             ending, data = mutator.next()
-            file = Path(room) / f"broken{ending}"
+            file = Path(room) / (ending if kind == "journal" else f"broken{ending}")
             file.write_bytes(data)
             began = time.process_time()
             signal.setitimer(signal.ITIMER_PROF, MOST_S)

@@ -59,6 +59,10 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
     assert not device.torn
     assert not world.torn
     assert device.device["time_s"][-1] == pytest.approx(3.0, abs=0.5)
+    for way, receiver in (("down", device), ("up", world)):
+        flow = summary["path"][way]
+        assert flow == receiver.summary["path"][way]
+        assert all(flow[name] is not None for name in ("arrived", "overtaken", "jitter_p50_ms", "age_p50_ms"))
     assert len(world.world["time_s"]) == pytest.approx(summary["world"]["step"]["count"], abs=2)
     assert (out / "figure.png").stat().st_size > 20_000
 

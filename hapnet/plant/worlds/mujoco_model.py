@@ -21,6 +21,7 @@ import numpy as np
 
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.loading import cause
+from hapnet.plant.worlds.mujoco_sizes import check_sizes
 from hapnet.plant.worlds.walls import check_number
 
 PREFIX = "mujoco:"
@@ -112,6 +113,7 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | No
         raise InvalidParameter("scene", scene, f"a file that is there: there is no file {want.file}")
     engine.set_mju_user_warning(_quiet)
     try:
+        check_sizes(Path(want.file))
         spec = engine.MjSpec.from_file(want.file)
         total = float(spec.compiler.settotalmass)
         spec.compiler.settotalmass = -1.0  # the sphere is no part of the model's mass
