@@ -6,7 +6,8 @@ to F h^2 / m and rests again. The law of motion, integrated twice from the first
     x = (1/m) II F(t - d) - (b/m) I x - (k/m) II x + a cubic polynomial in t
 
 with integrals I, and II of them: b and k are what device and hand do to the handle, the polynomial is where the hand
-itself goes. Least squares find 1/m for each delay d; the delay is the one that fits best. A hand's own motion has
+itself goes. Each four pulses are fitted by themselves: a hand is no cubic for longer. Least squares find 1/m for each
+delay d; the delay is the one that fits best. A hand's own motion has
 little in common with pulses of 14 to 28 Hz, so the sign is known from a tenth of a millimetre on.
 
 Where a reading comes late, because the computer was busy, nobody knows when exactly it was taken, and when the force
@@ -18,6 +19,7 @@ No clock: times are arguments.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -41,9 +43,10 @@ MOST_ATTEMPTS = 8
 """So often an axis is pushed until its response is known, if readings are late."""
 
 _LEAST_TICKS = 3
+_LEAST_ROWS = 24
 _PULSES = (1, -1, -1, 1, -1, 1, 1, -1)
 _MOST_LATE = 8
-_SURE, _SURE_LATE, _SHOWS_LATE = 8.0, 25.0, 0.002
+_SURE, _SURE_LATE, _SHOWS_LATE = 6.0, 25.0, 0.002
 _VELOCITY_SHARE = 0.2, 5.0
 _HEAVIER, _LIGHTER = 1.7, 0.6
 
@@ -107,7 +110,7 @@ class ActuatorCheck:
         self._rows.append((self._age_s, acted[axis], x[axis], v[axis]))
         pulse = int(self._age_s / self._pulse_s)
         if pulse >= len(_PULSES) * self._rounds:
-            found, self._rows, self._group = response(self._rows), [], -1
+            found, self._rows, self._group = response(self._rows, 2 * self._rounds), [], -1
             self._attempts += 1
             if found.known or not found.gaps or self._attempts == MOST_ATTEMPTS:
                 self.responses.append(found)
@@ -168,8 +171,12 @@ class ActuatorCheck:
         return found
 
 
-def response(rows: Sequence[tuple[float, float, float, float]]) -> Response:
-    """What an axis did. Of each reading: time [s], the force since the one before [N], position [m], velocity [m/s]."""
+def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1) -> Response:
+    """What an axis did. Of each reading: time [s], the force since the one before [N], position [m], velocity [m/s].
+
+    groups : so many times in it the pushes begin anew. Each is fitted by itself, as a hand's own way is a cubic for no
+    longer; what they disagree counts as blur.
+    """
     time, force, x, v = (np.asarray(column, dtype=np.float64) for column in zip(*rows, strict=True))
     x = x - x[0]
     dt = np.diff(time)
@@ -183,36 +190,73 @@ def response(rows: Sequence[tuple[float, float, float, float]]) -> Response:
     gaps = np.unique(np.minimum(np.r_[late_at, late_at + 1], len(rows) - 1))  # it may be stamped late, too
     if len(gaps) > len(rows) // len(_PULSES):
         return Response(math.inf, 0, 0.0, None, False, len(gaps))
-    span = float(time[-1])
-    s = time / span
-    once = _integral(x, dt)
-    anew = [(s >= s[gap]) * (s - s[gap]) ** power for gap in gaps for power in (0, 1)]
-    base = np.column_stack([once / span, _integral(once, dt) / span**2, np.ones_like(s), s, s**2, s**3, *anew])
-    fits = [_fit(np.r_[np.zeros(late), force[: len(force) - late]], x, dt, base) for late in range(_MOST_LATE)]
+    groups = 1 if len(gaps) else max(1, min(groups, len(rows) // _LEAST_ROWS))  # four pulses with a gap tell too little
+    cuts = np.searchsorted(time, np.linspace(time[0], time[-1], groups + 1)[1:-1])
+    ends = [0, *cuts, len(rows)]
+    parts = [_Part(time[a:b], x[a:b], gaps[(gaps > a) & (gaps < b)] - a) for a, b in itertools.pairwise(ends)]
+    fits = []
+    for late in range(_MOST_LATE):
+        forces = np.split(np.r_[np.zeros(late), force[: len(force) - late]], cuts)
+        fits.append(_combined([part.fit(one) for part, one in zip(parts, forces, strict=True)]))
     left = [fit[2] for fit in fits]
     late = int(np.argmin(left))
-    noise = left[late] / (len(rows) - base.shape[1] - 1)
+    noise = left[late] / max(1, len(rows) - sum(part.unknowns for part in parts))
     in_time = min(range(LATE_TICKS), key=left.__getitem__)
-    moved = float(np.sum((x - base @ np.linalg.lstsq(base, x, rcond=None)[0]) ** 2))  # what only the force explains
+    moved = sum(part.moved for part in parts)  # what only the force explains
     if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
         late = in_time
     gain, error, _ = fits[late]
-    return Response(
-        1.0 / gain if gain else math.inf, late, abs(gain) / error, _velocity(x, v, dt, gaps), False, len(gaps)
-    )
+    if gain * fits[in_time][0] < 0.0:
+        error = math.inf  # a hand that gives way late may look like a motor that is reversed: not known
+    velocity = _velocity(x, v, dt, gaps)
+    return Response(1.0 / gain if gain else math.inf, late, abs(gain) / error, velocity, False, len(gaps))
 
 
 def pushed(time: Array, force: Array, x: Array, lags: int) -> tuple[float, float]:
     """1/m [1/kg] of an axis that was pushed by `force` [N] up to each reading of x [m], and how sure it is, in standard
     errors; of the `lags` the one that fits best."""
-    x = x - x[0]
-    dt, s = np.diff(time), (time - time[0]) / (time[-1] - time[0])
-    span = float(time[-1] - time[0])
-    once = _integral(x, dt)
-    base = np.column_stack([once / span, _integral(once, dt) / span**2, np.ones_like(s), s, s**2, s**3])
-    fits = [_fit(np.r_[np.zeros(late), force[: len(force) - late]], x, dt, base) for late in range(lags)]
+    part = _Part(time, x)
+    fits = [part.fit(np.r_[np.zeros(late), force[: len(force) - late]]) for late in range(lags)]
     gain, error, _ = min(fits, key=lambda fit: fit[2])
     return gain, abs(gain) / error
+
+
+class _Part:
+    """Some readings in a row, and what a motion without a force may be in them."""
+
+    def __init__(self, time: Array, x: Array, gaps: Array | None = None) -> None:
+        self._x, self._dt = x - x[0], np.diff(time)
+        span = float(time[-1] - time[0])
+        s = (time - time[0]) / span
+        once = _integral(self._x, self._dt)
+        anew = [] if gaps is None else [(s >= s[gap]) * (s - s[gap]) ** power for gap in gaps for power in (0, 1)]
+        self._base = np.column_stack([
+            once / span, _integral(once, self._dt) / span**2, np.ones_like(s), s, s**2, s**3, *anew,
+        ])  # fmt: skip
+        self.unknowns = self._base.shape[1] + 1
+
+    @property
+    def moved(self) -> float:
+        """The sum of squares that is left without a force."""
+        explained = self._base @ np.linalg.lstsq(self._base, self._x, rcond=None)[0]
+        return float(np.sum((self._x - explained) ** 2))
+
+    def fit(self, force: Array) -> tuple[float, float, float]:
+        """1/m, its standard error, and the sum of squares that is left."""
+        if not np.any(force[1:]) or len(self._x) < self.unknowns + _LEAST_TICKS:
+            return 0.0, math.inf, self.moved
+        return _fit(force, self._x, self._dt, self._base)
+
+
+def _combined(fits: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    """Their mean, by how sure each is; its error is also what they differ."""
+    gain, error, _ = np.array(fits).T
+    weight = error**-2.0
+    if not np.any(weight):
+        return 0.0, math.inf, sum(fit[2] for fit in fits)
+    mean = float(np.average(gain, weights=weight))
+    spread = float(np.average((gain - mean) ** 2, weights=weight)) / max(1, len(fits) - 1)
+    return mean, math.sqrt(max(1.0 / float(weight.sum()), spread)), sum(fit[2] for fit in fits)
 
 
 def _fit(force: Array, x: Array, dt: Array, base: Array) -> tuple[float, float, float]:

@@ -4,6 +4,9 @@ A handle that moves against its force may be pushed by a hand, or by a motor who
 two look alike. So while it does so, the force is cut to a part of it for two pulses, and what the handle does is fitted
 as at the start (`hapnet.plant.actuator_check`). A force that is only ever made smaller cannot make the coupling active.
 
+Where the handle accelerates against its force as only a very fast hand could make it, or a fit speaks against the motor
+without being sure, no more than `PUSH_N` are rendered until that is decided: so the handle does not go far meanwhile.
+
 No clock: times are arguments.
 """
 
@@ -21,21 +24,30 @@ from hapnet.records.vectors import inner
 
 AGAINST_M, LEAST_N = 0.001, 0.25
 """The handle has moved so far against its force, of so much at least: the force is cut."""
-CUT = 0.35
-"""The share of the force that is cut."""
-SUDDEN = 0.5
-"""Where the handle accelerates against its force by so much of what the force alone could do, all of it is cut."""
-SUDDEN_N = 0.8
-SURE = 15.0
-"""Standard errors of 1/m below zero: then the motor is reversed."""
-
+SHOWN_M = 0.0025
+"""The same, after a probe has shown that the motor is right."""
+BARELY_M, SELDOM_S = 0.0002, 0.3
+"""The same, if the last probe was so long ago."""
+CUT, CUT_N = 0.35, 0.5
+"""The share of the force that is cut; more, up to all of it, where that is less than so much."""
+PUSH_N = 0.8
+"""So much is rendered between two cuts where all of the force is cut."""
+SUDDEN, SUDDEN_N = 0.5, 0.8
+"""Where the handle accelerates against its force, of so much at least, by so much of what the force alone could do, all
+of it is cut."""
+SURE, SURE_TOGETHER = 15.0, 12.0
+"""Standard errors of 1/m below zero, of one probe, or in the sum of two to four in a row: the motor is reversed."""
+RIGHT = 6.0
+"""Standard errors of 1/m above zero: then it is not."""
 HEAVIEST = 8.0
 """With a hand on it the handle seems no heavier than so many times its own mass."""
 
 _PULSES = (1, 0, 1, 0)
 _PULSE_S, _COARSE_PULSE_S = 0.008, 0.012
 _LEAST_TICKS = 3
-_BEFORE = 12
+_BEFORE, _SINCE = 12, 5
+_PROBES = 4
+_GROWS_S = 0.01
 _FADES_S = 0.3
 _PAUSE_S = 0.1
 _DOUBT = 1.5
@@ -58,16 +70,17 @@ class ForceProbe:
         self._uneven = False
         self._mass = mass
         self._rows: deque[tuple[float, Vector, Vector]] = deque(maxlen=_BEFORE + 4 * max(40, _LEAST_TICKS) * 4)
-        self._against_m = 0.0
-        self._at_s = self._began_s = 0.0
+        self._against_m, self._enough_m = 0.0, AGAINST_M
+        self._at_s = self._began_s = self._ended_s = 0.0
         self._along: Vector = ()
-        self._depth = 0.0
-        self._rests_until_s = 0.0
+        self._shares = (1.0, 1.0)  # between the cuts, and in them
+        self._doubt, self._probes = 0.0, 0
 
     def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
         """Take a reading, and the force that acted for `dt` seconds before it; says what is wrong, or nothing."""
         if dt > GAP_S or not self._rows:
             self._forget(acted, x)
+            self.share, self._enough_m, self._doubt, self._probes = 1.0, AGAINST_M, 0.0, 0
             return ""
         self._at_s += dt
         moved = [one - two for one, two in zip(x, self._rows[-1][2], strict=True)]
@@ -77,24 +90,36 @@ class ForceProbe:
             return self._probe()
         while len(self._rows) > _BEFORE:
             self._rows.popleft()
+        self.share = min(1.0, self.share + dt / _GROWS_S)
         size = math.hypot(*acted)
         self._against_m *= math.exp(-dt / _FADES_S)
         if size >= LEAST_N:
             self._against_m = max(0.0, self._against_m - inner(acted, moved) / size)
-        sudden = self._is_sudden(acted, size)
-        if sudden or (self._against_m >= AGAINST_M and size >= LEAST_N and self._at_s >= self._rests_until_s):
-            self._cut(1.0 if sudden else CUT, tuple([one / size for one in acted]))
+        if self._is_sudden(acted, size):
+            while len(self._rows) > _SINCE:
+                self._rows.popleft()  # before them the motor may have been right
+            self._cut(PUSH_N / size, 0.0, acted)
+        elif size >= LEAST_N and self._is_due():
+            self._cut(1.0, 1.0 - max(CUT, CUT_N / size), acted)
         return ""
 
-    def _cut(self, depth: float, along: Vector) -> None:
-        """Begin to cut so much of the force."""
-        self._along, self._depth, self._began_s, self._uneven = along, depth, self._at_s, False
-        self.share = 1.0 - depth
+    def _is_due(self) -> bool:
+        """Has the handle moved far enough against its force?"""
+        rested_s = self._at_s - self._ended_s
+        return rested_s >= _PAUSE_S and self._against_m >= (BARELY_M if rested_s >= SELDOM_S else self._enough_m)
+
+    def _cut(self, between: float, inside: float, acted: Vector) -> None:
+        """Begin to render two shares of the present force in turn, along which the handle is watched."""
+        size = math.hypot(*acted)
+        self._along = tuple([one / size for one in acted])
+        self._shares = self.share * min(1.0, between), self.share * max(0.0, inside)
+        self._began_s, self._uneven = self._at_s, False
+        self.share = self._shares[1]
 
     def _forget(self, acted: Vector, x: Vector) -> None:
         self._rows.clear()
         self._rows.append((self._at_s, acted, x))
-        self._against_m, self._along, self.share = 0.0, (), 1.0
+        self._against_m, self._along = 0.0, ()
 
     def _is_sudden(self, acted: Vector, size: float) -> bool:
         """Does the handle accelerate against its force as fast as the force alone could make it?"""
@@ -110,21 +135,27 @@ class ForceProbe:
     def _probe(self) -> str:
         pulse = int((self._at_s - self._began_s) / self._pulse_s)
         if pulse < len(_PULSES):
-            self.share = 1.0 - self._depth * _PULSES[pulse]
+            self.share = self._shares[_PULSES[pulse]]
             return ""
         rows = [(t, inner(force, self._along), inner(x, self._along)) for t, force, x in self._rows]
-        along, depth, uneven = self._along, self._depth, self._uneven
-        self._forget(self._rows[-1][1], self._rows[-1][2])
-        if uneven:
+        _, acted, x = self._rows[-1]
+        self._forget(acted, x)
+        self.share = self._shares[0]
+        if self._uneven:
             return ""
-        time, force, x = (np.asarray(column) for column in zip(*rows, strict=True))
-        gain, sure = pushed(time, force, x, LATE_TICKS)
-        most = PLAUSIBLE_KG[1] if self._mass is None else HEAVIEST * self._mass
-        if gain >= 0.0 or not PLAUSIBLE_KG[0] <= -1.0 / gain <= most or sure < _DOUBT:
-            self._rests_until_s = self._at_s + _PAUSE_S
+        time, force, place = (np.asarray(column) for column in zip(*rows, strict=True))
+        gain, sure = pushed(time, force, place, LATE_TICKS)
+        heaviest = PLAUSIBLE_KG[1] if self._mass is None else HEAVIEST * self._mass
+        reversed_ = gain < 0.0 and PLAUSIBLE_KG[0] <= -1.0 / gain <= heaviest
+        self._probes += 1
+        self._doubt += sure if reversed_ else -sure
+        if reversed_ and self._doubt >= (SURE if self._probes == 1 else SURE_TOGETHER):
+            return "its handle moves against its force: is the motor reversed?"
+        right = gain > 0.0 and sure >= RIGHT
+        if self._doubt >= _DOUBT and not right and self._probes < _PROBES and (size := math.hypot(*acted)):
+            self._cut(PUSH_N / size, 0.0, acted)
             return ""
-        if sure < SURE:
-            if depth < 1.0:
-                self._cut(1.0, along)
-            return ""
-        return "its handle moves against its force: is the motor reversed?"
+        self._doubt, self._probes = 0.0, 0
+        self._ended_s = self._at_s
+        self._enough_m = SHOWN_M if gain > 0.0 and sure >= SURE else AGAINST_M
+        return ""
