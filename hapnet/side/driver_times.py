@@ -94,5 +94,30 @@ class DriverTimes:
         return Event(begun_ns, "device", text, "warning")
 
 
+class Repeats:
+    """How many of a device's readings are new: one that is read more often than it measures repeats the last.
+
+    A reading is repeated if it is the one before, although it says that the device moves.
+    """
+
+    def __init__(self) -> None:
+        self._moving = self._repeated = 0
+        self._before: object = None
+
+    def see(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> None:
+        """Take the next reading."""
+        reading = position, velocity
+        if any(velocity):
+            self._moving += 1
+            self._repeated += reading == self._before
+        self._before = reading
+
+    def new_hz(self, asked_hz: float) -> float | None:
+        """The new readings in a second, of so many asked for; None: most are new, or it hardly moved."""
+        if self._moving < WINDOW or 2 * self._repeated < self._moving:
+            return None
+        return asked_hz * (self._moving - self._repeated) / self._moving
+
+
 def _time(ns: float) -> str:
     return f"{ns * 1e-9:.1f} s" if ns >= 1e9 else f"{ns * 1e-6:.1f} ms"

@@ -27,7 +27,7 @@ from hapnet.records.vectors import inner
 from hapnet.side.clocks import Clocks
 from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Drive
-from hapnet.side.driver_times import DriverTimes
+from hapnet.side.driver_times import DriverTimes, Repeats
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.side.notices import signal_text
@@ -102,6 +102,7 @@ class RealDeviceSide(SampledDeviceSide):
         self._times = DriverTimes(
             device.name, drive.period_ns, drive.watchdog_ns or 10 * drive.period_ns, paced=not device.blocks
         )
+        self._repeats = Repeats()
         self.waited: Callable[[], int] = lambda: 0
         """How long the calling thread ran or waited for a processor so far [ns]."""
         self._asked_ns: int | None = None  # since when readings are asked for
@@ -116,6 +117,7 @@ class RealDeviceSide(SampledDeviceSide):
             self._keep_still(self._clock(), error)
             return None
         now_ns = self._called("read", begun_ns)  # a reading may have been waited for
+        self._repeats.see(*self._reading)
         if self._silent:
             self._go_on(now_ns)
         self._heard_ns = now_ns
@@ -214,9 +216,14 @@ class RealDeviceSide(SampledDeviceSide):
             "hot_s": self.limiter.limited_s,
             "mass_kg": list(self._mass) or None,
             "blocked": self._times.blocked or None,
-            "reads_hz": self._times.rate_hz,
+            "reads_hz": self._times.rate_hz or self._repeats.new_hz(self._kept_hz()),
             "contact_missed": None if self._contact is None else self._contact.missed,
         }
+
+    def _kept_hz(self) -> float:
+        """How often the device was read in a second since the sides met."""
+        lasted_ns = 0 if self.origin_ns is None else self.last_ns - self.origin_ns
+        return 1.0 / self._period_s if lasted_ns <= 0 else self.ticks * 1e9 / lasted_ns
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
         super()._on_signal(now_ns, name, value)

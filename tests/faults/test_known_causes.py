@@ -61,10 +61,10 @@ class Good(Driver):
         self.force = force[0]
 
 class Coarse(Good):
-    resolution = 0.02
+    resolution = 0.01
     def read(self):
         (x,), velocity = super().read()
-        return (round(x / 0.02) * 0.02,), velocity
+        return (round(x / 0.01) * 0.01,), velocity
 
 class Raises(Good):
     def read(self):
@@ -218,6 +218,7 @@ def judged(name: str, got: Ended, expected: Known) -> None:
 
 
 DEVICE = ("--dof", "1", "--device")
+LITTLE = ("--set", "device.ceiling_J=0.0005", "--set", "world.ceiling_J=0.0005")
 RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
     "an ordinary run": ((), known(code=0, says="^passive: at most")),
     "zoh on a bad link": (
@@ -228,17 +229,17 @@ RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
         ("--coupling", "laws:Claims", *SHAKEN),
         known("bound", code=4, says="did not keep passivity, as it claims", also=("hand",)),
     ),
-    "encoders of 20 mm": (
-        (*DEVICE, "drivers:Coarse"),
+    "encoders of 10 mm": (
+        (*DEVICE, "drivers:Coarse", "--set", "device.self_test_N=0", *LITTLE),
         known("blur", code=0, says="^passivity not known: .*the encoders blur", also=("speed",)),
     ),
     "a device that repeats readings": (
         (*DEVICE, "drivers:Steps"),
-        known("repeats", code=0, says="^passivity not known: the device makes [45].", also=("blur",)),
+        known("repeats", code=0, says="^passivity not known: the device makes [0-9]+ readings"),
     ),
     "a device faster than it declares": (
         ("--set", "device.greatest_speed=0.02"),
-        known("speed", "stopped", code=3, says="the device moved at .* m/s, and declares at most 0.02 m/s"),
+        known("speed", code=0, says="^passivity not known: the device moved at .*, and declares at most 0.02 m/s"),
     ),
     "a device that never answers": ((*DEVICE, "drivers:Mute"), known(code=2, says="a device that can be read")),
     "a device that answers only once": (
