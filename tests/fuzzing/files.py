@@ -30,7 +30,8 @@ from hapnet.study.journal import Journal
 from hapnet.study.spec import Spec
 from hapnet.summary.recorded import of_recordings
 from netem import NetemError
-from tests.fuzzing.file_mutator import FileMutator, seeds
+from tests.fuzzing.file_mutator import FileMutator
+from tests.fuzzing.file_seeds import seeds
 
 SHARES: Mapping[str, float] = {
     "recording": 0.35, "mesh": 0.15, "urdf": 0.15, "toml": 0.15, "npy": 0.1, "mujoco": 0.05, "journal": 0.05,

@@ -68,6 +68,7 @@ READS_FILES = {
     "hapnet/params.py": "--params names a file",
     "hapnet/installing.py": "looks for an interpreter that has pip",
     "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
+    "hapnet/plant/worlds/mujoco_sizes.py": "looks at that file, and at those that it includes, before MuJoCo does",
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
     "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",
