@@ -46,8 +46,9 @@ def test_a_pipe_and_a_device_are_refused(tmp_path: Path) -> None:
         ("dof = " + "9" * 5000, "digits"),
         ("dof = 0x" + "f" * 5000, "64 bits"),
         ("dof = 9223372036854775808", "64 bits"),
+        (2 * ("[" + "a." * 1000 + "a]\n"), "twice (at line 2, column 2003)"),
     ],
-    ids=range(8),
+    ids=range(9),
 )
 def test_toml_has_bounds(text: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (file := tmp_path / "params.toml").write_text(text)
@@ -55,6 +56,7 @@ def test_toml_has_bounds(text: str, words: str, tmp_path: Path, capsys: pytest.C
     said = capsys.readouterr().err.strip()
     assert words in said
     assert said.count("\n") == 0
+    assert len(said) < 500
     assert main(["sweep", str(file), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.strip().count("\n") == 0
 
