@@ -23,7 +23,7 @@ from netem import Link, LinkProfile
 
 MS = 1_000_000
 ONE_WAY_MS = 40
-KINDS = ("simulated", "mujoco", "driver", "position arm", "lerobot")
+KINDS = ("simulated", "mujoco", "driver", "position arm", "lerobot", "ros 2")
 CAUSES = ("dead-man", "remote stop", "closed page", "silent leader")
 
 MODEL = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody><body name="tip">
@@ -55,6 +55,20 @@ class Arm:
         return force
 
 
+class BehindTopics(Arm):
+    """The same behind topics of ROS 2, 100 times a second: a command acts when the next one is sent."""
+
+    rate_hz = 100.0
+
+    def __init__(self, dof: int) -> None:
+        super().__init__(dof)
+        self._sent: Vector = (0.0,)
+
+    def apply(self, force: Vector) -> Vector:
+        acts, self._sent = self._sent, force
+        return super().apply(acts)
+
+
 class TakesPositions:
     """An arm that goes to each position at once, 50 times a second; `ties` pulls the mass to it, as LeRobot's does."""
 
@@ -81,7 +95,9 @@ class Rig:
     def __init__(self, kind: str, folder: Path, seed: int = 0, **changes: object) -> None:
         scenes = {"mujoco": f"mujoco:{folder / 'arm.xml'}?proxy=tip",
                   "position arm": f"{__name__}:TakesPositions", "lerobot": f"{__name__}:Tied"}  # fmt: skip
-        robots = {"driver": f"{__name__}:Arm", "position arm": "none", "lerobot": "none"}  # fmt: skip
+        robots = {
+            "driver": f"{__name__}:Arm", "ros 2": f"{__name__}:BehindTopics", "position arm": "none", "lerobot": "none",
+        }  # fmt: skip
         (folder / "arm.xml").write_text(MODEL, encoding="utf-8")
         self.now_ns = Arm.now_ns = 0
         self.setup = prepare(
@@ -90,7 +106,7 @@ class Rig:
                 "operator_hand.amplitude_m": 0.06, "device.servo": "sampled", "operator_hand.start_periods": 0.0,
                 "operator_hand.frequency_hz": 0.6, "follower.robot": robots.get(kind, "simulated"),
                 "link.up": f"delay {ONE_WAY_MS}ms", "link.down": f"delay {ONE_WAY_MS}ms",
-                **changes,
+                **({"follower.servo_hz": BehindTopics.rate_hz} if kind == "ros 2" else {}), **changes,
             }),
             "sampled",
         )  # fmt: skip
@@ -102,10 +118,10 @@ class Rig:
         self.held, self.alive = True, True
         device.is_held = lambda t: self.held
         self._step: Callable[[int], bytes | None]
-        if robots.get(kind) == f"{__name__}:Arm":
+        if kind in ("driver", "ros 2"):
             session = world_session(self.setup, 6)
             self.far: DeviceEndpoint | WorldEndpoint = DeviceEndpoint(session)
-            self._step = robot_side(self.setup, self.far, self._clock, lambda sample: None).tick  # type: ignore[arg-type]
+            self._step = robot_side(self.setup, self.far, self._clock, lambda sample: None).tick
             self.place: Callable[[], float] = lambda: Arm.newest.x
             self._every = round(1000 / self.setup.params.follower.servo_hz)
         else:
@@ -179,7 +195,7 @@ def main(times: int, folder: Path) -> None:
         for cause in CAUSES:
             found = [moved_mm(kind, cause, folder, seed) for seed in range(times)]
             before, after = np.median(found, axis=0)[0], np.max(found, axis=0)[1]
-            print(f"{kind:13} {cause:13} before {before:5.1f} mm, after at most {after:7.4f} mm")
+            print(f"{kind:13} {cause:13} before {before:5.1f} mm, after at most {after:7.4f} mm", flush=True)
 
 
 if __name__ == "__main__":
