@@ -42,6 +42,7 @@ class LinkForm:
         self._actions = actions
         self._running = 0
         self._profile = LinkProfile()
+        self._whole = True  # was all of the profile shown?
         self._followed, self._changed_s = "", -SETTLED_S
         self.folder: viser.GuiFolderHandle = gui.add_folder(label)
         with self.folder:
@@ -80,7 +81,7 @@ class LinkForm:
         except NetemError:
             put(self._words, text)
         else:
-            if str(profile) != str(self._profile):
+            if not self._whole or str(profile) != str(self._profile):
                 self._show(profile)
 
     def forget(self) -> None:
@@ -118,13 +119,14 @@ class LinkForm:
         self._actions.begin(apply, client, refused="The link stays as it was", done=done)
 
     def _show(self, profile: LinkProfile) -> None:
-        self._profile = profile
+        self._profile, self._whole = profile, False
         words = str(profile)
         put(self._preset, next((name for name in PRESETS if str(LinkProfile.preset(name)) == words), CUSTOM))
         put(self._delay, min(profile.delay_ns / 1e6, 500.0))
         put(self._jitter, min(profile.jitter_ns / 1e6, 100.0))
         put(self._loss, min(100.0 * profile.loss.probability, 50.0) if isinstance(profile.loss, RandomLoss) else 0.0)
         put(self._words, words or "ideal")
+        self._whole = True
 
     def _by_preset(self) -> LinkProfile:
         return self._profile if self._preset.value == CUSTOM else LinkProfile.preset(self._preset.value)

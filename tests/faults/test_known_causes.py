@@ -218,6 +218,7 @@ def judged(name: str, got: Ended, expected: Known) -> None:
 
 
 DEVICE = ("--dof", "1", "--device")
+EARLY = ("account",)  # on a busy machine it fails before its first tick
 LITTLE = ("--set", "device.ceiling_J=0.0005", "--set", "world.ceiling_J=0.0005")
 RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
     "an ordinary run": ((), known(code=0, says="^passive: at most")),
@@ -248,10 +249,14 @@ RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
     ),
     "a silent device whose port goes": (
         (*DEVICE, "drivers:Gone", "--duration", "20"),
-        known("no reading", code=2, says="the port is gone"),
+        known(code=2, says="the port is gone"),
     ),
-    "a port that goes during the run": ((*DEVICE, "drivers:Unplugged"), known(code=2, says="the port is gone")),
-    "a driver that raises": ((*DEVICE, "drivers:Raises"), known(code=2, says="RuntimeError: the bus says no")),
+    "a port that goes during the run": (
+        (*DEVICE, "drivers:Unplugged"), known(code=2, says="the port is gone", also=EARLY)
+    ),
+    "a driver that raises": (
+        (*DEVICE, "drivers:Raises"), known(code=2, says="RuntimeError: the bus says no", also=EARLY)
+    ),
     "a driver that hangs for 4 s": (
         (*DEVICE, "drivers:Hangs", "--duration", "8"),
         known("blocked", code=3, says=r"driver blocks: read\(\) of drivers:Hangs took [45]\.\d+ s"),

@@ -31,6 +31,7 @@ from tests.view.test_history import MS, device, reports, world
 
 SURFACE = {"axis": 0, "solid": 1, "position_m": 0.02, "stiffness_N_m": 3000.0}
 VECTORS = ("position_m", "velocity_mps", "target_m", "set_position_m", "force_N", "coupling_force_N", "contact_force_N")
+DELAY_MS = 40
 WITHIN_S = 2.0
 STEP_S = 0.1
 
@@ -138,7 +139,7 @@ class Drawn:
     def frame(self) -> None:
         self.now_s += STEP_S
         at, x = round(1000 * self.now_s) * MS, 0.02 + 0.005 * math.sin(self.now_s)
-        link = {"profile": f"delay {40 + KINDS.index(self.kind)}ms 10ms loss 2%", "delay_now_ms": 40.0}
+        link = {"profile": f"delay {DELAY_MS + KINDS.index(self.kind)}ms 10ms loss 2%", "delay_now_ms": 40.0}
         incarnation, tool = 1 + KINDS.index(self.kind), self.kind == "tool"
         for role in ("device", "world"):
             status = reports(role, incarnation, coupling="pspm" if self.kind == "wall" else "zoh")
@@ -199,6 +200,11 @@ def assert_whole_again(drawn: Drawn, kind: str, number: int, queues: bool) -> bo
     assert seen or not failed, number
     assert "cannot be drawn" not in drawn.says(), number
     assert browser.lacks(drawn.server) == [], (number, queues)
+    panel = drawn.page._panel
+    assert panel is not None
+    shown = panel._up._delay.value, panel._down._delay.value, panel._choice.value, panel._scene.value
+    delay_ms = DELAY_MS + KINDS.index(kind)
+    assert shown == (delay_ms, delay_ms, "paper" if kind == "wall" else "zoh", ABOUT[kind]["scene"]), (number, queues)
     return failed
 
 
@@ -216,7 +222,7 @@ def test_a_browser_knows_all_that_the_page_has_set(serve: Callable[[], Any]) -> 
 
 
 @pytest.mark.parametrize("queues", [False, True])
-@pytest.mark.parametrize(("kind", "number"), [("wall", 1), ("ball", 30), ("arm", 60), ("tool", 90)])
+@pytest.mark.parametrize(("kind", "number"), [("wall", 1), ("ball", 30), ("arm", 60), ("tool", 90), ("wall", 96)])
 def test_a_call_that_fails_once(kind: str, number: int, queues: bool, serve: Callable[[], Any]) -> None:
     assert assert_whole_again(Drawn(serve(), kind), kind, number, queues)
 
