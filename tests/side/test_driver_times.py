@@ -9,6 +9,8 @@ import pytest
 from hapnet.processes.thread_time import ThreadTime
 from hapnet.recording.samples import Event
 from hapnet.side.driver_times import DriverTimes
+from hapnet.summary.run import device_summary
+from tests.side.test_real_device import Arm, Rig
 
 MS = 1_000_000
 
@@ -119,3 +121,28 @@ def test_after_its_end_it_looks_no_more() -> None:
     for _ in range(2):
         spent.close()
     assert spent() == 0
+
+
+class Hanging(Arm):
+    rig: Rig | None = None
+
+    def read(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        if self.rig is not None:
+            self.rig.now_ns += 4000 * MS
+            self.rig = None
+        return super().read()
+
+
+def test_a_run_whose_driver_hangs_names_it_and_counts_the_time_without_force() -> None:
+    rig = Rig(Hanging)
+    rig.tick(0.0, times=10)
+    assert isinstance(rig.arm, Hanging)
+    rig.arm.rig = rig
+    rig.tick(0.0, times=10)
+    name = f"{__name__}:Hanging"
+    assert f"device: read() of {name} took 4.0 s" in rig.events
+    assert any("the servo stalled for" in event and "no force" in event for event in rig.events)
+    summary = device_summary(rig.side, "pspm")
+    assert summary["driver"] is not None
+    assert summary["driver"]["blocked"] == f"read() of {name} took 4.0 s"
+    assert rig.side.punctuality.without_force_ns == pytest.approx(4000 * MS, abs=10 * MS)
