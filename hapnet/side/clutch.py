@@ -47,15 +47,17 @@ class Clutch:
         force : that was held until now [N]. As long as there is one, after the clutch has opened too, its motion
             counts: an actuator may be slow, or may not have got the command.
         """
+        place = self.place(own, force)
         if self.open and not any(force):
-            self.frame.meet(own, self._rest)
-            place = self._rest
-        else:
-            place = self.frame.coupled(own)
+            self.frame.meet(own, place)
         self.disengaged = self._is_open(t)
         self.open = lets_go or self.disengaged
         self._rest = place
         return place, (0.0,) * len(v) if self.open else self.frame.velocity(v)
+
+    def place(self, own: Vector, force: Vector) -> Vector:
+        """Where the coupling has the device that is at `own` [m], with that force [N] on it since the last tick."""
+        return self._rest if self.open and not any(force) else self.frame.coupled(own)
 
 
 def spans(name: str, text: str, allowed: str) -> list[tuple[float, float]]:

@@ -179,7 +179,8 @@ class SampledDeviceSide(DeviceSide):
         """A period in which the servo was away: the device goes on under the force that is held, and both accounts
         count the work that this force really does."""
         held_device.live(held, None, 1)
-        follow(held.plant.period, held.plant.read()[0])
+        x = held.plant.read()[0]
+        follow(held.plant.period, x if self.clutch is None else self.clutch.place(x, self.servo.force))
         held_device.count(held, held.plant.period)
         held_device.observe(held)
 
