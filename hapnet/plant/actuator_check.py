@@ -206,7 +206,8 @@ def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1)
     if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
         late = in_time
     gain, error, _ = fits[late]
-    if gain * fits[in_time][0] < 0.0:
+    at_once, blur, _ = fits[in_time]
+    if gain * at_once < 0.0 or (gain < 0.0 and abs(at_once) < _SURE * blur):
         error = math.inf  # a hand that gives way late may look like a motor that is reversed: not known
     velocity = _velocity(x, v, dt, gaps)
     return Response(1.0 / gain if gain else math.inf, late, abs(gain) / error, velocity, False, len(gaps))
