@@ -28,6 +28,16 @@ def test_as_long_as_a_force_is_held_the_motion_counts() -> None:
     assert seen == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.03, 0.03])
 
 
+def test_between_two_ticks_the_coupling_has_the_device_where_the_next_tick_will() -> None:
+    """A servo that is late follows the device tick by tick, whether the clutch is open and whether a force is held."""
+    clutch = Clutch(Frame(1.0, 1.0, (0.0,)), lambda t: 0.5 < t < 4.5)
+    for t, (x, force) in enumerate(((0.0, 1.0), (0.01, 0.5), (0.02, 0.0), (0.05, 0.0), (0.09, 0.0), (0.1, 0.0))):
+        before = clutch.place((x,), (force,))
+        assert before == clutch.move(float(t), (x,), (1.0,), (force,))[0]
+    assert before == pytest.approx((0.01,))  # where it was when the force had gone
+    assert clutch.place((0.13,), (0.0,)) == pytest.approx((0.04,))
+
+
 @pytest.mark.parametrize("rendering", ["paper", "hapnet"])
 def test_the_follower_rests_and_nothing_jumps(rendering: str) -> None:
     params = {
