@@ -200,9 +200,9 @@ def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1)
         fits.append(_combined([part.fit(one) for part, one in zip(parts, forces, strict=True)]))
     left = [fit[2] for fit in fits]
     late = int(np.argmin(left))
-    noise = left[late] / max(1, len(rows) - sum(part.unknowns for part in parts))
+    noise = left[late] / max(1, len(rows) - math.fsum(part.unknowns for part in parts))
     in_time = min(range(LATE_TICKS), key=left.__getitem__)
-    moved = sum(part.moved for part in parts)  # what only the force explains
+    moved = math.fsum(part.moved for part in parts)  # what only the force explains
     if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
         late = in_time
     gain, error, _ = fits[late]
@@ -254,10 +254,10 @@ def _combined(fits: Sequence[tuple[float, float, float]]) -> tuple[float, float,
     gain, error, _ = np.array(fits).T
     weight = error**-2.0
     if not np.any(weight):
-        return 0.0, math.inf, sum(fit[2] for fit in fits)
+        return 0.0, math.inf, math.fsum(fit[2] for fit in fits)
     mean = float(np.average(gain, weights=weight))
     spread = float(np.average((gain - mean) ** 2, weights=weight)) / max(1, len(fits) - 1)
-    return mean, math.sqrt(max(1.0 / float(weight.sum()), spread)), sum(fit[2] for fit in fits)
+    return mean, math.sqrt(max(1.0 / float(weight.sum()), spread)), math.fsum(fit[2] for fit in fits)
 
 
 def _fit(force: Array, x: Array, dt: Array, base: Array) -> tuple[float, float, float]:
