@@ -142,6 +142,8 @@ class ForceProbe:
         self._forget(acted, x)
         self.share = self._shares[0]
         if self._uneven:
+            self._doubt, self._probes = 0.0, 0
+            self._ended_s = self._at_s  # else it would cut the force again at once, and on a busy machine all the time
             return ""
         time, force, place = (np.asarray(column) for column in zip(*rows, strict=True))
         gain, sure = pushed(time, force, place, LATE_TICKS)

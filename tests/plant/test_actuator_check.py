@@ -396,3 +396,21 @@ def test_what_cannot_be_written_is_no_failure(monkeypatch: pytest.MonkeyPatch, t
 def test_a_mass_for_another_number_of_axes_is_refused(capsys: Capture) -> None:
     assert cli.main(["run", "--device", name(Late), "--dof", "1", "--set", "device.known_mass_kg=[1, 2]"]) == 2
     assert "device.known_mass_kg" in capsys.readouterr().err
+
+
+def test_on_a_busy_machine_the_force_is_not_cut_again_and_again() -> None:
+    """A light handle that a hand pulls into a spring, one reading in five late: no probe is worth anything."""
+    rng, probe = random.Random(7), ForceProbe(0.001, 0.1)
+    x = v = force = cut_s = now_s = 0.0
+    while now_s < 5.0:
+        dt = rng.uniform(0.01, 0.02) if rng.random() < 0.2 else 0.001
+        steps = max(1, round(dt / 1e-4))
+        for _ in range(steps):
+            v += dt / steps * (force + 60.0 * (0.03 - x) - 4.0 * v) / 0.1
+            x += dt / steps * v
+        assert probe.wrong(dt, (force,), (x,)) == ""
+        now_s += dt
+        cut_s += dt if probe.share < 1.0 else 0.0
+        force = -probe.share * max(0.0, 200.0 * (x - 0.02))
+    assert cut_s < 0.05 * now_s
+    assert x == pytest.approx((60.0 * 0.03 + 200.0 * 0.02) / 260.0, abs=2e-5)
