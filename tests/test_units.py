@@ -82,7 +82,7 @@ def test_the_world_says_them_and_the_parameters_follow() -> None:
 
 def test_a_device_with_others_is_refused() -> None:
     for name, fits in (("Hinge", True), ("Straight", False)):
-        setup = prepare(params(hardware=f"{HERE}:{name}"), "sampled")
+        setup = prepare(params(hardware=f"{HERE}:{name}").unset("operator"), "sampled")
         endpoint = DeviceEndpoint(device_session(setup, 1))
         if fits:
             device_side(setup, endpoint, lambda: 0, lambda _: None)

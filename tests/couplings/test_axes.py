@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
@@ -79,7 +80,7 @@ STAGES = {
 
 def ran(changes: dict[str, Any], hand: type[Hand], order: tuple[int, ...], of_axes: dict[str, Any]) -> Result:
     own = {name: tuple(values[axis] for axis in order) for name, values in of_axes.items()}
-    params = Params().set({**RUN, **own, **changes, "operator": f"{__name__}:{hand.__name__}"})
+    params = for_its_scene(Params().set({**RUN, **own, **changes, "operator": f"{__name__}:{hand.__name__}"}))
     return Simulation(params, 5, kernel=False).run()
 
 

@@ -28,6 +28,7 @@ from tests.support.processes import LIMIT_S, children
 
 NOBODY = "tcp/127.0.0.1:1"
 SETTINGS: dict[str, object] = {"operator": "sine", "link.up": "ideal", "link.down": "ideal"}
+OF_AN_OWN_DEVICE = {name: value for name, value in SETTINGS.items() if name != "operator"}
 HURRIED: dict[str, object] = {**SETTINGS, "device.silence_after_s": 0.1, "world.silence_after_s": 0.1}
 
 
@@ -215,7 +216,7 @@ async def test_a_failure_is_raised_where_the_program_waits_and_when_the_block_is
     arm, connected = Failing(), list[ConnectedDevice]()
 
     async def program() -> None:
-        async with asyncio.timeout(WAIT_S), connect_device(SETTINGS, device=arm, connect=address) as device:
+        async with asyncio.timeout(WAIT_S), connect_device(OF_AN_OWN_DEVICE, device=arm, connect=address) as device:
             connected.append(device)
             await device.wait_paired()
             await world.wait_paired()

@@ -143,10 +143,11 @@ async def test_a_hand_that_is_not_led_cannot_be() -> None:
 
 
 async def test_nor_can_the_hand_that_holds_a_device_of_its_own() -> None:
-    params = parameters(operator="mouse", hardware="examples.own_device:Rail")
-    device = Running("device", free_address(), params)
+    with pytest.raises(InvalidParameter, match=r"operator is 'mouse'.*it is not simulated"):
+        Running("device", free_address(), parameters(operator="mouse", hardware="examples.own_device:Rail"))
+    device = Running("device", free_address(), parameters(hardware="examples.own_device:Rail"))
     async with running(device):
-        with pytest.raises(InvalidParameter, match="simulated"):
+        with pytest.raises(InvalidParameter, match="operator"):
             device.side.lead((0.01,))
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
 from hapnet.control import continuous_servo, set_position_coupling as couplings
 from hapnet.control.set_position_coupling import SetPositionCoupling
@@ -380,7 +381,7 @@ def write_golden() -> None:
 
 def test_the_golden_trajectory() -> None:
     content = json.loads(GOLDEN.read_text(encoding="utf-8"))
-    columns = golden_run(PAPER.set(content["params"]))
+    columns = golden_run(for_its_scene(PAPER.set(content["params"])))
     assert columns.keys() == content["columns"].keys()
     for name, values in content["columns"].items():
         assert columns[name] == pytest.approx(values, abs=1e-9), name

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hapnet import ForceWorld, Obstacle, Plane
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance
@@ -63,12 +64,13 @@ def error_N(
 ) -> tuple[float, float]:  # fmt: skip
     """The root mean square of the force's difference from the ball's own, felt without delay, and of that force [N]."""
     import_module("tests.support.curved").Slide.speed_mps = speed_mps  # of the module that the run imports
-    params = Params().set({
+    given = {
         "device.stiffness": K,
         "scene": scene, "dof": dof, "operator": "tests.support.curved:Slide", "link.up": LINK, "link.down": LINK,
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,
-    })  # fmt: skip
+    }  # fmt: skip
+    params = for_its_scene(Params().set(given))
     run = Simulation(params, 1, kernel=False)
     if flat:
         contacts: Any = run.world.scene.contacts

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.assembly.build import prepare
+from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Array
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
@@ -67,7 +68,9 @@ def _follow(recording: Recording, way: Array, step_s: float, comes: bool) -> tup
     given = recording.meta["params"]
     wall = {f"world.wall.{name}": value for name, value in given["world"]["wall"].items()}
     wall["world.wall.damping"] = 1e-6
-    scene = prepare(Params().set({"scene": given["scene"], "dof": given["dof"], **wall}), "continuous").scene
+    scene = prepare(
+        for_its_scene(Params().set({"scene": given["scene"], "dof": given["dof"], **wall})), "continuous"
+    ).scene
     stiffness = given["world"]["stiffness"]
     mass, damping = OF_MODEL if scene.moves_proxy and not isinstance(scene, ToolScene) else LIGHT
     proxy = scene.proxy(mass, damping, stiffness) or PassiveIntegrator(mass, damping, stiffness, scene.start)

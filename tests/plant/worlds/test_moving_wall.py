@@ -216,5 +216,5 @@ def test_a_malformed_timeline_is_one_line_that_names_the_entry(timeline: str, sa
 
 
 def test_another_scene_says_that_it_does_not_read_the_timeline() -> None:
-    setup = prepare(Params().set({"world.wall.timeline": "at 2s: gone"}))
-    assert any("world.wall.timeline is 'at 2s: gone'" in line for line in setup.warnings)
+    with pytest.raises(InvalidParameter, match=r"world\.wall\.timeline is 'at 2s: gone'.*does not read it"):
+        prepare(Params().set({"world.wall.timeline": "at 2s: gone"}))
