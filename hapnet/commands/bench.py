@@ -38,7 +38,7 @@ def bench(
     """Measure what the servo, the message path and the simulation cost here, each beside a bare reference.
 
     Prints a table; writes bench.json and a figure of the histograms. The default takes some twelve minutes on two idle
-    cores, and an hour on busy ones; it says how much is left, and in its last line how long it took. Use --seconds 60
+    cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Use --seconds 60
     --rounds 5 for figures to publish.
     """
     from hapnet.bench.registry import select
