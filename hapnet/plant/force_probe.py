@@ -142,8 +142,7 @@ class ForceProbe:
         self._forget(acted, x)
         self.share = self._shares[0]
         if self._uneven:
-            self._doubt, self._probes = 0.0, 0
-            self._ended_s = self._at_s  # else it would cut the force again at once, and on a busy machine all the time
+            self._rest()  # else it would cut the force again at once, and on a busy machine all the time
             return ""
         time, force, place = (np.asarray(column) for column in zip(*rows, strict=True))
         gain, sure = pushed(time, force, place, LATE_TICKS)
@@ -157,7 +156,10 @@ class ForceProbe:
         if self._doubt >= _DOUBT and not right and self._probes < _PROBES and (size := math.hypot(*acted)):
             self._cut(PUSH_N / size, 0.0, acted)
             return ""
-        self._doubt, self._probes = 0.0, 0
-        self._ended_s = self._at_s
+        self._rest()
         self._enough_m = SHOWN_M if gain > 0.0 and sure >= SURE else AGAINST_M
         return ""
+
+    def _rest(self) -> None:
+        """Probe no more for a while, and forget the doubt."""
+        self._doubt, self._probes, self._ended_s = 0.0, 0, self._at_s
