@@ -135,7 +135,7 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 
 def _prepared(params: Params, default_servo: str) -> Setup:
     used = resolved(params)
-    params, scene, spec, warnings = used.params, used.scene, used.coupling, list(used.warnings)
+    params, scene, spec, warnings = used.params, used.scene, used.coupling, list(used.scene.warnings)
     check_units(params, scene.dof)
     device = params.device
     if scene.moves_proxy and "world" not in spec.set_positions:

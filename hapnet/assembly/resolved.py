@@ -29,7 +29,6 @@ class Resolved:
     params: Params
     scene: World
     coupling: CouplingSpec[Any]
-    warnings: tuple[str, ...] = ()
 
 
 def resolved(params: Params) -> Resolved:
@@ -46,7 +45,7 @@ def resolved(params: Params) -> Resolved:
     spec = coupling(params.coupling)
     params = _with_stages(with_springs(_with_rate(params)), spec)
     params, scene = with_follower(params, spec, scene)
-    return Resolved(params, scene, spec, tuple(scene.warnings))
+    return Resolved(params, scene, spec)
 
 
 _SIMULATED = ("operator", "operator_hand.", "device.mass", "device.own_damping", "device.substeps")

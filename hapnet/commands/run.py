@@ -126,9 +126,7 @@ def run(
                 write_files(found, directory, written)
                 output.show_files(words, FILES, directory)
             written.judge(found.summary, chosen, virtual=False)
-            if (
-                began and pair.failure is None
-            ):  # else that is why, and the verdict's line on standard output says the rest
+            if began and pair.failure is None:  # else the failure is why, and the verdict's line says the rest
                 written.missing += incomplete(found.summary)
             with written.part():
                 output.write_json(found.summary, json_to)
