@@ -19,7 +19,7 @@ class ThreadTime:
     def __call__(self) -> int:
         if (thread := threading.get_native_id()) != self._thread:
             self._open(thread)
-        if self._file < 0:
+        if self._file < 0 or not hasattr(os, "preadv"):
             return 0
         try:
             count = os.preadv(self._file, self._buffers, 0)
