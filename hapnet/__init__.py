@@ -49,6 +49,15 @@ if TYPE_CHECKING:
         HapnetError as HapnetError,
         InvalidParameter as InvalidParameter,
     )
+    from hapnet.ext.engines.engine import Engine as Engine
+    from hapnet.ext.engines.engine_world import EngineWorld as EngineWorld
+    from hapnet.ext.engines.force_world import ForceWorld as ForceWorld
+    from hapnet.ext.engines.obstacle import Obstacle as Obstacle
+    from hapnet.ext.pictures.report import Report as Report, report as report
+    from hapnet.ext.solids.shapes import Cuboid as Cuboid, Sphere as Sphere
+    from hapnet.ext.study.comparison import Comparison as Comparison, compare as compare
+    from hapnet.ext.study.sweep import SweepResult as SweepResult, sweep as sweep
+    from hapnet.ext.study.tune import Tuning as Tuning, tune as tune
     from hapnet.mechanics.contacts import Surroundings as Surroundings
     from hapnet.mechanics.effects import Effects as Effects, Grain as Grain
     from hapnet.mechanics.plane import Plane as Plane
@@ -56,13 +65,8 @@ if TYPE_CHECKING:
     from hapnet.params import Params as Params
     from hapnet.plant.device import Device as Device
     from hapnet.plant.integrator import PassiveIntegrator as PassiveIntegrator
-    from hapnet.plant.worlds.engine import Engine as Engine
-    from hapnet.plant.worlds.engine_world import EngineWorld as EngineWorld
-    from hapnet.plant.worlds.force_world import ForceWorld as ForceWorld
-    from hapnet.plant.worlds.obstacle import Obstacle as Obstacle
     from hapnet.plant.worlds.protocol import World as World
     from hapnet.plant.worlds.scene import Scene as Scene
-    from hapnet.plant.worlds.shapes import Cuboid as Cuboid, Sphere as Sphere
     from hapnet.plant.worlds.walls import Wall as Wall
     from hapnet.realtime.connect import connect_device as connect_device, connect_world as connect_world
     from hapnet.realtime.connected import (
@@ -75,14 +79,10 @@ if TYPE_CHECKING:
     from hapnet.recording.export import export as export
     from hapnet.recording.mcap import read_recording as read_recording
     from hapnet.recording.samples import Recording as Recording
-    from hapnet.reports.report import Report as Report, report as report
     from hapnet.side.notices import Notice as Notice
     from hapnet.simulation.batch import simulate_batch as simulate_batch
     from hapnet.simulation.result import Result as Result
     from hapnet.simulation.simulation import simulate as simulate
-    from hapnet.study.comparison import Comparison as Comparison, compare as compare
-    from hapnet.study.sweep import SweepResult as SweepResult, sweep as sweep
-    from hapnet.study.tune import Tuning as Tuning, tune as tune
     from hapnet.transport.config import ZenohSettings as ZenohSettings
 
 _NAMES = {
@@ -99,13 +99,13 @@ _NAMES = {
     "hapnet.params": "Params",
     "hapnet.plant.device": "Device",
     "hapnet.plant.integrator": "PassiveIntegrator",
-    "hapnet.plant.worlds.engine": "Engine",
-    "hapnet.plant.worlds.engine_world": "EngineWorld",
-    "hapnet.plant.worlds.force_world": "ForceWorld",
-    "hapnet.plant.worlds.obstacle": "Obstacle",
+    "hapnet.ext.engines.engine": "Engine",
+    "hapnet.ext.engines.engine_world": "EngineWorld",
+    "hapnet.ext.engines.force_world": "ForceWorld",
+    "hapnet.ext.engines.obstacle": "Obstacle",
     "hapnet.plant.worlds.protocol": "World",
     "hapnet.plant.worlds.scene": "Scene",
-    "hapnet.plant.worlds.shapes": "Cuboid Sphere",
+    "hapnet.ext.solids.shapes": "Cuboid Sphere",
     "hapnet.plant.worlds.walls": "Wall",
     "hapnet.realtime.connect": "connect_device connect_world",
     "hapnet.realtime.connected": "ConnectedDevice ConnectedWorld SetPosition",
@@ -114,14 +114,14 @@ _NAMES = {
     "hapnet.recording.export": "export",
     "hapnet.recording.mcap": "read_recording",
     "hapnet.recording.samples": "Recording",
-    "hapnet.reports.report": "Report report",
+    "hapnet.ext.pictures.report": "Report report",
     "hapnet.side.notices": "Notice",
     "hapnet.simulation.batch": "simulate_batch",
     "hapnet.simulation.result": "Result",
     "hapnet.simulation.simulation": "simulate",
-    "hapnet.study.comparison": "Comparison compare",
-    "hapnet.study.sweep": "SweepResult sweep",
-    "hapnet.study.tune": "Tuning tune",
+    "hapnet.ext.study.comparison": "Comparison compare",
+    "hapnet.ext.study.sweep": "SweepResult sweep",
+    "hapnet.ext.study.tune": "Tuning tune",
     "hapnet.transport.config": "ZenohSettings",
 }
 _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}

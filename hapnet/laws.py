@@ -1,16 +1,17 @@
 """The couplings' names, and their laws' parameters, for what must not load the laws: `Params` and the commands.
 
-A law of hapnet is a file of hapnet/couplings/ with a line ``LAW = CouplingSpec(``. Its name is the file's, with dashes
-for underlines. The file is loaded when the law is asked for; `hapnet.couplings.registry` says what it is.
+PSPM is a file of the core. Any other law of hapnet is a file of hapnet/ext/laws/ with a ``LAW = CouplingSpec(...)``.
+Its name is the file's, with dashes for underlines. The file is loaded when the law is asked for;
+`hapnet.couplings.registry` says what it is.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module
-from pathlib import Path
+from importlib.util import find_spec
+from pkgutil import iter_modules
 from typing import Any
 
 GROUP = "hapnet.couplings"
@@ -19,23 +20,32 @@ GROUP = "hapnet.couplings"
 _FIRST = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
 """The order in which people read them; any other law comes behind these, by its name."""
 
-_COUPLINGS = Path(__file__).parent / "couplings"
+_FURTHER = "hapnet.ext.laws"
+"""The package with a file for each law but PSPM."""
 
 
-def _names() -> tuple[str, ...]:
-    texts = {file.stem.replace("_", "-"): file.read_text("utf-8") for file in _COUPLINGS.glob("*.py")}
-    found = [name for name, text in texts.items() if re.search(r"^LAW\b.* = CouplingSpec\(", text, re.MULTILINE)]
-    return tuple(sorted(found, key=lambda name: (*_FIRST, *sorted(found)).index(name)))
+def _modules() -> dict[str, str]:
+    """The module of each law of hapnet's, by the law's name."""
+    found = {"pspm": "hapnet.couplings.pspm"}
+    try:
+        package = find_spec(_FURTHER)
+    except ImportError:  # the core alone
+        package = None
+    folders = (package and package.submodule_search_locations) or ()
+    found |= {one.name.replace("_", "-"): f"{_FURTHER}.{one.name}" for one in iter_modules(folders) if not one.ispkg}
+    return {name: found[name] for name in sorted(found, key=lambda name: (*_FIRST, *sorted(found)).index(name))}
 
 
-COUPLING_NAMES = _names()
+_MODULES = _modules()
+
+COUPLING_NAMES = tuple(_MODULES)
 """hapnet's own."""
 
 
 @cache
 def built_in(name: str) -> Any:
     """The `CouplingSpec` of that name, which is one of `COUPLING_NAMES`."""
-    law = import_module(f"hapnet.couplings.{name.replace('-', '_')}").LAW
+    law = import_module(_MODULES[name]).LAW
     assert law.name == name, f"the LAW of the file of {name} is named {law.name}"
     return law
 

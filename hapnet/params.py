@@ -67,7 +67,7 @@ def is_arm(hardware: str) -> bool:
 
 
 def is_tool(scene: str) -> bool:
-    """Is what the user moves in this scene a tool that turns (`hapnet.plant.poses.scene`)?"""
+    """Is what the user moves in this scene a tool that turns (`hapnet.ext.tools.scene`)?"""
     return scene.lstrip().startswith("tool:")
 
 

@@ -35,11 +35,11 @@ WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
 """Which of the processes this is that run tests."""
 
 _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-_REAL_TIME = ("hapnet.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
+_REAL_TIME = ("hapnet.ext.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
               "netem.zenoh_relay", "tests.faults", "tests.support.processes", "tests.view")  # fmt: skip
 _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
 _WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.kernel.real_time", "hapnet.simulation",
-               "hapnet.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
+               "hapnet.ext.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
 _VIRTUAL_TIME = ("tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
 
 

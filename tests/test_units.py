@@ -8,13 +8,13 @@ import pytest
 
 from hapnet.assembly.build import device_session, device_side, prepare, world_session
 from hapnet.errors import InvalidParameter
+from hapnet.ext.pictures.run import figure
+from hapnet.ext.pictures.tables import brief, motion
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
-from hapnet.plots.run import figure
 from hapnet.recording.export import export
 from hapnet.recording.mcap import RecordingWriter, read_recording
-from hapnet.reports.tables import brief, motion
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.recorded import from_recording

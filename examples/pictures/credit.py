@@ -14,8 +14,8 @@ import numpy as np
 from examples.pictures.drawing import COUPLINGS, canvas, saved, thinned
 from examples.pictures.lying import lying_planes
 from hapnet.checks import Array
+from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR
 from hapnet.recording.samples import Columns
 from hapnet.simulation.simulation import Result, Simulation
 

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from hapnet.checks import Array
-from hapnet.plots.style import MM, STYLE
+from hapnet.ext.pictures.style import MM, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

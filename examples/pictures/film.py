@@ -19,14 +19,14 @@ from PIL import Image, ImageDraw, ImageFont
 from playwright.sync_api import Page, expect, sync_playwright
 
 from hapnet.checks import Vector
+from hapnet.ext.page import page as live_page
+from hapnet.ext.page.history import History
+from hapnet.ext.page.server import serve
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.operator import Impedance
 from hapnet.recording.samples import Event
 from hapnet.recording.telemetry import KnownPlanes, Status
 from hapnet.simulation.simulation import Simulation
-from hapnet.view import page as live_page
-from hapnet.view.history import History
-from hapnet.view.server import serve
 
 LINK = "delay 40ms 10ms loss 2%"
 FRAME_NS = 150_000_000

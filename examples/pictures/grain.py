@@ -12,13 +12,13 @@ import numpy as np
 from examples.pictures.drawing import canvas, saved
 from hapnet import simulate
 from hapnet.checks import Array, Vector
+from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR
+from hapnet.ext.solids.rigid import RigidScene
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import HalfSpace
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.operator import Impedance
-from hapnet.plant.worlds.rigid import RigidScene
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import HalfSpace
-from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR
 
 SPEED_MPS, DEEP_M, FACE_M = 0.05, 0.01, 0.02
 LENGTH_M = 1.6e-3

@@ -16,11 +16,11 @@ from PIL import Image
 
 from examples.pictures.drawing import animated, canvas, image
 from hapnet.checks import Array, Vector
+from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR
+from hapnet.ext.tools.hand import turned
 from hapnet.mechanics.pose import rotation
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, minimum_jerk
-from hapnet.plant.poses.hand import turned
-from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR
 from hapnet.recording.poses import of_point, of_turning
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.words import outcome

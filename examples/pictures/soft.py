@@ -17,10 +17,10 @@ from PIL import Image
 
 from examples.pictures.drawing import animated, canvas, image
 from hapnet.checks import Array, Vector
+from hapnet.ext.soft.soft_linear import Indices
+from hapnet.ext.soft.soft_picture import COLORS, strains_shown
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, minimum_jerk
-from hapnet.plant.worlds.soft_linear import Indices
-from hapnet.plant.worlds.soft_picture import COLORS, strains_shown
 from hapnet.recording.drawing import unpack
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.words import outcome

@@ -13,8 +13,8 @@ import numpy as np
 from examples.pictures.drawing import canvas, saved
 from hapnet import simulate
 from hapnet.checks import Array
-from hapnet.metrics.world import modulated_share
-from hapnet.plots.style import DEVICE_COLOR, WORLD_COLOR
+from hapnet.ext.metrics.world import modulated_share
+from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR
 from hapnet.simulation.simulation import Result
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-// The protocol of hapnet/devices/serial_axis.md, version 2, for every board: nothing to change here.
+// The protocol of hapnet/ext/devices/serial_axis.md, version 2, for every board: nothing to change here.
 //
 // It sends a state each period, holds the force of the last command, ends it when no command comes, and counts the
 // motor's impulse. Frames have a fixed size and end in a CRC, high byte first, so that the CRC of a whole frame is 0.

@@ -1,4 +1,4 @@
-// A serial axis for hapnet: the protocol of hapnet/devices/serial_axis.md, version 2.
+// A serial axis for hapnet: the protocol of hapnet/ext/devices/serial_axis.md, version 2.
 //
 // Choose the file of your board here, and put your pins and your mechanics into it. Nothing else depends on the board.
 

@@ -10,18 +10,6 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from hapnet.assembly import follower as followers
-from hapnet.assembly.arms import description, simulated_device
-from hapnet.assembly.follower import (
-    arms_of,
-    is_held,
-    leaders_stiffness,
-    on_link,
-    reindexing,
-    seen,
-    writes_on_link,
-)
-from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
@@ -41,16 +29,28 @@ from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.parameters import description, simulated_device
+from hapnet.ext.robots import following as followers
+from hapnet.ext.robots.following import (
+    arms_of,
+    is_held,
+    leaders_stiffness,
+    on_link,
+    reindexing,
+    seen,
+    writes_on_link,
+)
+from hapnet.ext.robots.leading import clutch_of, let_lead
+from hapnet.ext.solids.rigid import RigidScene
+from hapnet.ext.tools.hand import TurningHand
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Operator
-from hapnet.plant.poses.hand import TurningHand
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
-from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.recording.samples import Event, MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl

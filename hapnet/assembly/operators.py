@@ -14,12 +14,12 @@ from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.tools.hand import TurningHand
+from hapnet.ext.tools.scene import seen_by_the_hand
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.generated_hand import GeneratedHand
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
-from hapnet.plant.poses.hand import TurningHand
-from hapnet.plant.poses.scene import seen_by_the_hand
 from hapnet.plant.tremor import Tremor
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hapnet.assembly.arms import with_arm
 from hapnet.assembly.device_class import servo_rate
-from hapnet.assembly.follower import with_follower
 from hapnet.assembly.scenes import scene_of, with_scene
 from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import with_units
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.parameters import with_arm
+from hapnet.ext.robots.following import with_follower
 from hapnet.param_sources import DEVICE, RULE
 from hapnet.params import Params, is_simulated
 from hapnet.plant.worlds.protocol import World

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hapnet.assembly.arms import by_joints
 from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.parameters import by_joints
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.param_sources import SCENE
 from hapnet.params import Params, is_arm, is_simulated

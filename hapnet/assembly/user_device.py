@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.assembly.device_class import allowed, load_class
 from hapnet.assembly.own_parts import closed_if_refused
-from hapnet.assembly.posed import Posed
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.tools.posed import Posed
 from hapnet.loading import failure
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.actuator_check import ActuatorCheck

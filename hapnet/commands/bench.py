@@ -19,8 +19,8 @@ from netem.errors import NetemError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hapnet.bench.registry import Measure
-    from hapnet.bench.row import Options, Row
+    from hapnet.ext.bench.registry import Measure
+    from hapnet.ext.bench.row import Options, Row
 
 _WIDTH = 150  # of the table
 _FAILED = "not measured"
@@ -41,8 +41,8 @@ def bench(
     cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Use --seconds 60
     --rounds 5 for figures to publish.
     """
-    from hapnet.bench.registry import select
-    from hapnet.bench.row import Options
+    from hapnet.ext.bench.registry import select
+    from hapnet.ext.bench.row import Options
     from hapnet.processes.signals import ENDING
 
     for name, value, low, high in (
@@ -72,8 +72,8 @@ def bench(
 
 
 def _show(rows: list[Row], directory: Path, console: Console) -> None:
-    from hapnet.bench import report
-    from hapnet.plots.files import save_figure
+    from hapnet.ext.bench import report
+    from hapnet.ext.pictures.files import save_figure
 
     console.width = max(console.width, _WIDTH)  # a narrower terminal wraps the lines, so that nothing is cut off
     console.print(report.table(rows))
@@ -86,7 +86,7 @@ def _show(rows: list[Row], directory: Path, console: Console) -> None:
 
 def _measure(chosen: dict[str, Measure], options: Options, console: Console) -> Iterator[Row]:
     """Measure one row after another; show a bar on a terminal, one line per row elsewhere."""
-    from hapnet.bench.row import Row
+    from hapnet.ext.bench.row import Row
 
     with Progress(output.progress_console(), "measuring", len(chosen), "", background=False) as progress:
         for number, (name, measure) in enumerate(chosen.items()):

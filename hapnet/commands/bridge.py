@@ -42,9 +42,9 @@ def bridge(
     """
     from hapnet import checks
     from hapnet.commands.side import zenoh_settings
+    from hapnet.ext.page.ros2 import RosBridge
+    from hapnet.ext.page.watcher import Watcher
     from hapnet.transport.ros2 import RosNode
-    from hapnet.view.ros2 import RosBridge
-    from hapnet.view.watcher import Watcher
 
     if to != "ros2":
         raise InvalidParameter("bridge", to, "ros2", ("ros2",))

@@ -15,17 +15,17 @@ from hapnet.commands import complete, flags, output
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.ext.study.sections import FULL, QUICK
 from hapnet.extras import require
 from hapnet.params import Params
-from hapnet.study.sections import FULL, QUICK
 from netem.groups import Without
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hapnet.study.compare import Case, Outcome, Plan
-    from hapnet.study.comparison import Comparison
-    from hapnet.study.spec import Case as SpecCase
+    from hapnet.ext.study.compare import Case, Outcome, Plan
+    from hapnet.ext.study.comparison import Comparison
+    from hapnet.ext.study.spec import Case as SpecCase
 
 _LINKS = "What is compared"
 
@@ -144,13 +144,13 @@ def compare(
     operators, seeds or deadbands are named, it runs these and no others. Prints one table per link. Writes all cases as
     JSON, the traces of one case and a figure of all cases.
     """
-    from hapnet.study.plans import BASE, drawn_case
+    from hapnet.ext.study.plans import BASE, drawn_case
 
     chosen = params.over(BASE, model.named())
     if params.show_params:
         return params.show(chosen)
-    from hapnet.plots.files import save
-    from hapnet.study import tables
+    from hapnet.ext.pictures.files import save
+    from hapnet.ext.study import tables
 
     console = output.console(json_to)
     if options.metrics:
@@ -199,11 +199,11 @@ def _compare(
 ) -> int:
     """Run one plan and show it; `whole` gets all of it. Returns the exit code if it was stopped, else 0."""
     from hapnet.commands import studies
+    from hapnet.ext.study import tables, tunings
+    from hapnet.ext.study.backend import local_workers
+    from hapnet.ext.study.comparison import Comparison
+    from hapnet.ext.study.run import journal_in
     from hapnet.processes.pool import usable_cores
-    from hapnet.study import tables, tunings
-    from hapnet.study.backend import local_workers
-    from hapnet.study.comparison import Comparison
-    from hapnet.study.run import journal_in
 
     spec = plan.spec
     workers = given.workers or usable_cores()
@@ -241,7 +241,7 @@ def _plans(params: Params, given: CompareOptions) -> dict[str, Plan]:
     """The plans that the flags describe, by their sections' names."""
     from hapnet.commands.batch import seed_range
     from hapnet.commands.studies import deadbands, names_of
-    from hapnet.study.plans import plans
+    from hapnet.ext.study.plans import plans
 
     found = plans(
         params,
@@ -281,8 +281,8 @@ def _report_time(
 ) -> None:
     """Print how long these cases take, by the first seconds of a few of each plan."""
     from hapnet.commands.studies import Kind, estimate
-    from hapnet.study.spec import params_of
-    from hapnet.study.task import run_case
+    from hapnet.ext.study.spec import params_of
+    from hapnet.ext.study.task import run_case
 
     kinds: list[Kind[tuple[Plan, SpecCase]]] = []
     failed: list[str] = []
@@ -310,8 +310,8 @@ def _write(
     directory: Path, title: str, found: Comparison, drawn: Case, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
     """Write compare.json, compare.csv, compare.md and the figures; returns a text with what was written."""
-    from hapnet.plots.files import save, save_figure
-    from hapnet.study import figures, markdown
+    from hapnet.ext.pictures.files import save, save_figure
+    from hapnet.ext.study import figures, markdown
 
     there = []
     with written.part():

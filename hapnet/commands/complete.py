@@ -68,9 +68,9 @@ def couplings() -> list[str]:
 
 def scenes() -> list[tuple[str, str]]:
     """Worlds by name with what they are, the solids that need no file, and what packages publish."""
-    from hapnet.plant.poses.scene import TOOLS
+    from hapnet.ext.solids.rigid import FROM_FILES, KINDS
+    from hapnet.ext.tools.scene import TOOLS
     from hapnet.plant.worlds.registry import GROUP, SCENES, about
-    from hapnet.plant.worlds.rigid import FROM_FILES, KINDS
 
     solids = [(name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES]
     others = [(f"tool:{name}", words) for name, (_, words) in TOOLS.items()]
@@ -107,7 +107,7 @@ def assignments(incomplete: str) -> list[tuple[str, str]]:
 
 def rows(incomplete: str) -> list[str]:
     """Rows of the benchmark; after a comma, another row."""
-    from hapnet.bench.registry import ROWS
+    from hapnet.ext.bench.registry import ROWS
 
     before, comma, _ = incomplete.rpartition(",")
     return [f"{before}{comma}{row}" for row in ROWS]

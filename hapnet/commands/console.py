@@ -6,7 +6,7 @@
 only the process that has started a side can command it.
 
 A new command needs a case here and a method of `RealtimeSide`. A button for it needs a method of `Controls`
-(hapnet/view/controls.py) and a line in the panel beside it; `hapnet play` passes it on.
+(hapnet/ext/page/controls.py) and a line in the panel beside it; `hapnet play` passes it on.
 """
 
 from __future__ import annotations

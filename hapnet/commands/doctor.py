@@ -16,7 +16,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params, is_simulated
 
 if TYPE_CHECKING:
-    from hapnet.doctor.machine import Check
+    from hapnet.ext.doctor.machine import Check
 
 
 def doctor(
@@ -46,7 +46,7 @@ def doctor(
         return examine_device(hardware, dof or 1, ramp, damping, json_to)
     if force := ramp or damping:
         raise InvalidParameter("--ramp" if ramp else "--damping", force, "given together with --device")
-    from hapnet.doctor.machine import examine
+    from hapnet.ext.doctor.machine import examine
 
     return _show(examine(zenoh.connect or [], zenoh.security, session, name), json_to)
 
@@ -56,7 +56,7 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
     from hapnet.assembly.device_class import servo_rate
     from hapnet.assembly.user_device import UserDevice
     from hapnet.commands import known_devices
-    from hapnet.doctor.device import examine_device as measure
+    from hapnet.ext.doctor.device import examine_device as measure
 
     if is_simulated(hardware):
         raise InvalidParameter("--device", hardware, "a real device (`hapnet devices`), or module:Class")
@@ -83,7 +83,7 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
 def _show(examined: Iterable[Check], json_to: str | None) -> int:
     from rich.text import Text
 
-    from hapnet.doctor.machine import MISSING, OK, SKIPPED, WARNING
+    from hapnet.ext.doctor.machine import MISSING, OK, SKIPPED, WARNING
 
     style = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
     words = output.console(json_to)

@@ -17,7 +17,7 @@ from hapnet.params import Params
 from netem.groups import Without
 
 if TYPE_CHECKING:
-    from hapnet.devices.emulator import Emulator
+    from hapnet.ext.devices.emulator import Emulator
 
 
 def emulate(
@@ -75,9 +75,9 @@ def make_emulator(device: str, params: Params) -> Emulator:
     from hapnet.assembly.operators import operator
     from hapnet.assembly.units import with_units
     from hapnet.devices import registry
-    from hapnet.devices.emulator import ArmHandle, Handle
+    from hapnet.ext.arms.device import SimulatedArm
+    from hapnet.ext.devices.emulator import ArmHandle, Handle
     from hapnet.kernel.real_time import CompiledDevices
-    from hapnet.plant.arms.device import SimulatedArm
     from hapnet.plant.device import SimulatedDevice
     from hapnet.plant.worlds.registry import make_scene
     from hapnet.records.machine_code import no_compiler

@@ -21,6 +21,11 @@ from hapnet.commands.options import PageOptions, ZenohOptions
 from hapnet.commands.side import CONSOLE, PAGE, zenoh_settings
 from hapnet.commands.view import show
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.page.controls import Direction, require_no_file
+from hapnet.ext.page.history import History
+from hapnet.ext.page.server import serve
+from hapnet.ext.page.telemetry_reader import TelemetryReader
+from hapnet.ext.page.watcher import Watcher
 from hapnet.laws import COUPLING_NAMES
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
@@ -28,11 +33,6 @@ from hapnet.processes.frames import frames
 from hapnet.processes.signals import handled
 from hapnet.processes.start import PIPE, Program, end, module, started
 from hapnet.recording.telemetry import Status, Telemetry
-from hapnet.view.controls import Direction, require_no_file
-from hapnet.view.history import History
-from hapnet.view.server import serve
-from hapnet.view.telemetry_reader import TelemetryReader
-from hapnet.view.watcher import Watcher
 
 if TYPE_CHECKING:
     from rich.console import Console

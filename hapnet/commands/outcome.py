@@ -13,15 +13,15 @@ from hapnet.commands import output
 from hapnet.commands.progress import Progress
 from hapnet.commands.report import write
 from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.ext.pictures.report import PAGE, Report, source_of
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
-from hapnet.reports.report import PAGE, Report, source_of
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.run import Summary
 
 if TYPE_CHECKING:
-    from hapnet.reports.page import Source
+    from hapnet.ext.pictures.page import Source
 
 FILES = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
 

@@ -85,10 +85,10 @@ def _play_here(
     from hapnet.commands.run import check_sides
     from hapnet.commands.stage import SESSION, Stage, run
     from hapnet.commands.view import show
+    from hapnet.ext.page.history import History
+    from hapnet.ext.page.server import serve
+    from hapnet.ext.page.watcher import Watcher
     from hapnet.transport.config import ZenohSettings, free_address
-    from hapnet.view.history import History
-    from hapnet.view.server import serve
-    from hapnet.view.watcher import Watcher
 
     setup = prepare(chosen, "sampled")
     check_sides(setup)

@@ -62,9 +62,9 @@ def _replay(
     from dataclasses import replace as changed
 
     from hapnet.assembly.scenes import for_its_scene
-    from hapnet.plots.files import save_figure
-    from hapnet.plots.replay import figure
-    from hapnet.plots.run import figure as figure_of_run
+    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.replay import figure
+    from hapnet.ext.pictures.run import figure as figure_of_run
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
     from hapnet.simulation.simulation import Simulation

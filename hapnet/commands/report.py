@@ -19,8 +19,8 @@ from hapnet.param_values import flatten
 from hapnet.params import Params
 
 if TYPE_CHECKING:
+    from hapnet.ext.pictures.report import Report
     from hapnet.recording.samples import Recording
-    from hapnet.reports.report import Report
 
 
 @permitting(only_imported)
@@ -31,9 +31,9 @@ def report(
     verbose: flags.Verbose = False,
 ) -> int:
     """Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy."""
+    from hapnet.ext.pictures.report import names_of, report as reported
     from hapnet.recording.mcap import repair
     from hapnet.recording.opened import fitting
-    from hapnet.reports.report import names_of, report as reported
 
     require("report", "hapnet report")
     words = output.console(json_to)
@@ -80,7 +80,7 @@ def write(found: Report, directory: Path, page: str, names: Mapping[str, str], w
 
     written : collects what cannot be written.
     """
-    from hapnet.plots.files import save
+    from hapnet.ext.pictures.files import save
 
     there = []
     for name, data in found.content(page, names).items():

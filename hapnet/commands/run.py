@@ -170,7 +170,7 @@ def check_sides(setup: Setup) -> None:
 
     from hapnet.assembly.build import device_session, device_side, world_session, world_side
     from hapnet.assembly.device_class import load_class
-    from hapnet.assembly.follower import is_real
+    from hapnet.ext.robots.following import is_real
     from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 
     if is_simulated(setup.params.hardware):

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import cast, get_args
 
 from hapnet import checks
-from hapnet.assembly.arms import real_time_warnings
 from hapnet.assembly.build import prepare
 from hapnet.assembly.operators import LIVE
 from hapnet.commands import known_devices, output
@@ -23,6 +22,7 @@ from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.arms.parameters import real_time_warnings
 from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from hapnet.commands import output
 from hapnet.commands.progress import Progress, duration
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.study import backend as backends, run as running
+from hapnet.ext.study.backend import Backend
+from hapnet.ext.study.case import check
+from hapnet.ext.study.estimate import mean_seconds, spread
+from hapnet.ext.study.journal import NAME, Journal
+from hapnet.ext.study.run import Ran
+from hapnet.ext.study.spec import Case, Spec, Values, params_of
+from hapnet.ext.study.task import reason, run_case
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
 from hapnet.simulation.compiled import coverage
-from hapnet.study import backend as backends, run as running
-from hapnet.study.backend import Backend
-from hapnet.study.case import check
-from hapnet.study.estimate import mean_seconds, spread
-from hapnet.study.journal import NAME, Journal
-from hapnet.study.run import Ran
-from hapnet.study.spec import Case, Spec, Values, params_of
-from hapnet.study.task import reason, run_case
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,7 +65,7 @@ def run_missing(
     rounds: Iterable[object] = (None,),
     most: int = 0,
 ) -> Ran:
-    """As `hapnet.study.run.run_missing`, with a bar of progress, and a warning if another version began it."""
+    """As `hapnet.ext.study.run.run_missing`, with a bar of progress, and a warning if another version began it."""
     if journal.other_version is not None:
         text = f"hapnet {journal.other_version} ran the first of these cases: its results are kept, and may differ"
         output.show_warnings(console, (text,))
@@ -93,7 +93,7 @@ def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[in
         raise InvalidParameter("--workers", workers, "left out with --dask: the cluster has its own")
 
     def cluster(_: int) -> Backend:
-        from hapnet.study.cluster import DaskCluster
+        from hapnet.ext.study.cluster import DaskCluster
 
         found = DaskCluster(dask)
         if found.threaded:

@@ -11,8 +11,8 @@ import typer
 from typer.core import TyperGroup
 
 from hapnet.commands import complete, flags, output
+from hapnet.ext.study.spec import SEED, Case, Spec, in_file, value_words
 from hapnet.params import Params
-from hapnet.study.spec import SEED, Case, Spec, in_file, value_words
 from hapnet.summary.causes import INCOMPLETE
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ def run(
     Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
     from hapnet.commands import studies
-    from hapnet.study.export import formats
-    from hapnet.study.sweep import SweepResult
+    from hapnet.ext.study.export import formats
+    from hapnet.ext.study.sweep import SweepResult
 
     endings = formats(table)
     words = output.console(json_to)
@@ -155,10 +155,10 @@ def plot(
     Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
     from hapnet.commands.studies import assigned
-    from hapnet.plots.files import save_figure
-    from hapnet.plots.sweep import draw
-    from hapnet.study.grid import grid
-    from hapnet.study.journal import Journal
+    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.sweep import draw
+    from hapnet.ext.study.grid import grid
+    from hapnet.ext.study.journal import Journal
 
     with closing(Journal.look(directory)) as journal:
         found = grid(journal, x, y, value, assigned("--where", where or ()), _units())

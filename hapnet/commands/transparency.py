@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hapnet.study.stable_stiffness import Case
-    from hapnet.study.transparency import Curves, Task
-    from hapnet.study.z_width import ZWidth
+    from hapnet.ext.study.stable_stiffness import Case
+    from hapnet.ext.study.transparency import Curves, Task
+    from hapnet.ext.study.z_width import ZWidth
 
 LINKS = ("lan", "4g")
 
@@ -106,13 +106,13 @@ def transparency(
     from hapnet.commands.batch import seed_range
     from hapnet.commands.studies import names_of
     from hapnet.couplings.registry import coupling
-    from hapnet.plots.files import save_figure
-    from hapnet.plots.impedance import transmitted
+    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.impedance import transmitted
+    from hapnet.ext.study import stable_stiffness, transparency
+    from hapnet.ext.study.impedance import Transmission, curve
+    from hapnet.ext.study.plans import links_of
+    from hapnet.ext.study.transparency import Task
     from hapnet.processes.pool import dealt, usable_cores
-    from hapnet.study import stable_stiffness, transparency
-    from hapnet.study.impedance import Transmission, curve
-    from hapnet.study.plans import links_of
-    from hapnet.study.transparency import Task
 
     motions = _motions(options, chosen)
     # a tool moves on a spring of its own, which waves and velocities do not give it
@@ -190,7 +190,7 @@ def transparency(
 def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
     """Say what would be measured, and how long it takes."""
     from hapnet.commands.studies import Kind, estimate
-    from hapnet.study import transparency
+    from hapnet.ext.study import transparency
 
     runs = [task for task in tasks if task.hand is None and task.case is None]
     walls = [task for task in tasks if task.hand is not None]
@@ -214,7 +214,7 @@ def _motions(given: TransparencyOptions, params: Params) -> tuple[str, ...]:
         if named:
             raise InvalidParameter("--motion", named[0], "none without a tool, as in --scene tool:box")
         return ("",)
-    from hapnet.study.tool_impedance import MOTIONS, motions
+    from hapnet.ext.study.tool_impedance import MOTIONS, motions
 
     if given.z_width:
         raise InvalidParameter("--z-width", params.scene, "a scene with a wall: a tool has none")
@@ -228,7 +228,7 @@ def _figure(motion: str) -> str:
 
 
 def _hands(given: TransparencyOptions) -> tuple[str, ...]:
-    from hapnet.study.transparency import HANDS
+    from hapnet.ext.study.transparency import HANDS
 
     return tuple(HANDS) if given.z_width else ()
 
@@ -259,7 +259,7 @@ _HELD = (
 def _springs(found: dict[Case, ZWidth], params: Params) -> Table:
     from rich.table import Table
 
-    from hapnet.study.stable_stiffness import bound
+    from hapnet.ext.study.stable_stiffness import bound
 
     columns = list(dict.fromkeys(case.column for case in found))
     rows: dict[tuple[float, float], dict[str, str]] = {}

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import complete, flags, output
-from hapnet.study.spec import SEED, in_file, value_words
+from hapnet.ext.study.spec import SEED, in_file, value_words
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hapnet.study.journal import Journal
-    from hapnet.study.search import Search
-    from hapnet.study.tune_spec import TuneSpec
+    from hapnet.ext.study.journal import Journal
+    from hapnet.ext.study.search import Search
+    from hapnet.ext.study.tune_spec import TuneSpec
 
 TRIALS, FOUND, FIGURE = "trials.csv", "found.toml", "tune.png"
 """The files beside the journal."""
@@ -49,10 +49,10 @@ def tune(
     Writes found.toml (for --params), trials.csv, a figure, results.csv with all cases, and journal.sqlite.
     """
     from hapnet.commands import studies
-    from hapnet.study import tune_results
-    from hapnet.study.search import Search, base, most_cases
-    from hapnet.study.search_space import need_library
-    from hapnet.study.tune_spec import TuneSpec
+    from hapnet.ext.study import tune_results
+    from hapnet.ext.study.search import Search, base, most_cases
+    from hapnet.ext.study.search_space import need_library
+    from hapnet.ext.study.tune_spec import TuneSpec
 
     words = output.console(json_to)
     backend = studies.workers_of(words, workers, dask)
@@ -88,10 +88,10 @@ def tune(
 
 def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
     """Write the files; returns their names. The values found are written only if the search has `ended`."""
-    from hapnet.plots.files import save_figure
-    from hapnet.study import tune_results
-    from hapnet.study.figures import tuned
-    from hapnet.study.sweep import SweepResult
+    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.study import tune_results
+    from hapnet.ext.study.figures import tuned
+    from hapnet.ext.study.sweep import SweepResult
 
     files: list[str] = []
     with written.part():
@@ -119,7 +119,7 @@ def _write(search: Search, journal: Journal, directory: Path, written: output.Wr
 
 def _report(console: Console, search: Search, written: output.Written) -> None:
     """Print the tables, and note what is missing from a good result."""
-    from hapnet.study import tune_results
+    from hapnet.ext.study import tune_results
 
     scores, best = search.scores, search.best
     assert scores is not None
@@ -152,8 +152,8 @@ def _report(console: Console, search: Search, written: output.Written) -> None:
 
 
 def _show(console: Console, spec: TuneSpec, directory: Path) -> None:
-    from hapnet.study.search import base
-    from hapnet.study.tune_results import PARTS
+    from hapnet.ext.study.search import base
+    from hapnet.ext.study.tune_results import PARTS
 
     tuned, scored = base(spec)
     console.print(

@@ -20,7 +20,7 @@ from hapnet.loading import only_imported, permitting
 from netem.groups import Without
 
 if TYPE_CHECKING:
-    from hapnet.view.watcher import Watcher
+    from hapnet.ext.page.watcher import Watcher
 
 LOOK_S = 0.5
 PLAY_S = 0.01
@@ -49,9 +49,9 @@ def view(
             raise InvalidParameter("FILE", [str(file) for file in files], "left out where a running pair is watched")
         return play_back(files, page)
     from hapnet.commands.side import zenoh_settings
-    from hapnet.view.history import History
-    from hapnet.view.server import serve
-    from hapnet.view.watcher import Watcher
+    from hapnet.ext.page.history import History
+    from hapnet.ext.page.server import serve
+    from hapnet.ext.page.watcher import Watcher
 
     words = output.console(None)
     history = History()
@@ -74,11 +74,11 @@ def view(
 @permitting(only_imported)
 def play_back(files: list[Path], options: PageOptions) -> int:
     """Serve the page of a recording, which is played at its own pace, until a signal ends it."""
+    from hapnet.ext.page.history import History
+    from hapnet.ext.page.playback import Playback
+    from hapnet.ext.page.server import serve
     from hapnet.recording.opened import fitting, opened
     from hapnet.summary.recorded import of_recordings
-    from hapnet.view.history import History
-    from hapnet.view.playback import Playback
-    from hapnet.view.server import serve
 
     words = output.console(None)
     with Progress(output.progress_console(), "reading"):

@@ -39,7 +39,7 @@ MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], M
 
 RESET_FORCE = "a force below this counts as none for the observer's reset [N]; 0: it is never reset"
 RESET_S = "the observer forgets a surplus after so long without force [s]"
-"""The meanings of a law's parameters for `hapnet.control.virtual_coupling.Reset`."""
+"""The meanings of a law's parameters for `hapnet.ext.laws.parts.virtual_coupling.Reset`."""
 
 S = TypeVar("S", bound=SampledServo)
 

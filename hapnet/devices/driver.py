@@ -29,7 +29,7 @@ class Driver(ABC):
     udev: ClassVar[str] = ""
     """On Linux: the udev rule with which the user at the machine may open it; empty: it needs none."""
     emulator: ClassVar[str] = ""
-    """``module:Class`` of an emulator (`hapnet.devices.emulator.Emulator`); empty: none."""
+    """``module:Class`` of an emulator (`hapnet.ext.devices.emulator.Emulator`); empty: none."""
 
     rate_hz: float | None = None
     """The fastest servo that the device keeps up with [Hz]; a class attribute. None: as fast as the servo is set."""

@@ -17,16 +17,16 @@ from hapnet.loading import published
 GROUP = "hapnet.devices"
 
 BUILT_IN: Mapping[str, str] = {
-    "serial": "hapnet.devices.serial_axis:SerialAxis",
-    "inverse3": "hapnet.devices.inverse3:Inverse3",
-    "dhd": "hapnet.devices.force_dimension:ForceDimension",
-    "touch": "hapnet.devices.touch:Touch",
-    "franka": "hapnet.devices.franka:Franka",
-    "dynamixel": "hapnet.devices.dynamixel:Dynamixel",
-    "feetech": "hapnet.devices.feetech:Feetech",
-    "gamepad": "hapnet.devices.gamepad:Gamepad",
-    "3dmouse": "hapnet.devices.space_mouse:SpaceMouse",
-    "ros2": "hapnet.devices.ros2:Ros2",
+    "serial": "hapnet.ext.devices.serial_axis:SerialAxis",
+    "inverse3": "hapnet.ext.devices.inverse3:Inverse3",
+    "dhd": "hapnet.ext.devices.force_dimension:ForceDimension",
+    "touch": "hapnet.ext.devices.touch:Touch",
+    "franka": "hapnet.ext.robots.franka:Franka",
+    "dynamixel": "hapnet.ext.robots.dynamixel:Dynamixel",
+    "feetech": "hapnet.ext.robots.feetech:Feetech",
+    "gamepad": "hapnet.ext.devices.gamepad:Gamepad",
+    "3dmouse": "hapnet.ext.devices.space_mouse:SpaceMouse",
+    "ros2": "hapnet.ext.robots.ros2:Ros2",
 }
 """Name, and ``module:Class``."""
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
+from hapnet.ext.arms import motion
+from hapnet.ext.arms.chain import JOINTS
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.arms.motion import Arm
 from hapnet.kernel.compiled_ticks import CompiledTicks
-from hapnet.plant.arms import motion
-from hapnet.plant.arms.chain import JOINTS
-from hapnet.plant.arms.device import SimulatedArm
-from hapnet.plant.arms.motion import Arm
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Record
 

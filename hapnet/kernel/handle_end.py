@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
+from hapnet.ext.tools import device as handles
+from hapnet.ext.tools.device import Handle, SimulatedHandle
 from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.mechanics.pose import AXES
-from hapnet.plant.poses import device as handles
-from hapnet.plant.poses.device import Handle, SimulatedHandle
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Record
 

@@ -16,6 +16,8 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings.spec import CouplingSpec
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.kernel import arm_end, bound, handle_end, progress, servo_end, sources, world_end
 from hapnet.kernel.arm_end import ArmEnd, CompiledArm
 from hapnet.kernel.handle_end import CompiledHandle, HandleEnd
@@ -25,9 +27,7 @@ from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledStep
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params, is_arm
-from hapnet.plant.arms.device import SimulatedArm
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
-from hapnet.plant.poses.device import SimulatedHandle
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records import machine_code
 from hapnet.records.record import AXES, Record, room_for

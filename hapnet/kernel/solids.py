@@ -9,6 +9,9 @@ from hapnet.checks import MOST_CURVATURE_PER_M
 from hapnet.control import contact_surfaces
 from hapnet.control.contact_plane import ContactPlane, stand_on
 from hapnet.control.prediction import Around
+from hapnet.ext.solids import rigid_step, sight
+from hapnet.ext.solids.rigid_step import SolidContact
+from hapnet.ext.solids.shapes import Triple, put_bend, triple
 from hapnet.kernel import endpoint, link, sides
 from hapnet.kernel.endpoint import Endpoint
 from hapnet.kernel.link import Message
@@ -16,9 +19,7 @@ from hapnet.mechanics.curvature import copy_bends
 from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import rigid_step, sight, walls
-from hapnet.plant.worlds.rigid_step import SolidContact
-from hapnet.plant.worlds.shapes import Triple, put_bend, triple
+from hapnet.plant.worlds import walls
 from hapnet.records.equation import equation
 from hapnet.records.record import AXES, PLANES, Reals
 from hapnet.records.vectors import copy, dot

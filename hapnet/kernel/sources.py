@@ -12,6 +12,9 @@ from hapnet.records.machine_code import directory
 
 _HERE = Path(__file__).parent
 
+_EXTENSIONS = ("ext/laws", "ext/solids", "ext/arms", "ext/tools")
+"""Those with equations that are compiled."""
+
 
 def _mark(kind: str) -> Path:
     """The file that has the digest of what a kind's machine code was made from. Packages of two places have two."""
@@ -22,7 +25,18 @@ def _mark(kind: str) -> Path:
 def digest() -> str:
     """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
     packages = [_HERE.parents[1] / "netem"]
-    names = ("kernel", "records", "control", "couplings", "mechanics", "plant", "recording", "side", "wire")
+    names = (
+        "kernel",
+        "records",
+        "control",
+        "couplings",
+        "mechanics",
+        "plant",
+        "recording",
+        "side",
+        "wire",
+        *_EXTENSIONS,
+    )
     packages += [_HERE.parent / name for name in names]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):

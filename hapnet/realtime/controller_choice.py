@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, world_session
-from hapnet.assembly.follower import is_real
+from hapnet.ext.robots.following import is_real
 from hapnet.kernel import real_time
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld

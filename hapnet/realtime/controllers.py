@@ -10,8 +10,8 @@ import numpy as np
 
 from hapnet.assembly.build import Setup, device_side, world_side
 from hapnet.assembly.device_class import is_blocking
-from hapnet.assembly.robot_side import robot_side
 from hapnet.checks import Vector
+from hapnet.ext.robots.robot_side import robot_side
 from hapnet.kernel.real_time import ends
 from hapnet.processes.thread_time import ThreadTime
 from hapnet.realtime.servo import Servo

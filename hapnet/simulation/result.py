@@ -7,8 +7,8 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from hapnet.control.two_port import TwoPort
-from hapnet.plots.run import figure
-from hapnet.plots.style import also_to
+from hapnet.ext.pictures.run import figure
+from hapnet.ext.pictures.style import also_to
 from hapnet.recording.samples import Recording
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
@@ -43,7 +43,7 @@ class Result:
         return f"Result({verdict(self.summary)}; seed {seed}, {duration_s:g} s; {self.recording})"
 
     def _repr_html_(self) -> str:
-        from hapnet.reports.notebook import html
+        from hapnet.ext.pictures.notebook import html
 
         return html(replace(self.recording, summary=self.summary))
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from hapnet import checks
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
-from hapnet.assembly.follower import is_real
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.operators import LIVE
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.robots.following import is_real
 from hapnet.params import Params, as_params, is_simulated
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder

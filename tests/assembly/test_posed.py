@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hapnet.assembly.posed import Posed
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.tools.posed import Posed
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import DeviceParams

@@ -17,12 +17,12 @@ from hapnet.assembly.build import Setup, device_session, device_side, prepare, v
 from hapnet.assembly.resolved import resolved
 from hapnet.assembly.scenes import for_its_scene
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.study.sweep import sweep
 from hapnet.param_sources import ASKED, DEFAULT, DEVICE, RULE, SCENE
 from hapnet.param_values import Range, flatten
 from hapnet.params import DeviceParams, Params, WallParams, WorldParams
 from hapnet.realtime.recorder import described
 from hapnet.side.endpoint import DeviceEndpoint
-from hapnet.study.sweep import sweep
 from netem import LinkProfile
 from tests.support.commands import Capture
 

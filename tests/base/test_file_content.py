@@ -13,8 +13,8 @@ import zstandard
 from hapnet import file_content
 from hapnet.cli import main
 from hapnet.errors import HapnetError, RecordingError
+from hapnet.ext.solids.volume_file import read_volume
 from hapnet.params import Params
-from hapnet.plant.worlds.volume_file import read_volume
 from hapnet.recording import mcap_reader
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.mcap_reader import Records

@@ -8,8 +8,8 @@ import pytest
 from hapnet import extras
 from hapnet.assembly.build import prepare
 from hapnet.errors import MissingLibrary
+from hapnet.ext.page import scenes
 from hapnet.params import Params
-from hapnet.view import scenes
 from tests.conftest import ROOT
 
 RING = f"mesh:{ROOT / 'examples' / 'ring.obj'}?unit=mm"

@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
-from hapnet.bench import latency, page, servo, sides, simulation, traffic, watched
-from hapnet.bench.cost import Call, cost
-from hapnet.bench.link import link_release
-from hapnet.bench.plants import PairedDevice
-from hapnet.bench.recovery import credit_times
-from hapnet.bench.registry import ROWS
-from hapnet.bench.row import Options, Row
 from hapnet.errors import HapnetError
+from hapnet.ext.bench import latency, page, servo, sides, simulation, traffic, watched
+from hapnet.ext.bench.cost import Call, cost
+from hapnet.ext.bench.link import link_release
+from hapnet.ext.bench.plants import PairedDevice
+from hapnet.ext.bench.recovery import credit_times
+from hapnet.ext.bench.registry import ROWS
+from hapnet.ext.bench.row import Options, Row
 from hapnet.kernel import real_time
 from hapnet.kernel.handle_end import CompiledHandle
 from hapnet.kernel.servo_end import CompiledServo
@@ -286,7 +286,7 @@ def test_a_row_that_fails_costs_no_other(
         raise ProfileError("delay", "x", "a time")
 
     rows = {"broken": broken, "unlinked": unlinked, "sound": lambda options: Row("sound", "us", "sound")}
-    monkeypatch.setattr("hapnet.bench.registry.select", lambda only: rows)
+    monkeypatch.setattr("hapnet.ext.bench.registry.select", lambda only: rows)
     with restored_signals():
         assert cli.main(["bench", "--out", str(tmp_path)]) == 1
     out = capsys.readouterr().out
@@ -306,7 +306,7 @@ def test_interrupted_it_shows_what_it_has(
         raise KeyboardInterrupt
 
     rows = {"first": lambda options: Row("first", "us", "something"), "second": interrupted}
-    monkeypatch.setattr("hapnet.bench.registry.select", lambda only: rows)
+    monkeypatch.setattr("hapnet.ext.bench.registry.select", lambda only: rows)
     with restored_signals():
         assert cli.main(["bench", "--out", str(tmp_path)]) == 130
     assert written == ["first"]

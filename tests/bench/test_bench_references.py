@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hapnet.bench.control import pspm_case
-from hapnet.bench.references import NumpyMidpoint, NumpyPspm, PenaltyWorld, PlainPD, plain_substeps
-from hapnet.bench.world import PressedWorld
 from hapnet.control.pspm import SetPositionModulator
+from hapnet.ext.bench.control import pspm_case
+from hapnet.ext.bench.references import NumpyMidpoint, NumpyPspm, PenaltyWorld, PlainPD, plain_substeps
+from hapnet.ext.bench.world import PressedWorld
 from hapnet.plant.integrator import PassiveIntegrator
 
 

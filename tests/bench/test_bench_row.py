@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from matplotlib.patches import StepPatch
 
-from hapnet.bench import report
-from hapnet.bench.registry import ROWS, select
-from hapnet.bench.row import Distribution, Figures, Limit, Row
 from hapnet.errors import InvalidParameter
+from hapnet.ext.bench import report
+from hapnet.ext.bench.registry import ROWS, select
+from hapnet.ext.bench.row import Distribution, Figures, Limit, Row
 
 REQUIRED = {
     "servo_idle", "servo_traffic", "servo_traffic_5khz", "servo_busy_thread", "device_tick", "pspm_update_3dof",

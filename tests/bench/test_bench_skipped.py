@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from hapnet.bench import servo
-from hapnet.bench.row import Row
+from hapnet.ext.bench import servo
+from hapnet.ext.bench.row import Row
 
 
 def row_of(skipped: int, bare_skipped: int) -> Row:

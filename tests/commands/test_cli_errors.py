@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
-from hapnet.study.plans import links_of
+from hapnet.ext.study.plans import links_of
 from netem import LinkProfile, cli as netem_cli
 from netem.presets import ALIASES
 from tests.support.commands import ADDRESS, QUICK, Capture, empty_directory as empty_directory

@@ -138,7 +138,7 @@ for package in hapnet, netem:
                 importlib.import_module(found.name)
 """
     found = of_hapnet(code)
-    assert {"hapnet.plots.run", "hapnet.plots.sweep"} <= found
+    assert {"hapnet.ext.pictures.run", "hapnet.ext.pictures.sweep"} <= found
     assert "matplotlib" not in found
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from hapnet import cli
 from hapnet.assembly.build import prepare
-from hapnet.bench.registry import ROWS
 from hapnet.commands import complete
+from hapnet.ext.bench.registry import ROWS
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.plant.worlds.registry import SCENES

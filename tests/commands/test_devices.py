@@ -16,10 +16,10 @@ from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.devices import registry
 from hapnet.devices.axes import Axes
-from hapnet.devices.emulator import Handle
-from hapnet.doctor.device import examine_device
-from hapnet.doctor.machine import OK, WARNING
 from hapnet.errors import DeviceSilent, InvalidParameter
+from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.doctor.device import examine_device
+from hapnet.ext.doctor.machine import OK, WARNING
 from hapnet.loading import published
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest

@@ -18,12 +18,12 @@ from hapnet.commands.far_world import FarWorld, Hand, fitting
 from hapnet.commands.options import ZenohOptions
 from hapnet.commands.play import led
 from hapnet.commands.side import PAGE
+from hapnet.ext.page.history import History
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter, frames
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.telemetry import Status
 from hapnet.transport.config import free_address
-from hapnet.view.history import History
 from tests.conftest import ENVIRONMENT
 from tests.support.processes import HAPNET, LIMIT_S, Program, read_json, started, until
 

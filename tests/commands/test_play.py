@@ -17,12 +17,12 @@ from hapnet.commands.pair import Pair, Standby
 from hapnet.commands.play import led
 from hapnet.commands.stage import SESSION, Stage
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.page.history import History
+from hapnet.ext.page.watcher import Watcher
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.telemetry import Status
 from hapnet.transport.config import ZenohSettings, free_address
-from hapnet.view.history import History
-from hapnet.view.watcher import Watcher
 from netem.errors import NetemError
 from tests.conftest import ROOT, mostly_slow
 from tests.support.processes import started

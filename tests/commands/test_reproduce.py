@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from hapnet.commands.reproduce import SECTION_4
+from hapnet.ext.pictures.paper import profiles
 from hapnet.params import Params
-from hapnet.plots.paper import profiles
 from hapnet.simulation.simulation import simulate
 
 

@@ -23,7 +23,7 @@ def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A directory with a module that leaves a trace when it is imported."""
     (tmp_path / "strangers_part.py").write_text(
         f"open({str(tmp_path / RAN)!r}, 'w').close()\n"
-        "from hapnet.plant.scenes.wall import wall\nfrom hapnet.couplings.zoh import LAW\n"
+        "from hapnet.plant.scenes.wall import wall\nfrom hapnet.ext.laws.zoh import LAW\n"
     )
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
@@ -107,8 +107,8 @@ def test_what_hapnet_itself_has_is_not_asked_for_but_its_functions_are() -> None
         raise InvalidParameter(parameter, name, "nothing")
 
     with permitting(refuse):
-        load("hardware", "hapnet.devices.inverse3:Inverse3", "")
-        for name in ("hapnet.recording.mcap:repair", "hapnet.devices.inverse3:Inverse3", "os:system"):
+        load("hardware", "hapnet.ext.devices.inverse3:Inverse3", "")
+        for name in ("hapnet.recording.mcap:repair", "hapnet.ext.devices.inverse3:Inverse3", "os:system"):
             with pytest.raises(InvalidParameter):
                 load("scene", name, "")
     assert len(asked) == 3

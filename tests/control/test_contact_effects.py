@@ -14,12 +14,12 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.coupling import Proxy
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import HalfSpace
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import HalfSpace
 from hapnet.realtime.servo_pipe import kind_of, sample_of
 from hapnet.simulation.compiled.coverage import why_not
 from hapnet.simulation.simulation import Simulation

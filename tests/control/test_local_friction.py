@@ -15,10 +15,10 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.friction_cone import RubbingProxy, agree
 from hapnet.control.self_motion import SelfMotion
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.friction import FrictionTexture
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import Sphere
 from hapnet.mechanics.plane import Plane, checked
-from hapnet.plant.worlds.friction import FrictionTexture
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import Sphere
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported

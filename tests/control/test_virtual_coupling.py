@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hapnet.control.coupling import Motion
-from hapnet.control.virtual_coupling import VirtualCoupling, pass_to
+from hapnet.ext.laws.parts.virtual_coupling import VirtualCoupling, pass_to
 from hapnet.mechanics.spring import Spring
 
 

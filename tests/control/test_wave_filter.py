@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hapnet.control.coupling import Wave
-from hapnet.control.wave_filter import WaveFilter
-from hapnet.couplings.wave import DelayLine
+from hapnet.ext.laws.parts.wave_filter import WaveFilter
+from hapnet.ext.laws.wave import DelayLine
 from tests.support.wave_ports import Counted, put_in, shake
 
 

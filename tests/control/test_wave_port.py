@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hapnet.control.coupling import Wave
-from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
-from hapnet.couplings.digital_wave import Replay
-from hapnet.couplings.wave import DelayLine
+from hapnet.ext.laws.digital_wave import Replay
+from hapnet.ext.laws.parts.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.ext.laws.wave import DelayLine
 from tests.support.wave_ports import TICK, put_in
 
 number = st.floats(-3.0, 3.0)

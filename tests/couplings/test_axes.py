@@ -9,9 +9,9 @@ import pytest
 from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
 from hapnet.couplings.registry import COUPLINGS
+from hapnet.ext.solids.rigid import RigidScene, rigid
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance
-from hapnet.plant.worlds.rigid import RigidScene, rigid
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import Simulation
 

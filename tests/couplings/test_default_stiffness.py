@@ -42,7 +42,7 @@ def test_a_count_of_the_encoders_changes_the_force_by_a_twentieth_of_a_newton_at
 
 
 def test_a_class_that_knows_its_model_only_once_it_is_open_declares_the_least() -> None:
-    params = Params().set({"hardware": "hapnet.devices.force_dimension:ForceDimension"})
+    params = Params().set({"hardware": "hapnet.ext.devices.force_dimension:ForceDimension"})
     assert with_springs(params).device.stiffness > 100.0
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hapnet.control.coupling import Wave
-from hapnet.couplings.digital_wave import LOUDEST, Replay
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
+from hapnet.ext.laws.digital_wave import LOUDEST, Replay
 from hapnet.params import Params
 from hapnet.side.packet import Packet
 from hapnet.simulation.simulation import Result, Simulation

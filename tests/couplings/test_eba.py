@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hapnet.control.virtual_coupling import NEVER, Reset
-from hapnet.couplings.eba import EnergyBounding
+from hapnet.ext.laws.eba import EnergyBounding
+from hapnet.ext.laws.parts.virtual_coupling import NEVER, Reset
 from hapnet.mechanics.spring import Spring
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
 from tests.support.paper import PAPER

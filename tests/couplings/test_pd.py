@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapnet.control.coupling import Motion
-from hapnet.couplings.pd import DevicePD, Gains, WorldPD, round_trip, tuned
+from hapnet.ext.laws.pd import DevicePD, Gains, WorldPD, round_trip, tuned
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from tests.support.hand_port import LIGHT_HAND, lowest_energies

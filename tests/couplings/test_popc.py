@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hapnet.control.virtual_coupling import NEVER, Reset
-from hapnet.couplings.popc import PassivityController, damping_cap
+from hapnet.ext.laws.parts.virtual_coupling import NEVER, Reset
+from hapnet.ext.laws.popc import PassivityController, damping_cap
 from hapnet.mechanics.spring import Spring
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
 from tests.support.paper import PAPER

@@ -12,9 +12,9 @@ from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.control.coupling import Port
 from hapnet.control.prediction import MotionPredictor
-from hapnet.couplings.tdpa_world import PassivityObserver
+from hapnet.ext.laws.parts.tdpa_world import PassivityObserver
+from hapnet.ext.study.case import measure
 from hapnet.params import Params
-from hapnet.study.case import measure
 from tests.support.tdpa_ends import TICK, device, reported, simulated, watched as watched, world
 
 # -- the account -----------------------------------------------------------------------------------------------------

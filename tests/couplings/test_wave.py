@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.control import wave_port
 from hapnet.control.coupling import Wave
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
-from hapnet.couplings.wave import MOST, DelayLine
+from hapnet.ext.laws.parts import wave_port
+from hapnet.ext.laws.wave import MOST, DelayLine
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
 from tests.support.processes import read_json, started

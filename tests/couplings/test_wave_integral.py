@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.control.coupling import Wave
-from hapnet.control.wave_integral import IntegralLine, Recovery
-from hapnet.control.wave_port import Line
-from hapnet.couplings.digital_wave import Replay
-from hapnet.couplings.wave import DelayLine
-from hapnet.metrics.motion import drift
+from hapnet.ext.laws.digital_wave import Replay
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Recovery
+from hapnet.ext.laws.parts.wave_port import Line
+from hapnet.ext.laws.wave import DelayLine
+from hapnet.ext.metrics.motion import drift
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
 from tests.support.wave_ports import Counted, put_in, reported, shake

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from hapnet.devices.bus_arm import BusArm, tick_bytes
-from hapnet.devices.bus_emulator import BusEmulator, FeetechEmulator
-from hapnet.devices.bus_packets import Dynamixel2, FeetechPackets
-from hapnet.devices.dynamixel import Dynamixel
-from hapnet.devices.feetech import Feetech
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.robots.bus_arm import BusArm, tick_bytes
+from hapnet.ext.robots.bus_emulator import BusEmulator, FeetechEmulator
+from hapnet.ext.robots.bus_packets import Dynamixel2, FeetechPackets
+from hapnet.ext.robots.dynamixel import Dynamixel
+from hapnet.ext.robots.feetech import Feetech
 from hapnet.plant.operator import Rest, Sine
 from tests.support.buses import HAND, bus
 from tests.support.processes import until
@@ -145,7 +145,7 @@ def commanded(arm: BusArm, emulator: Any) -> list[float]:
 def test_the_account_is_the_motors_own(correction: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A percent of the bytes is lost, commands with them, and the motors make half of what they are asked for: `acted`
     counts the work that they did by the emulator's account, and not that of the commands; by small corrections too."""
-    monkeypatch.setattr("hapnet.devices.bus_arm._CORRECTION", correction)
+    monkeypatch.setattr("hapnet.ext.robots.bus_arm._CORRECTION", correction)
     with (
         bus(hand=Sine(3, HAND, 0.2, 1.0), period=2e-3, noise=0.01, seed=3) as emulator,
         opened(Dynamixel, emulator) as arm,

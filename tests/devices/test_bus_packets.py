@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hapnet.devices.bus_packets import PING, READ, WRITE, Dynamixel2, FeetechPackets, Packet, Packets, Reply
+from hapnet.ext.robots.bus_packets import PING, READ, WRITE, Dynamixel2, FeetechPackets, Packet, Packets, Reply
 
 MANUAL = (  # examples of the e-manual, docs/en/dxl/protocol2
     (Dynamixel2().packet(1, PING), "FF FF FD 00 01 03 00 01 19 4E"),

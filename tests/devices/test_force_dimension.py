@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.devices.force_dimension import ForceDimension
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.devices.force_dimension import ForceDimension
 from tests.conftest import ROOT
 from tests.support.processes import assert_passive, started
 
@@ -135,7 +135,7 @@ def test_any_number_of_status_numbers_is_taken(device: ForceDimension, stub: cty
 def test_no_memory_is_touched_beyond(library: str, count: int, survives: bool) -> None:
     """Python's own canaries behind each block say so; that they do is seen with more numbers than there is room for."""
     words = f"""
-from hapnet.devices.force_dimension import ForceDimension
+from hapnet.ext.devices.force_dimension import ForceDimension
 device = ForceDimension(1, library={library!r})
 device.home()
 device.begin()

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapnet.devices.franka import Franka
-from hapnet.devices.franka_torques import LENT_J, TORQUE_LIMIT, Arm, Torques
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.robots.franka import Franka
+from hapnet.ext.robots.franka_torques import LENT_J, TORQUE_LIMIT, Arm, Torques
 from tests.support import franka_stand_in as stand_in
 
 NOTHING = np.zeros((3, 3))
@@ -19,7 +19,7 @@ NOTHING = np.zeros((3, 3))
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setitem(sys.modules, "pylibfranka", stand_in)
-    monkeypatch.setattr("hapnet.devices.franka.find_spec", lambda name: True)
+    monkeypatch.setattr("hapnet.ext.robots.franka.find_spec", lambda name: True)
     return
 
 

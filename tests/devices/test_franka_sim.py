@@ -68,7 +68,7 @@ def simulator(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_the_robots_jacobian_is_laid_out_as_the_driver_takes_it(simulator: Path) -> None:
-    from hapnet.devices.franka import Franka
+    from hapnet.ext.robots.franka import Franka
 
     scheduling = os.sched_getscheduler(0)
     device = Franka(3, "127.0.0.1", realtime=False)

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from hapnet.devices.gamepad import Gamepad
-from hapnet.devices.input_device import InputDevice
 from hapnet.devices.registry import options, resolve
-from hapnet.devices.space_mouse import SpaceMouse, _is_ours
 from hapnet.errors import DeviceSilent, InvalidParameter
+from hapnet.ext.devices.gamepad import Gamepad
+from hapnet.ext.devices.input_device import InputDevice
+from hapnet.ext.devices.space_mouse import SpaceMouse, _is_ours
 
 MILLI = 0.001
 
@@ -38,7 +38,7 @@ class Pipe:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now = [0.0]
-    monkeypatch.setattr("hapnet.devices.input_device.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("hapnet.ext.devices.input_device.time.monotonic", lambda: now[0])
     return now
 
 
@@ -193,8 +193,8 @@ def test_one_that_was_pulled_out_is_opened_anew(
         pulled_out[0] = False
         return opened(path, flags)
 
-    monkeypatch.setattr("hapnet.devices.input_device.os.read", gone)
-    monkeypatch.setattr("hapnet.devices.input_device.os.open", back)
+    monkeypatch.setattr("hapnet.ext.devices.input_device.os.read", gone)
+    monkeypatch.setattr("hapnet.ext.devices.input_device.os.open", back)
     with pytest.raises(DeviceSilent, match="No such device"):
         pad.read()
     clock[0] += 1.0
@@ -232,7 +232,7 @@ def test_which_device_is_taken_without_a_path(pipe: Pipe, clock: list[float], mo
     monkeypatch.setattr(Gamepad, "found", staticmethod(lambda: ()))
     with pytest.raises(InvalidParameter, match="none was found"):
         Gamepad(1)
-    monkeypatch.setattr("hapnet.devices.space_mouse.Path.glob", lambda folder, names: [folder / "b", folder / "a"])
-    monkeypatch.setattr("hapnet.devices.space_mouse._is_ours", lambda path: str(path) == "/sys/class/hidraw/a")
-    monkeypatch.setattr("hapnet.devices.space_mouse.existing", tuple)
+    monkeypatch.setattr("hapnet.ext.devices.space_mouse.Path.glob", lambda folder, names: [folder / "b", folder / "a"])
+    monkeypatch.setattr("hapnet.ext.devices.space_mouse._is_ours", lambda path: str(path) == "/sys/class/hidraw/a")
+    monkeypatch.setattr("hapnet.ext.devices.space_mouse.existing", tuple)
     assert SpaceMouse.found() == ("/dev/a",)

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.devices import inverse3, inverse3_safety, websocket
-from hapnet.devices.inverse3 import PATIENCE_S, Inverse3
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.devices import inverse3, inverse3_safety, websocket
+from hapnet.ext.devices.inverse3 import PATIENCE_S, Inverse3
 
 ELSEWHERE = 5.0
 """Positions are counted from there before the preset acts [m]."""

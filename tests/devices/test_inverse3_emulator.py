@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from hapnet.devices import inverse3, inverse3_messages as wire, websocket
-from hapnet.devices.emulator import Handle
-from hapnet.devices.inverse3 import Inverse3
-from hapnet.devices.inverse3_emulator import DEVICE, Inverse3Emulator
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.devices import inverse3, inverse3_messages as wire, websocket
+from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.devices.inverse3 import Inverse3
+from hapnet.ext.devices.inverse3_emulator import DEVICE, Inverse3Emulator
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 

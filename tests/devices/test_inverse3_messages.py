@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from hapnet.devices import inverse3_messages as wire
+from hapnet.ext.devices import inverse3_messages as wire
 
 INVENTORY = b"""{
   "session_id": 7,

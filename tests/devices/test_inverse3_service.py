@@ -2,8 +2,8 @@
 
 import pytest
 
-from hapnet.devices.inverse3 import Inverse3
 from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.ext.devices.inverse3 import Inverse3
 from tests.devices import test_inverse3
 from tests.devices.test_inverse3 import Service, report, tick
 

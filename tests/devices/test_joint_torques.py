@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapnet.devices.joint_torques import paid, share
+from hapnet.ext.robots.joint_torques import paid, share
 
 
 def test_the_nearest_force_pays_what_it_may() -> None:

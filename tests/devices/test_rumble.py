@@ -11,7 +11,7 @@ import pytest
 from hapnet.assembly.build import device_session, device_side, prepare
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.devices.rumble import EVERY_S, FULL_N, Rumble
+from hapnet.ext.devices.rumble import EVERY_S, FULL_N, Rumble
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.spring import Spring

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.devices import serial_frames as wire
-from hapnet.devices.serial_axis import SerialAxis
-from hapnet.devices.serial_port import SerialPort
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.devices import serial_frames as wire
+from hapnet.ext.devices.serial_axis import SerialAxis
+from hapnet.ext.devices.serial_port import SerialPort
 from tests.support.processes import started, until
 from tests.support.serial_board import Pty
 

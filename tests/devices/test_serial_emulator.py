@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from hapnet.devices import serial_frames as wire
-from hapnet.devices.serial_emulator import SerialEmulator
+from hapnet.ext.devices import serial_frames as wire
+from hapnet.ext.devices.serial_emulator import SerialEmulator
 
 
 def test_commands_and_states_are_in_the_pages_units() -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.devices.serial_axis import SerialAxis
 from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.ext.devices.serial_axis import SerialAxis
 from tests.support.processes import started, until
 from tests.support.serial_board import SKETCH, STAND_IN, SketchBoard, compiled
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given, strategies as st
 
-from hapnet.devices.timed_velocity import TimedVelocity
+from hapnet.ext.devices.timed_velocity import TimedVelocity
 
 COUNT = 15e-6
 PERIOD = 1e-3

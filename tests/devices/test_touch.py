@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.devices import open_haptics as oh
-from hapnet.devices.touch import Touch
 from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.ext.devices import open_haptics as oh
+from hapnet.ext.devices.touch import Touch
 from tests.support.hd_stand_in import NOTHING, OFF_AT_END, OPEN, OUTPUT, RUNNING, TICK_S, Stub, Three, built
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from hapnet import cli
-from hapnet.doctor import machine
-from hapnet.doctor.machine import MISSING, OK, SKIPPED, WARNING, Check
 from hapnet.errors import InvalidParameter, TransportError
+from hapnet.ext.doctor import machine
+from hapnet.ext.doctor.machine import MISSING, OK, SKIPPED, WARNING, Check
 from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.transport.security import Security
 from hapnet.transport.zenoh import ZenohTransport
@@ -147,7 +147,7 @@ def test_what_is_missing_is_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys:
 
 def test_one_line_each_and_json(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     checks = [Check("this", OK, "fine"), Check("that", WARNING, "slow " * 60, "hurry")]
-    monkeypatch.setattr("hapnet.doctor.machine.examine", lambda *asked: checks)
+    monkeypatch.setattr("hapnet.ext.doctor.machine.examine", lambda *asked: checks)
     assert cli.main(["doctor", "--json", "-"]) == 0
     out, err = capsys.readouterr()
     found: list[dict[str, Any]] = json.loads(out)
@@ -176,7 +176,7 @@ def test_a_line_is_shown_before_the_next_check(monkeypatch: pytest.MonkeyPatch, 
         shown.append(capsys.readouterr().out)
         yield Check("that", OK, "fine")
 
-    monkeypatch.setattr("hapnet.doctor.machine.examine", checks)
+    monkeypatch.setattr("hapnet.ext.doctor.machine.examine", checks)
     assert cli.main(["doctor"]) == 0
     assert len(shown) == 1
     assert "this" in shown[0]

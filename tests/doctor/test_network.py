@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from hapnet.doctor import machine
-from hapnet.doctor.machine import OK, WARNING
-from hapnet.doctor.network import judged, probed
+from hapnet.ext.doctor import machine
+from hapnet.ext.doctor.machine import OK, WARNING
+from hapnet.ext.doctor.network import judged, probed
 from hapnet.transport.config import ZenohSettings, free_address
 from hapnet.transport.probe import EVERY_NS, MAX_LENGTH, MOST_AT_ONCE, MOST_HZ, Answering, Answers
 from hapnet.transport.security import ANYBODY

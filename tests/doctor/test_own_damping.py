@@ -10,11 +10,11 @@ from hypothesis import Phase, given, settings, strategies as st
 from hapnet import cli
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
-from hapnet.devices.emulator import Handle
-from hapnet.doctor.device import examine_device
-from hapnet.doctor.machine import OK, SKIPPED, WARNING, Check
-from hapnet.doctor.own_damping import Trial, lower_bound, own_damping
 from hapnet.errors import DeviceSilent
+from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.doctor.device import examine_device
+from hapnet.ext.doctor.machine import OK, SKIPPED, WARNING, Check
+from hapnet.ext.doctor.own_damping import Trial, lower_bound, own_damping
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from tests.support.commands import Capture

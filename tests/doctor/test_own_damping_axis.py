@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
-from hapnet.doctor.machine import Check
+from hapnet.ext.doctor.machine import Check
 from tests.doctor.test_own_damping import bound
 from tests.support.processes import Program
 

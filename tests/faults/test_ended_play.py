@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import pytest
 
+from hapnet.ext.page.watcher import Watcher
 from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.transport.config import ZenohSettings
-from hapnet.view.watcher import Watcher
 from tests.faults import test_ended_runs
 from tests.faults.support import let_pass
 from tests.support.processes import Program, read_json, started, until

@@ -22,8 +22,8 @@ import pytest
 
 from hapnet.assembly.operators import operator
 from hapnet.checks import Vector
-from hapnet.devices.emulator import Handle
-from hapnet.devices.serial_emulator import SerialEmulator
+from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.devices.serial_emulator import SerialEmulator
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.worlds.registry import make_scene

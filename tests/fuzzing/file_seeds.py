@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from hapnet.ext.study.journal import NAME, Journal
+from hapnet.ext.study.spec import Spec
+from hapnet.ext.study.task import CaseResult
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.simulation.simulation import Simulation
-from hapnet.study.journal import NAME, Journal
-from hapnet.study.spec import Spec
-from hapnet.study.task import CaseResult
 
 HERE = Path(__file__).parents[1]
 

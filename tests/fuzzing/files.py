@@ -15,19 +15,19 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from hapnet.assembly.arms import table_of
 from hapnet.errors import HapnetError
+from hapnet.ext.arms.parameters import table_of
+from hapnet.ext.solids.mesh_file import read_mesh
+from hapnet.ext.solids.volume_file import read_volume
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.spec import Spec
 from hapnet.loading import permitting
 from hapnet.params import Params
-from hapnet.plant.worlds.mesh_file import read_mesh
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.volume_file import read_volume
 from hapnet.recording.export import write
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.opened import fitting, opened
 from hapnet.simulation.replay import read_original
-from hapnet.study.journal import Journal
-from hapnet.study.spec import Spec
 from hapnet.summary.recorded import of_recordings
 from netem import NetemError
 from tests.fuzzing.file_mutator import FileMutator

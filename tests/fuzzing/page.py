@@ -18,9 +18,9 @@ import zstandard
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from hapnet.ext.page.history import History
+from hapnet.ext.page.server import PageServer, serve
 from hapnet.params import Params
-from hapnet.view.history import History
-from hapnet.view.server import PageServer, serve
 from tests.view.feed import FakeControls, Feed
 
 Message = dict[str, Any]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapnet.bench.plants import by_joints, seven_joints
+from hapnet.ext.bench.plants import by_joints, seven_joints
 from hapnet.kernel.arm_end import CompiledArm
 from hapnet.kernel.handle_end import CompiledHandle
 from hapnet.kernel.servo_end import CompiledServo

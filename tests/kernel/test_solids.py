@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from hapnet.checks import Vector
+from hapnet.ext.solids.rigid import RigidScene
+from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.shapes import Near, Sphere
 from hapnet.kernel.kinds import Kind
 from hapnet.params import Params
-from hapnet.plant.worlds.rigid import RigidScene
-from hapnet.plant.worlds.rigid_contacts import Solid
-from hapnet.plant.worlds.shapes import Near, Sphere
 from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.support.kernel_cases import differences

@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import Cuboid, Cylinder, Sphere
 from hapnet.mechanics.curvature import Curvature, across, tangent
 from hapnet.mechanics.plane import FOLDED, Plane, checked
 from hapnet.params import Params
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, Sphere
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array, Vector
+from hapnet.ext.tools.contacts import rigid_plane
 from hapnet.mechanics.pose import ARM_M, AXES, coordinates, pose, rotation, torques
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
-from hapnet.plant.poses.contacts import rigid_plane
 
 SCALES = [(1.0, 2.5), (0.1, 1.0), (0.3, 4.0), (5.0, 0.5)]
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.force import limit_cycles
-from hapnet.metrics.impedance import THREE_DB, Line, harmonics_between, multisine, off_hz, transmitted
+from hapnet.ext.metrics.force import limit_cycles
+from hapnet.ext.metrics.impedance import THREE_DB, Line, harmonics_between, multisine, off_hz, transmitted
+from hapnet.ext.study.impedance import HARMONICS, PERIOD_S, Transmission, curve, transmission, true_impedance
+from hapnet.ext.study.z_width import ZWidth, maximum, z_width
 from hapnet.params import RELAXED_HAND
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording
-from hapnet.study.impedance import HARMONICS, PERIOD_S, Transmission, curve, transmission, true_impedance
-from hapnet.study.z_width import ZWidth, maximum, z_width
 from tests.support.paper import PAPER
 
 STEP_S = 0.002

@@ -9,9 +9,9 @@ import pytest
 from scipy import signal
 
 from hapnet.checks import Array
-from hapnet.metrics import METRICS
-from hapnet.metrics.force import buzz, force_error
-from hapnet.metrics.motion import drift
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.metrics.force import buzz, force_error
+from hapnet.ext.metrics.motion import drift
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import MemoryRecorder, Recording
 from hapnet.summary.from_samples import motion

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.metrics.contact import depth_and_resistance, pressed_wall, rendered_stiffness
-from hapnet.metrics.obstacles import SolidObstacle, normal_where_deepest
-from hapnet.plant.worlds.rigid_contacts import Solid
-from hapnet.plant.worlds.shapes import Sphere
+from hapnet.ext.metrics.contact import depth_and_resistance, pressed_wall, rendered_stiffness
+from hapnet.ext.metrics.obstacles import SolidObstacle, normal_where_deepest
+from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.shapes import Sphere
 from hapnet.plant.worlds.walls import Wall
 from tests.support.metric_recordings import RATE_HZ, SURFACE, TICK_S, WALL, device, exact, recording, sampled
 

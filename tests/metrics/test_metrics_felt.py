@@ -10,18 +10,18 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.commands.output import write_csv
-from hapnet.metrics import METRICS
-from hapnet.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
-from hapnet.metrics.force import residual_oscillation, rms_difference
-from hapnet.metrics.misses import quantile, value_of
-from hapnet.metrics.motion import DRAG_MPS, free_windows
-from hapnet.metrics.obstacles import Obstacle, environment_force
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
+from hapnet.ext.metrics.force import residual_oscillation, rms_difference
+from hapnet.ext.metrics.misses import quantile, value_of
+from hapnet.ext.metrics.motion import DRAG_MPS, free_windows
+from hapnet.ext.metrics.obstacles import Obstacle, environment_force
+from hapnet.ext.study import case
+from hapnet.ext.study.compare import Outcome, Plan, groups
+from hapnet.ext.study.tables import as_rows
 from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording, WorldSample
-from hapnet.study import case
-from hapnet.study.compare import Outcome, Plan, groups
-from hapnet.study.tables import as_rows
 
 TICK_S = 2.0**-6
 """Exact in binary, so that what is just as long as a limit can be had."""

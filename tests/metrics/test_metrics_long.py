@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.metrics.contact import rendered_by_tenths
-from hapnet.metrics.force import force_meanwhile, rms_difference
-from hapnet.metrics.measured import Span, first_and_last, tenths
-from hapnet.metrics.motion import free_windows
-from hapnet.metrics.passivity import energy_out
-from hapnet.metrics.world import contact_force_error, modulated_share, visits
+from hapnet.ext.metrics.contact import rendered_by_tenths
+from hapnet.ext.metrics.force import force_meanwhile, rms_difference
+from hapnet.ext.metrics.measured import Span, first_and_last, tenths
+from hapnet.ext.metrics.motion import free_windows
+from hapnet.ext.metrics.passivity import energy_out
+from hapnet.ext.metrics.world import contact_force_error, modulated_share, visits
+from hapnet.ext.study import case
+from hapnet.ext.study.case import Measured, simulated
 from hapnet.params import Params
-from hapnet.study import case
-from hapnet.study.case import Measured, simulated
 from tests.support.metric_recordings import RATE_HZ, device, recording, sampled, world
 
 # -- windows ---------------------------------------------------------------------------------------------------------

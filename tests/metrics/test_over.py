@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.metrics import METRICS
-from hapnet.metrics.measured import Measured
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.metrics.measured import Measured
+from hapnet.ext.study.case import measures, simulated
 from hapnet.params import Params
 from hapnet.recording.samples import Columns, Recording
-from hapnet.study.case import measures, simulated
 from hapnet.summary.from_samples import motion
 from hapnet.summary.structure import Summary
 from tests.support.metric_recordings import device, recording, world
 
-PAGE = Path(__file__).parents[2] / "hapnet/metrics/README.md"
+PAGE = Path(__file__).parents[2] / "hapnet/ext/metrics/README.md"
 
 LINK = "delay 40ms 10ms loss 2%"
 

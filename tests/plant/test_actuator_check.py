@@ -14,9 +14,9 @@ from hapnet.assembly.build import device_session, device_side, prepare
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.commands import known_devices
-from hapnet.doctor.device import examine_device
-from hapnet.doctor.machine import OK, WARNING, Check
 from hapnet.errors import HapnetError
+from hapnet.ext.doctor.device import examine_device
+from hapnet.ext.doctor.machine import OK, WARNING, Check
 from hapnet.params import Params
 from hapnet.plant.actuator_check import ActuatorCheck, response
 from hapnet.plant.agreement import Agreement

@@ -8,16 +8,16 @@ import pytest
 
 from hapnet import simulate
 from hapnet.assembly.build import prepare
-from hapnet.assembly.follower import on_link
 from hapnet.checks import Array, Vector
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
+from hapnet.ext.robots.follower import LeadersPicture, Robot, RobotContacts
+from hapnet.ext.robots.following import on_link
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES, angle_between, rotation, torques
 from hapnet.params import as_params
-from hapnet.plant.follower import LeadersPicture, Robot, RobotContacts
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.picture import Touch
 from hapnet.plant.worlds.walls import Contacts, Wall

@@ -9,11 +9,11 @@ import pytest
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
 from hapnet.commands.play import led
+from hapnet.ext.page.choices import CHOICES
 from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance
 from hapnet.simulation.simulation import Simulation
-from hapnet.view.choices import CHOICES
 from tests.conftest import mostly_slow
 
 K_WORLD, K_WALL, WALL_M, GOAL_M = 500.0, 3000.0, 0.02, 0.04

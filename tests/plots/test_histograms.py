@@ -7,7 +7,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
-from hapnet.plots.histograms import lateness_histogram, link_histogram
+from hapnet.ext.pictures.histograms import lateness_histogram, link_histogram
 from hapnet.realtime.servo import Histogram
 from netem import Link, LinkProfile
 from netem.profile import PRESETS

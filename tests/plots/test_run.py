@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from hapnet.errors import RecordingError
-from hapnet.plots.files import save_figure
-from hapnet.plots.run import figure
+from hapnet.ext.pictures.files import save_figure
+from hapnet.ext.pictures.run import figure
 from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from tests.conftest import mostly_slow
 
@@ -225,7 +225,7 @@ def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_no_pyplot_and_nothing_heavy_on_import() -> None:
     code = (
-        "import sys, hapnet.plots.run, hapnet.reports.report\n"
+        "import sys, hapnet.ext.pictures.run, hapnet.ext.pictures.report\n"
         "print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
         "from tests.plots.test_run import figure, run; "
         "figure(run(seconds=1)); print('matplotlib.pyplot' in sys.modules)"

@@ -10,10 +10,10 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from hapnet.plots.sweep import draw
-from hapnet.study.grid import grid
-from hapnet.study.journal import Journal
-from hapnet.study.task import CaseResult
+from hapnet.ext.pictures.sweep import draw
+from hapnet.ext.study.grid import grid
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.task import CaseResult
 from tests.study.sweeps import journal_of
 
 MAP = """

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import hapnet
-from hapnet.plots import zoomed
-from hapnet.reports.report import Report, report
+from hapnet.ext.pictures import zoomed
+from hapnet.ext.pictures.report import Report, report
 from hapnet.simulation.result import Result
 
 pytest.importorskip("plotly", reason="the extra zoom is not installed")
@@ -28,7 +28,7 @@ def result() -> Result:
 
 @pytest.fixture
 def made(result: Result, monkeypatch: pytest.MonkeyPatch) -> Report:
-    monkeypatch.setattr("hapnet.plots.zoomed.can_zoom", lambda: True)
+    monkeypatch.setattr("hapnet.ext.pictures.zoomed.can_zoom", lambda: True)
     return report(result)
 
 
@@ -65,7 +65,7 @@ def test_the_page_runs_these_scripts_and_no_others(made: Report) -> None:
 
 
 def test_without_the_extra_there_is_a_picture_and_no_script(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapnet.plots.zoomed.can_zoom", lambda: False)
+    monkeypatch.setattr("hapnet.ext.pictures.zoomed.can_zoom", lambda: False)
     made = report(result)
     assert "<script" not in made.page
     assert made.page.count("<img") == len(made.pictures)

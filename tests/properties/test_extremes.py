@@ -100,7 +100,7 @@ def test_the_account_knows_nothing_of_what_it_checks() -> None:
     tree = ast.parse(Path(independent_account.__file__).read_text("utf-8"))
     imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     imported |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
-    assert not [name for name in imported if name.startswith(("hapnet.control", "hapnet.metrics", "hapnet.plant"))]
+    assert not [name for name in imported if name.startswith(("hapnet.control", "hapnet.ext.metrics", "hapnet.plant"))]
 
 
 def audited(servo: str, n: int) -> Params:

@@ -8,9 +8,9 @@ import pytest
 
 from hapnet.assembly.build import device_session, device_side, world_session, world_side
 from hapnet.control.coupling import Port
-from hapnet.couplings import tdpa
-from hapnet.couplings.tdpa import TdpaDevice
-from hapnet.couplings.tdpa_world import TdpaWorld
+from hapnet.ext.laws import tdpa
+from hapnet.ext.laws.parts.tdpa_world import TdpaWorld
+from hapnet.ext.laws.tdpa import TdpaDevice
 from hapnet.params import Params
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.simulation.simulation import Result, Simulation

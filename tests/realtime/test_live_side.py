@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter, RecordingError
+from hapnet.ext.page import watcher as watcher_module
+from hapnet.ext.page.watcher import Watcher
 from hapnet.params import Params
 from hapnet.realtime.controllers import ThreadedDevice, ThreadedWorld
 from hapnet.recording.mcap import read_recording
@@ -16,8 +18,6 @@ from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.simulation.simulation import Simulation
 from hapnet.transport.config import ZenohSettings, free_address
-from hapnet.view import watcher as watcher_module
-from hapnet.view.watcher import Watcher
 from netem.errors import NetemError
 from tests.support.pairs import WAIT_S, Running, idle, parameters, running
 

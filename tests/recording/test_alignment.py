@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from hapnet import cli
+from hapnet.ext.pictures.page import page as whole_page
 from hapnet.params import Params
 from hapnet.recording.alignment import ClockDifference, clock_difference
 from hapnet.recording.link_events import KIND, text_of
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Event, join
-from hapnet.reports.page import page as whole_page
 from hapnet.simulation.replay import read_original
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import of_recordings

@@ -9,19 +9,19 @@ from scipy.spatial.transform import Rotation
 
 from hapnet.assembly.build import device_session, prepare, world_session
 from hapnet.checks import Array
+from hapnet.ext.pictures.run import figure
+from hapnet.ext.pictures.scene import scene_figure
+from hapnet.ext.pictures.tables import brief, motion
+from hapnet.ext.study.case import measure
 from hapnet.mechanics import pose
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import Params
-from hapnet.plots.run import figure
-from hapnet.plots.scene import scene_figure
 from hapnet.recording.export import export
 from hapnet.recording.mcap import RecordingWriter, read_recording
 from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import DeviceSample, Recording
-from hapnet.reports.tables import brief, motion
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
-from hapnet.study.case import measure
 from hapnet.summary.from_samples import LiveFigures
 from hapnet.summary.structure import read
 from hapnet.wire.events import Mismatch

@@ -5,4 +5,4 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapnet.plots.zoomed.can_zoom", lambda: False)
+    monkeypatch.setattr("hapnet.ext.pictures.zoomed.can_zoom", lambda: False)

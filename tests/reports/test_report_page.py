@@ -12,13 +12,13 @@ import pytest
 
 from hapnet import cli
 from hapnet.commands.play import led
+from hapnet.ext.pictures.html import element, join
+from hapnet.ext.pictures.page import FOLDED, MOST_EVENTS, Source, page
+from hapnet.ext.pictures.pictures import pictures
+from hapnet.ext.pictures.settings import commands, settings
+from hapnet.ext.pictures.tables import links, motion, sides
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
-from hapnet.reports.html import element, join
-from hapnet.reports.page import FOLDED, MOST_EVENTS, Source, page
-from hapnet.reports.pictures import pictures
-from hapnet.reports.settings import commands, settings
-from hapnet.reports.tables import links, motion, sides
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import read
 from hapnet.summary.words import known, legible

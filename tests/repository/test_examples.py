@@ -338,8 +338,8 @@ def test_make_certificates_explains_itself(tmp_path: Path) -> None:
 def test_the_ring_is_what_its_script_makes_a_closed_torus() -> None:
     """Its volume is that of Pappus' theorem, less what 32 corners cut off a circle and 64 off its way."""
     pytest.importorskip("igl", reason="libigl is not installed")
-    from hapnet.plant.worlds.mesh_file import read_mesh
-    from hapnet.plant.worlds.mesh_surface import require_closed, volume
+    from hapnet.ext.solids.mesh_file import read_mesh
+    from hapnet.ext.solids.mesh_surface import require_closed, volume
 
     assert ring.FILE.read_text("utf-8") == ring.ring()
     corners, triangles = read_mesh(str(ring.FILE), 1e-3)

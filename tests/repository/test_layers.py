@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import hapnet
 from hapnet.laws import COUPLING_NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,48 +47,77 @@ MAY_IMPORT = {  # a package, and what it may know beside itself and the base
     "couplings": {"records", "mechanics", "control", "wire"},
     "kernel": BELOW_ASSEMBLY,  # it compiles some of their functions
     "processes": set(),
-    "devices": {"records", "mechanics", "plant", "transport"},  # a robot of ROS is reached over Zenoh
+    "devices": {"records", "mechanics", "plant"},
     "assembly": BELOW_ASSEMBLY | {"devices"},
     "summary": BELOW_ASSEMBLY,
-    "metrics": BELOW_ASSEMBLY | {"summary"},
     "transport": {"records", "wire"},
-    "simulation": BELOW_ASSEMBLY
-    | {"assembly", "summary", "kernel", "plots", "reports", "processes"},  # a result draws itself
+    "simulation": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "processes"},
     "realtime": BELOW_ASSEMBLY | {"assembly", "summary", "kernel", "transport", "processes"},  # its ends are compiled
-    "plots": BELOW_ASSEMBLY | {"summary", "metrics"},
-    "reports": BELOW_ASSEMBLY | {"assembly", "summary", "plots"},
-    "study": BELOW_ASSEMBLY | {"assembly", "summary", "metrics", "simulation", "plots", "reports", "processes"},
-    "doctor": {"plant", "assembly", "transport", "realtime"},  # it tries devices, and how the other side is reached
-    "view": BELOW_ASSEMBLY | {"summary", "transport"},  # it subscribes to telemetry
-    "bench": BELOW_ASSEMBLY
-    | {"assembly", "summary", "simulation", "kernel", "transport", "realtime", "view", "study", "plots", "processes"},
 }
+"""The core, without its commands."""
+
+ABOVE = {
+    "laws": set(),
+    "engines": {"solids"},
+    "solids": {"engines"},
+    "soft": {"solids", "engines"},
+    "tools": {"solids", "engines"},
+    "arms": {"solids", "tools"},
+    "robots": {"arms", "engines", "devices"},
+    "devices": {"arms"},
+    "metrics": {"solids", "tools"},
+    "pictures": {"metrics", "arms", "solids"},
+    "study": {"metrics", "pictures", "arms", "tools"},
+    "page": {"laws", "arms", "solids"},
+    "doctor": set(),
+    "bench": {"arms", "tools", "solids", "page", "pictures"},
+}
+"""The extensions, and which others each may know beside itself. All may know the core, but for its commands."""
+
+NOT_YET = {
+    "assembly": {"arms", "robots", "solids", "tools"},
+    "kernel": {"arms", "solids", "tools"},
+    "plant": {"engines", "soft", "solids", "tools"},
+    "realtime": {"engines", "robots"},
+    "recording": {"arms"},
+    "simulation": {"pictures", "robots", "solids"},
+}
+"""The extensions that a package of the core still imports. None may come."""
+EQUATIONS_TOO = ("laws", "solids", "engines", "soft", "tools", "arms")
+"""The extensions that are as pure as the core below `assembly`."""
+
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",
     "hapnet/file_content.py": "reads what others may have written: all that is a plain file and not too large",
     "hapnet/params.py": "--params names a file",
     "hapnet/installing.py": "looks for an interpreter that has pip",
-    "hapnet/plant/worlds/mujoco_model.py": "a scene is a model's file",
-    "hapnet/plant/worlds/mujoco_sizes.py": "looks at that file, and at those that it includes, before MuJoCo does",
+    "hapnet/ext/engines/mujoco_model.py": "a scene is a model's file",
+    "hapnet/ext/engines/mujoco_sizes.py": "looks at that file, and at those that it includes, before MuJoCo does",
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
-    "hapnet/plant/worlds/mesh_file.py": "a scene's mesh is a file",
-    "hapnet/plant/worlds/grain_file.py": "a recorded grain is a file",
-    "hapnet/plant/worlds/volume_file.py": "a scene's voxels are a file",
+    "hapnet/ext/solids/mesh_file.py": "a scene's mesh is a file",
+    "hapnet/ext/solids/grain_file.py": "a recorded grain is a file",
+    "hapnet/ext/solids/volume_file.py": "a scene's voxels are a file",
     "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
+    "hapnet/ext/arms/parameters.py": "an arm's URDF is a file",
     "hapnet/records/machine_code.py": "compiled code is kept in a directory",
     "hapnet/kernel/sources.py": "compiled code is cached as long as its sources stay the same",
 }
 """What may reach files, of all that lies below `assembly`, and why. Clocks and generators are arguments there too."""
 
-ADDS_UP = {"records", "mechanics", "control", "plant", "couplings", "side"}
+WITHOUT_CLOCKS = {"base", "kernel", *BELOW_ASSEMBLY, *(f"ext.{name}" for name in EQUATIONS_TOO), "ext.metrics"}
+
+HAS_A_CLOCK = {"hapnet/ext/tools/posed.py": {"time"}}
+"""A user's device gets one from there, unless it is given another."""
+
+ADDS_UP = {"records", "mechanics", "control", "plant", "couplings", "side", *(f"ext.{name}" for name in EQUATIONS_TOO)}
 """Whose recordings' bits depend on how a sum is rounded: they add up with `inner` and `added`."""
 
 COUNTS = {f"hapnet/{name}.py" for name in ("plant/integrator", "records/histogram")}
 """Modules of those that count with `sum`, or ask whether any of several numbers is none."""
 
 OPENS_ZENOH = {
-    "hapnet/bench/latency.py": "raw Zenoh is what hapnet's latency is held against",
+    "hapnet/ext/bench/latency.py": "raw Zenoh is what hapnet's latency is held against",
 }
 """Modules outside of `transport` that use Zenoh itself, and why."""
 
@@ -99,8 +129,10 @@ def name_of(module: Path) -> str:
 def package_of(name: str) -> str:
     """The part of hapnet that a module belongs to; of another package its name."""
     parts = name.split(".")
-    if parts[0] != "hapnet" or len(parts) == 1:
+    if parts[0] != "hapnet" or len(parts) == 1 or name == "hapnet.ext":
         return parts[0]
+    if parts[1] == "ext":
+        return f"ext.{parts[2]}"
     return "base" if parts[1] in BASE else parts[1]
 
 
@@ -149,7 +181,8 @@ def test_every_way_to_import_is_seen() -> None:
 
 def test_every_package_has_its_rule() -> None:
     packages = {path.parent.name for path in (ROOT / "hapnet").glob("*/*.py")}
-    assert packages <= {*MAY_IMPORT, "commands"}
+    assert packages <= {*MAY_IMPORT, "commands", "ext"}
+    assert {path.parent.name for path in (ROOT / "hapnet" / "ext").glob("*/*.py")} == ABOVE.keys()
     assert {str(module) for module in MODULES} >= PURE_NETEM
 
 
@@ -159,9 +192,30 @@ def test_imports_go_one_way() -> None:
         own = package_of(name_of(module))
         if own not in MAY_IMPORT and own != "base":
             continue
-        found = {package_of(name) for name in imports_of(module) if name.startswith("hapnet.")}
-        wrong[module] = found - {own, "base", *MAY_IMPORT.get(own, set())}
-    assert len(wrong) > 250
+        wrong[module] = packages_of(module) - {own, "base", *MAY_IMPORT.get(own, set())}
+    assert len(wrong) > 200
+    found: dict[str, set[str]] = {}
+    for module, names in wrong.items():
+        if names:
+            found.setdefault(package_of(name_of(module)), set()).update(names)
+    assert found == {own: {f"ext.{name}" for name in names} for own, names in NOT_YET.items()}
+
+
+def packages_of(module: Path) -> set[str]:
+    """The packages of hapnet that a module imports from; a public name of hapnet is of none."""
+    names = {name for name in imports_of(module) if name.startswith("hapnet.")}
+    return {package_of(name) for name in names if name.removeprefix("hapnet.") not in hapnet.__all__}
+
+
+def test_an_extension_imports_the_core_and_the_extensions_that_it_declares() -> None:
+    core = {"base", *MAY_IMPORT}
+    wrong = {}
+    for module in MODULES:
+        own = package_of(name_of(module))
+        if own.startswith("ext."):
+            allowed = {f"ext.{name}" for name in ABOVE[own.removeprefix("ext.")]}
+            wrong[module] = packages_of(module) - {own, *core, *allowed}
+    assert len(wrong) > 200
     assert not {module: names for module, names in wrong.items() if names}
 
 
@@ -169,10 +223,12 @@ def test_core_reaches_nothing_outside_itself() -> None:
     """No clock, no generator but one passed in, no I/O: below `assembly`, time and randomness are arguments."""
     wrong = {}
     for module in MODULES:
-        if package_of(name_of(module)) in {"base", "kernel", "metrics", *BELOW_ASSEMBLY} or str(module) in PURE_NETEM:
+        if package_of(name_of(module)) in WITHOUT_CLOCKS or str(module) in PURE_NETEM:
             may_read = READS_FILES.keys() & {module.as_posix(), module.parent.as_posix()}
             found = reached((ROOT / module).read_text("utf-8"), name_of(module), module.name == "__init__.py")
-            wrong[module] = found - (FILES | {"open"} if may_read else set())
+            wrong[module] = (
+                found - (FILES | {"open"} if may_read else set()) - HAS_A_CLOCK.get(module.as_posix(), set())
+            )
     assert len(wrong) > 150
     assert not {module: names for module, names in wrong.items() if names}
 
@@ -228,10 +284,10 @@ def test_only_commands_measure() -> None:
     """Benchmarks look at everything; nothing looks at them but their command, which they do not know."""
     for module in MODULES:
         found = imports_of(module)
-        if module.parts[:2] == ("hapnet", "bench"):
+        if module.parts[:3] == ("hapnet", "ext", "bench"):
             assert not {name for name in found if name.startswith(("hapnet.commands", "hapnet.cli"))}, module
         elif module.parts[:2] != ("hapnet", "commands"):
-            assert not {name for name in found if name.startswith("hapnet.bench")}, module
+            assert not {name for name in found if name.startswith("hapnet.ext.bench")}, module
 
 
 def test_modules_stay_short() -> None:
@@ -286,7 +342,7 @@ def test_a_class_of_many_attributes_says_why() -> None:
 
 
 BY_NAME = {
-    "hapnet/doctor/machine.py": "sys tells so whether there is a lock, from Python 3.13 on",
+    "hapnet/ext/doctor/machine.py": "sys tells so whether there is a lock, from Python 3.13 on",
     "hapnet/kernel/twins.py": "numba has no other way to optimise many functions together",
 }
 """Modules that name attributes which are private to others, and why."""
@@ -311,19 +367,22 @@ def test_nobody_reaches_private_attributes_by_their_names() -> None:
 
 
 ASKS_WHAT_IT_GOT = {
-    "hapnet/plant/worlds/own_worlds.py": "makes a user's world a whole one",
-    "hapnet/plant/worlds/completed.py": "the same, of any part",
-    "hapnet/plant/worlds/engine_account.py": "names the method of an engine that failed",
+    "hapnet/ext/engines/own_worlds.py": "makes a user's world a whole one",
+    "hapnet/ext/engines/completed.py": "the same, of any part",
+    "hapnet/ext/engines/engine_account.py": "names the method of an engine that failed",
     "hapnet/plant/hand_path.py": "an operator may give many points at once",
     "hapnet/assembly/build.py": "reads parameters by their names",
+    "hapnet/ext/tools/posed.py": "makes a user's device one that turns",
+    "hapnet/ext/arms/parameters.py": "reads parameters by their names",
 }
 """Modules that ask a part what it has, of those that know worlds: everyone else has protocols with defaults."""
 
-KNOW_WORLDS = {"world.py", "set_position_coupling.py", "build.py"}
+KNOW_WORLDS = {"mechanics", "plant", *(f"ext.{name}" for name in EQUATIONS_TOO if name != "laws")}
+ALSO = {"world.py", "set_position_coupling.py", "build.py"}
 
 
 def test_nobody_asks_a_world_what_it_has() -> None:
-    know = [each for each in MODULES if package_of(name_of(each)) in {"mechanics", "plant"} or each.name in KNOW_WORLDS]
+    know = [each for each in MODULES if package_of(name_of(each)) in KNOW_WORLDS or each.name in ALSO]
     asking = {each.as_posix() for each in know if {"getattr", "hasattr"} & called((ROOT / each).read_text("utf-8"))}
     assert asking == ASKS_WHAT_IT_GOT.keys()
 
@@ -348,7 +407,7 @@ def test_one_package_draws() -> None:
     drawing = {
         module for module in MODULES if module.parts[0] == "hapnet" and "matplotlib" in roots(imports_of(module))
     }
-    for module in drawing - {each for each in drawing if each.parts[1] == "plots"}:
+    for module in drawing - {each for each in drawing if each.parts[:3] == ("hapnet", "ext", "pictures")}:
         assert {name for name in imports_of(module) if name.startswith("matplotlib")} == {
             "matplotlib.figure", "matplotlib.figure.Figure"
         }, module  # fmt: skip

@@ -31,7 +31,7 @@ def test_on_an_index_no_link_of_the_readme_is_relative() -> None:
 
 def test_pages_that_messages_name_are_beside_the_code() -> None:
     """Those of the installed package, which may be a wheel."""
-    from hapnet.doctor import device
+    from hapnet.ext.doctor import device
 
     pages = [value for value in vars(device).values() if isinstance(value, Path)]
     assert pages

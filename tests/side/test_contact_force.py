@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from hapnet.assembly.build import device_session, device_side, prepare, world_session
-from hapnet.assembly.robot_side import robot_side
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.cli import main
 from hapnet.devices.driver import Driver
-from hapnet.doctor.device import examine_device
 from hapnet.errors import DeviceSilent, InvalidParameter
+from hapnet.ext.doctor.device import examine_device
+from hapnet.ext.robots.robot_side import robot_side
 from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.side.contact_force import HELD_NS

@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from hapnet.assembly.arms import real_time_warnings
 from hapnet.assembly.build import prepare
-from hapnet.bench.plants import seven_joints
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.parameters import real_time_warnings
+from hapnet.ext.bench.plants import seven_joints
 from hapnet.kernel import real_time
 from hapnet.kernel.real_time import CompiledDevices
 from hapnet.params import Params
-from hapnet.plant.arms.device import SimulatedArm
-from hapnet.plant.arms.omni import omni
 from hapnet.plant.operator import Impedance, Sine
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import Simulation

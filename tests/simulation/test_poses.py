@@ -5,14 +5,14 @@ import pytest
 
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.errors import InvalidParameter
+from hapnet.ext.tools.device import SimulatedHandle
+from hapnet.ext.tools.hand import TurningHand, turned
 from hapnet.kernel.handle_end import CompiledHandle
 from hapnet.kernel.real_time import CompiledDevices
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Rest, Sine
-from hapnet.plant.poses.device import SimulatedHandle
-from hapnet.plant.poses.hand import TurningHand, turned
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import simulate
 from tests.support.theorem_cases import TOLERANCE_J

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.study import export
+from hapnet.ext.study.backend import local_workers
+from hapnet.ext.study.runner import Sweep
+from hapnet.ext.study.task import Task, run
 from hapnet.processes import pool
 from hapnet.processes.pool import in_processes
 from hapnet.processes.start import for_children
-from hapnet.study import export
-from hapnet.study.backend import local_workers
-from hapnet.study.runner import Sweep
-from hapnet.study.task import Task, run
 from tests.conftest import ENVIRONMENT
 from tests.study.sweeps import TOUCHY, journal_of, known
 from tests.support.processes import until
@@ -77,7 +77,7 @@ def test_a_worker_killed_from_outside_costs_no_case(tmp_path: Path) -> None:
 def test_workers_never_hear_ctrl_c() -> None:
     """Held back from the first instruction on, in a process that has started no other before; then ignored."""
     code = (
-        "from pathlib import Path; from hapnet.study.backend import local_workers; pool = local_workers(2)\n"
+        "from pathlib import Path; from hapnet.ext.study.backend import local_workers; pool = local_workers(2)\n"
         "def show(): [print(Path(f'/proc/{w.process.pid}/status').read_text()) for w in pool._workers]\n"
         "show()\n"
         "while not all(worker.ready for worker in pool._workers): pool.wait(0.1)\n"

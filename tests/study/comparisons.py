@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from hapnet.metrics import METRICS
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.study import plans
+from hapnet.ext.study.backend import Backend
+from hapnet.ext.study.case import Measures
+from hapnet.ext.study.compare import Case, Outcome, Plan
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.runner import Sweep
 from hapnet.params import Params
-from hapnet.study import plans
-from hapnet.study.backend import Backend
-from hapnet.study.case import Measures
-from hapnet.study.compare import Case, Outcome, Plan
-from hapnet.study.journal import Journal
-from hapnet.study.runner import Sweep
 
 QUICK_PARAMS = plans.BASE.set({"duration_s": 0.2})
 LINKS = {"near": ("delay 1ms", "delay 1ms"), "far": ("delay 20ms 5ms loss 5%", "delay 30ms")}

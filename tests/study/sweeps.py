@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import HapnetError
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.spec import Spec
 from hapnet.plant.scenes.wall import wall
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import WALL_STIFFNESS
-from hapnet.study.journal import Journal
-from hapnet.study.spec import Spec
 from tests.support.processes import until
 
 DEADLY, BROKEN, FATAL = 666.0, 13.0, 999.0

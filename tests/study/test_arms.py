@@ -7,12 +7,12 @@ import pytest
 
 from hapnet.cli import main
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.table import felt_damping
+from hapnet.ext.study.case import measure
+from hapnet.ext.study.impedance import transmission
+from hapnet.ext.study.stable_stiffness import cases
 from hapnet.params import Params
-from hapnet.plant.arms.omni import omni
-from hapnet.plant.arms.table import felt_damping
-from hapnet.study.case import measure
-from hapnet.study.impedance import transmission
-from hapnet.study.stable_stiffness import cases
 
 ARM = Params().set({"hardware": "omni", "link.up": "4g", "link.down": "4g"})
 

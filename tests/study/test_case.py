@@ -11,11 +11,11 @@ from scipy import signal
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings import held_torque
 from hapnet.errors import InvalidParameter
-from hapnet.metrics import METRICS
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.study import case
+from hapnet.ext.study.case import check, measure, simulated
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
-from hapnet.study import case
-from hapnet.study.case import check, measure, simulated
 
 SAMPLED: dict[str, object] = {"device.servo": "sampled", "duration_s": 4.0}
 LIGHT: dict[str, object] = {
@@ -218,7 +218,7 @@ def test_runs_over_other_links_share_one_reference(monkeypatch: pytest.MonkeyPat
             made.append((params.link.up, seed))
             super().__init__(params, seed, **more)
 
-    monkeypatch.setattr("hapnet.study.case.Simulation", Counted)
+    monkeypatch.setattr("hapnet.ext.study.case.Simulation", Counted)
     case._reference.cache_clear()
     short = {"duration_s": 0.5}
     first = measure(params("delay 5ms", **short), 0)

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
-from hapnet.study import cluster as module
-from hapnet.study.backend import local_workers
-from hapnet.study.case import Measures
-from hapnet.study.cluster import DaskCluster
-from hapnet.study.runner import Sweep
-from hapnet.study.spec import Case
+from hapnet.ext.study import cluster as module
+from hapnet.ext.study.backend import local_workers
+from hapnet.ext.study.case import Measures
+from hapnet.ext.study.cluster import DaskCluster
+from hapnet.ext.study.runner import Sweep
+from hapnet.ext.study.spec import Case
 from netem.versions import DISTRIBUTION
 from tests.study.sweeps import DEADLY, SHORT, TOUCHY, journal_of
 from tests.support.processes import Program

@@ -15,16 +15,16 @@ from rich.console import Console
 from hapnet import cli
 from hapnet.commands import compare as command
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.metrics import METRICS
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.study import backend, compare, plans, tables, task
+from hapnet.ext.study.backend import ThisProcess, local_workers
+from hapnet.ext.study.case import Measures, measure
+from hapnet.ext.study.compare import Case, Plan, Variant, parted
+from hapnet.ext.study.journal import Row
+from hapnet.ext.study.sections import QUICK
+from hapnet.ext.study.spec import params_of
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
-from hapnet.study import backend, compare, plans, tables, task
-from hapnet.study.backend import ThisProcess, local_workers
-from hapnet.study.case import Measures, measure
-from hapnet.study.compare import Case, Plan, Variant, parted
-from hapnet.study.journal import Row
-from hapnet.study.sections import QUICK
-from hapnet.study.spec import params_of
 from tests.conftest import DATA
 from tests.study.comparisons import LINKS, QUICK_PARAMS, compared, known, outcomes, plan
 from tests.support.processes import started, without_progress

@@ -8,9 +8,9 @@ import pytest
 
 from hapnet import cli
 from hapnet.commands import output, studies
+from hapnet.ext.study import estimate
+from hapnet.ext.study.estimate import mean_seconds, spread
 from hapnet.params import Params
-from hapnet.study import estimate
-from hapnet.study.estimate import mean_seconds, spread
 
 
 class Clock:

@@ -7,9 +7,9 @@ import pytest
 from pyarrow import parquet
 
 from hapnet.errors import InvalidParameter, MissingLibrary, RecordingError
+from hapnet.ext.study import export
+from hapnet.ext.study.task import CaseResult
 from hapnet.recording import export as tables
-from hapnet.study import export
-from hapnet.study.task import CaseResult
 from tests.study.sweeps import journal_of
 from tests.support.processes import no_room
 

@@ -9,9 +9,9 @@ import pytest
 
 import hapnet
 from hapnet import HapnetError, InvalidParameter, cli
-from hapnet.metrics import METRICS
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.study.case import Measures
 from hapnet.params import Params
-from hapnet.study.case import Measures
 
 SHORT: dict[str, object] = {"duration_s": 0.2}
 VARY = {"coupling": ["pspm", "zoh"], "link": ["lan", "4g"], "seed": "0:2"}
@@ -65,7 +65,7 @@ def test_a_directory_keeps_what_was_run(tmp_path: Path, monkeypatch: pytest.Monk
     def never(params: Params, seed: int) -> Measures:
         raise AssertionError
 
-    monkeypatch.setattr("hapnet.study.task.measure", never)
+    monkeypatch.setattr("hapnet.ext.study.task.measure", never)
     again = hapnet.compare("zoh", "lan", params=SHORT, directory=tmp_path)
     assert again.rows() == first.rows()
     with pytest.raises(HapnetError, match="of another spec"):
@@ -137,7 +137,7 @@ def formula(params: Params, seed: int) -> Measures:
 
 def test_a_tuning_finds_what_the_formula_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("optuna", reason="the extra tune is not installed")
-    monkeypatch.setattr("hapnet.study.task.measure", formula)
+    monkeypatch.setattr("hapnet.ext.study.task.measure", formula)
     spec = {
         "tune": {"objective": {"free_rms_mm": 1.0}, "constraints": ["stiffness_percent >= 90"], "trials": 40},
         "search": {"contact_model.lead": {"from": 0.0, "to": 1.0}},

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hapnet.errors import InvalidParameter
-from hapnet.study.case import Measures
-from hapnet.study.goal import Constraint, goal_of
+from hapnet.ext.study.case import Measures
+from hapnet.ext.study.goal import Constraint, goal_of
 
 PASSIVE: Measures = {"margin_J": 0.1, "claim_kept": 1.0}
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.metrics import METRICS
-from hapnet.plots.grid import Axis, metric_label, statistic, usual_statistic
-from hapnet.study.grid import grid, shown
-from hapnet.study.journal import Journal
-from hapnet.study.task import CaseResult
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.pictures.grid import Axis, metric_label, statistic, usual_statistic
+from hapnet.ext.study.grid import grid, shown
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.task import CaseResult
 from tests.study.sweeps import journal_of
 
 TEXT = """

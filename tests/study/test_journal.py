@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError
-from hapnet.study import journal as module
-from hapnet.study.journal import NAME, Journal
-from hapnet.study.spec import Spec
-from hapnet.study.task import CaseResult
+from hapnet.ext.study import journal as module
+from hapnet.ext.study.journal import NAME, Journal
+from hapnet.ext.study.spec import Spec
+from hapnet.ext.study.task import CaseResult
 from netem.versions import DISTRIBUTION
 from tests.conftest import ENVIRONMENT
 from tests.study.sweeps import SHORT, journal_of, spec_file
@@ -118,7 +118,7 @@ def test_what_is_no_journal_is_said_to_be_none(tmp_path: Path) -> None:
 WRITER = """
 import os, sys
 from pathlib import Path
-from hapnet.study.journal import CaseResult, Journal
+from hapnet.ext.study.journal import CaseResult, Journal
 journal = Journal.look(Path(sys.argv[1]))
 journal.record([CaseResult(0, {}), CaseResult(1, {})])
 journal._db.execute("PRAGMA cache_spill = 1")

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import HapnetError
+from hapnet.ext.study import task as task_module
+from hapnet.ext.study.backend import TaskOutcome
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.runner import ATTEMPTS, COMMIT_S, TASK_S, TOGETHER, Sweep
+from hapnet.ext.study.spec import Case
+from hapnet.ext.study.task import CaseResult, Task, run
 from hapnet.processes.pool import Outcome, WorkerDied
-from hapnet.study import task as task_module
-from hapnet.study.backend import TaskOutcome
-from hapnet.study.journal import Journal
-from hapnet.study.runner import ATTEMPTS, COMMIT_S, TASK_S, TOGETHER, Sweep
-from hapnet.study.spec import Case
-from hapnet.study.task import CaseResult, Task, run
 from tests.study.sweeps import SHORT, TOUCHY, journal_of
 
 

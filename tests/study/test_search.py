@@ -9,14 +9,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.study.case import Measures
+from hapnet.ext.study.journal import Journal, Row
+from hapnet.ext.study.search import Search, base, most_cases
+from hapnet.ext.study.search_space import propose
+from hapnet.ext.study.spec import Case, Values
+from hapnet.ext.study.task import CaseResult
+from hapnet.ext.study.tune_spec import TuneSpec
 from hapnet.params import Params
-from hapnet.study.case import Measures
-from hapnet.study.journal import Journal, Row
-from hapnet.study.search import Search, base, most_cases
-from hapnet.study.search_space import propose
-from hapnet.study.spec import Case, Values
-from hapnet.study.task import CaseResult
-from hapnet.study.tune_spec import TuneSpec
 from tests.study.sweeps import spec_file
 
 SPEC = """

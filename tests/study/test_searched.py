@@ -8,9 +8,9 @@ import pytest
 
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.couplings.spec import Between
+from hapnet.ext.study.search_space import searched
+from hapnet.ext.study.tune_spec import TuneSpec
 from hapnet.params import Params
-from hapnet.study.search_space import searched
-from hapnet.study.tune_spec import TuneSpec
 from tests.conftest import ROOT
 
 FILES = ROOT / "examples" / "tune"

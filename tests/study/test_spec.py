@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.errors import InvalidParameter
-from hapnet.study.journal import Journal
-from hapnet.study.spec import MOST, Case, Spec, flat_of, link_words, params_of, value_words
+from hapnet.ext.study.journal import Journal
+from hapnet.ext.study.spec import MOST, Case, Spec, flat_of, link_words, params_of, value_words
 
 PIECES: dict[str, list[Any]] = {
     "coupling": ["pspm", "zoh"],

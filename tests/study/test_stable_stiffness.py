@@ -10,13 +10,13 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import InvalidParameter
-from hapnet.metrics.impedance import Line
+from hapnet.ext.metrics.impedance import Line
+from hapnet.ext.study import stable_stiffness
+from hapnet.ext.study.impedance import Transmission
+from hapnet.ext.study.stable_stiffness import Case, ZWidth, bound, cases, stable, stiffest
+from hapnet.ext.study.transparency import Task
 from hapnet.params import Params
 from hapnet.processes import pool
-from hapnet.study import stable_stiffness
-from hapnet.study.impedance import Transmission
-from hapnet.study.stable_stiffness import Case, ZWidth, bound, cases, stable, stiffest
-from hapnet.study.transparency import Task
 from tests.support.paper import PAPER
 
 MASS_KG, HAND_N_M = 0.045, 135.0

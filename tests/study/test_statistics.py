@@ -6,8 +6,8 @@ import statistics
 import numpy as np
 import pytest
 
-from hapnet.metrics import Measures
-from hapnet.study.statistics import median_interval, spreads
+from hapnet.ext.metrics import Measures
+from hapnet.ext.study.statistics import median_interval, spreads
 
 
 def hands(*values: tuple[float | None, ...]) -> list[list[Measures]]:

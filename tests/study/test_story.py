@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from hapnet.ext.study.compare import Case, Outcome, Plan, Variant
+from hapnet.ext.study.figures import story, tradeoff
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
-from hapnet.study.compare import Case, Outcome, Plan, Variant
-from hapnet.study.figures import story, tradeoff
 
 PLAN = Plan(Params(), ("pspm", "zoh", "pd"), {"lan": ("", ""), "4g": ("", "")}, ("press",), (0, 1))
 

@@ -15,12 +15,12 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import HapnetError
+from hapnet.ext.study.backend import Backend, TaskOutcome
+from hapnet.ext.study.export import TIMING
+from hapnet.ext.study.journal import NAME, Journal
+from hapnet.ext.study.spec import Spec
+from hapnet.ext.study.task import CaseResult, Task, run
 from hapnet.processes.pool import Outcome
-from hapnet.study.backend import Backend, TaskOutcome
-from hapnet.study.export import TIMING
-from hapnet.study.journal import NAME, Journal
-from hapnet.study.spec import Spec
-from hapnet.study.task import CaseResult, Task, run
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
 from tests.support.commands import Tab
@@ -263,7 +263,7 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
 
         def close(self) -> None: ...
 
-    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda workers: Gone())
+    monkeypatch.setattr("hapnet.ext.study.backend.local_workers", lambda workers: Gone())
     spec_file(directory, SHORT)
     assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
     assert without_progress(capsys.readouterr().err) == (
@@ -276,7 +276,7 @@ def test_another_version_warns(directory: Path, capsys: Capture, monkeypatch: py
     spec_file(directory, "[fixed]\nduration_s = 0.05\n[vary]\nseed = [1]")
     summary("study.toml")
     capsys.readouterr()
-    monkeypatch.setattr("hapnet.study.journal.versions", lambda: {"hapnet-haptics": "99"})
+    monkeypatch.setattr("hapnet.ext.study.journal.versions", lambda: {"hapnet-haptics": "99"})
     summary("study.toml")
     assert "warning: hapnet 0." in capsys.readouterr().out
 

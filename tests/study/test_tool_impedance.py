@@ -7,10 +7,10 @@ import pytest
 
 from hapnet.assembly.build import prepare
 from hapnet.errors import InvalidParameter
+from hapnet.ext.study.impedance import transmission
+from hapnet.ext.study.tool_impedance import motions, way_of
 from hapnet.mechanics.pose import ARM_M
 from hapnet.params import Params
-from hapnet.study.impedance import transmission
-from hapnet.study.tool_impedance import motions, way_of
 
 K, FAR, MASS = 100.0, 500.0, 0.02
 SPRINGS: dict[str, object] = {"device.stiffness": K, "world.stiffness": FAR, "world.mass": MASS}

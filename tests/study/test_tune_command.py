@@ -10,12 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from hapnet import cli
+from hapnet.ext.study import figures, search_space
+from hapnet.ext.study.backend import TaskOutcome, ThisProcess
+from hapnet.ext.study.case import Measures
+from hapnet.ext.study.figures import tuned as draw
 from hapnet.installing import install_command
 from hapnet.params import Params
-from hapnet.study import figures, search_space
-from hapnet.study.backend import TaskOutcome, ThisProcess
-from hapnet.study.case import Measures
-from hapnet.study.figures import tuned as draw
 from tests.conftest import ROOT
 from tests.study.sweeps import spec_file
 from tests.support.commands import Tab
@@ -62,8 +62,8 @@ def formula(params: Params, seed: int) -> Measures:
 def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: ThisProcess())
-    monkeypatch.setattr("hapnet.study.task.measure", formula)
+    monkeypatch.setattr("hapnet.ext.study.backend.local_workers", lambda count: ThisProcess())
+    monkeypatch.setattr("hapnet.ext.study.task.measure", formula)
     monkeypatch.setattr(figures, "tuned", lambda search: Figure(figsize=(1, 1)))
     spec_file(tmp_path, SPEC)
     return tmp_path
@@ -129,7 +129,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
                 raise KeyboardInterrupt
             return super().wait(limit_s)
 
-    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: Interrupted())
+    monkeypatch.setattr("hapnet.ext.study.backend.local_workers", lambda count: Interrupted())
     capsys.readouterr()
     cut = tuned("--out", "cut", code=130)
     done = cut["done"]
@@ -140,7 +140,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     begun = trials(directory / "cut")
     assert begun
     assert [{**row, "chosen": ""} for row in begun] == [{**row, "chosen": ""} for row in whole[: len(begun)]]
-    monkeypatch.setattr("hapnet.study.backend.local_workers", lambda count: ThisProcess())
+    monkeypatch.setattr("hapnet.ext.study.backend.local_workers", lambda count: ThisProcess())
     resumed = tuned("--out", "cut")
     assert resumed["run"] + done == resumed["done"] == tuned("--out", "whole")["done"]
     assert trials(directory / "cut") == whole
@@ -159,7 +159,7 @@ def test_a_metric_that_is_missed_throughout_is_infinite(
     directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missed: Measures = {"first_contact_ms": None, "first_contact_missed": 1.0}
-    monkeypatch.setattr("hapnet.study.task.measure", lambda params, seed: formula(params, seed) | missed)
+    monkeypatch.setattr("hapnet.ext.study.task.measure", lambda params, seed: formula(params, seed) | missed)
     spec_file(directory, SPEC.replace("buzz_N2", "first_contact_ms"))
     reported = tuned(code=3)
     out, err = capsys.readouterr()
@@ -201,7 +201,7 @@ def test_values_whose_cases_fail_are_not_chosen(
             raise ZeroDivisionError("it broke")
         return formula(params, seed)
 
-    monkeypatch.setattr("hapnet.study.task.measure", failing)
+    monkeypatch.setattr("hapnet.ext.study.task.measure", failing)
     reported = tuned(code=code)
     assert without_progress(capsys.readouterr().err) == said
     found = reported["parameters"]["contact_model.lead"]["found"]
@@ -213,7 +213,7 @@ def test_a_claim_that_was_not_kept_ends_with_4(capsys: Capture, monkeypatch: pyt
     def lying(params: Params, seed: int) -> Measures:
         return {**formula(params, seed), "claim_kept": float(params.link.up != "wifi")}
 
-    monkeypatch.setattr("hapnet.study.task.measure", lying)
+    monkeypatch.setattr("hapnet.ext.study.task.measure", lying)
     tuned(code=4)
     assert "(claim_kept) the coupling claims to be passive, and was not" in capsys.readouterr().err
 

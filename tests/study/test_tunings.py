@@ -2,9 +2,9 @@
 
 import pytest
 
+from hapnet.ext.study import tunings
+from hapnet.ext.study.compare import Plan
 from hapnet.params import Params
-from hapnet.study import tunings
-from hapnet.study.compare import Plan
 
 QUICK = Params().set({"duration_s": 2.0})
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.devices.bus_emulator import BusEmulator, DynamixelEmulator, FeetechEmulator
-from hapnet.devices.emulator import ArmHandle
 from hapnet.errors import DeviceSilent
-from hapnet.plant.arms.device import SimulatedArm
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.devices.emulator import ArmHandle
+from hapnet.ext.robots.bus_emulator import BusEmulator, DynamixelEmulator, FeetechEmulator
 from hapnet.plant.operator import Impedance, Operator, Rest
 
 HAND = Impedance(0.005, 0.05, 3.0)
@@ -60,10 +60,10 @@ def main() -> None:
     """What a tick of the bus takes, from bytes and baud rate and as measured, with no other work between."""
     import tempfile
 
-    from hapnet.devices.bus_arm import BusArm, tick_bytes
-    from hapnet.devices.dynamixel import Dynamixel
-    from hapnet.devices.feetech import Feetech
-    from hapnet.devices.servo_bus import transfer_s
+    from hapnet.ext.robots.bus_arm import BusArm, tick_bytes
+    from hapnet.ext.robots.dynamixel import Dynamixel
+    from hapnet.ext.robots.feetech import Feetech
+    from hapnet.ext.robots.servo_bus import transfer_s
 
     pairs: tuple[tuple[type[BusArm], type[BusEmulator], tuple[int, ...]], ...] = (
         (Dynamixel, DynamixelEmulator, (57_600, 1_000_000, 4_000_000)), (Feetech, FeetechEmulator, (1_000_000,)),

@@ -1,6 +1,6 @@
 """A device that slides over a ball through a bad link: the force that it gets beside the ball's own.
 
-``python -m tests.support.curved`` prints the table of hapnet/plant/worlds/rigid.md.
+``python -m tests.support.curved`` prints the table of hapnet/ext/solids/rigid.md.
 """
 
 from collections.abc import Callable

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hapnet.devices import serial_frames as wire
-from hapnet.devices.force_dimension import ForceDimension
-from hapnet.devices.serial_axis import SerialAxis
 from hapnet.errors import DeviceSilent
+from hapnet.ext.devices import serial_frames as wire
+from hapnet.ext.devices.force_dimension import ForceDimension
+from hapnet.ext.devices.serial_axis import SerialAxis
 from tests.conftest import ROOT
 from tests.support.processes import HAPNET, until
 

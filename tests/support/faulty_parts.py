@@ -100,7 +100,7 @@ class Steps(Good):
 
 LAWS = """
 from dataclasses import replace
-from hapnet.couplings.zoh import LAW
+from hapnet.ext.laws.zoh import LAW
 Claims = replace(LAW, name="claims", covers=lambda params, tuning, virtual: True, compiled=None)
 """
 

@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 
 from hapnet.checks import Vector
-from hapnet.devices import open_haptics as oh
+from hapnet.ext.devices import open_haptics as oh
 from tests.conftest import ROOT
 
 OPEN, RUNNING, OUTPUT, OFF_AT_END, FRAMES, UNSET, ERRORS = range(7)

@@ -328,7 +328,7 @@ def _both(witness: Witness, device: Array, world: Array) -> float:
 
 
 def motion(witness: Witness) -> dict[str, float | int | None]:
-    """Figures of the motion over the whole run, as `hapnet.metrics` defines them; the peak force of a hold only.
+    """Figures of the motion over the whole run, as `hapnet.ext.metrics` defines them; the peak force of a hold only.
 
     Device and proxy are compared where both are known, the proxy in between its steps on a straight line.
     """

@@ -14,9 +14,9 @@ import numpy as np
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
+from hapnet.ext.tools.hand import turned
 from hapnet.mechanics.pose import ARM_M
 from hapnet.plant.operator import Impedance, minimum_jerk
-from hapnet.plant.poses.hand import turned
 from hapnet.simulation.simulation import Simulation
 from tests.support.tools import wrench
 

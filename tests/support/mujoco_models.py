@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from hapnet.plant.worlds.engine_world import EngineMass, EngineWorld
-from hapnet.plant.worlds.mujoco_engine import MujocoEngine, mujoco_world
-from hapnet.plant.worlds.mujoco_model import Model
+from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
+from hapnet.ext.engines.mujoco_engine import MujocoEngine, mujoco_world
+from hapnet.ext.engines.mujoco_model import Model
 
 FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'
 BLOCK = '<geom name="block" type="box" pos="0.05 0 0.03" size="0.02 0.1 0.03"/>'

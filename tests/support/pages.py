@@ -20,7 +20,7 @@ import pytest
 import typer
 
 from hapnet import cli
-from hapnet.metrics.measured import DEFINED
+from hapnet.ext.metrics.measured import DEFINED
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.recording.samples import Recording

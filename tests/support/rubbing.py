@@ -1,6 +1,6 @@
 """A hand that slides over a surface that rubs, through a bad link: the friction at the device beside Coulomb's.
 
-``python -m tests.support.rubbing`` prints the table of hapnet/plant/worlds/rigid.md.
+``python -m tests.support.rubbing`` prints the table of hapnet/ext/solids/rigid.md.
 """
 
 from collections.abc import Callable

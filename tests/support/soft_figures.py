@@ -1,6 +1,6 @@
 """What a step of a soft body costs, and how a device feels it.
 
-``python -m tests.support.soft_figures`` prints the figures of hapnet/plant/worlds/soft.md; set OMP_NUM_THREADS=1, since
+``python -m tests.support.soft_figures`` prints the figures of hapnet/ext/soft/soft.md; set OMP_NUM_THREADS=1, since
 times are of one core. ``--flex`` adds MuJoCo's flex of that size, ``--felt press hand-21`` prints
 the error of the force over links instead.
 """
@@ -15,10 +15,10 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from hapnet.checks import Array
+from hapnet.ext.soft import soft_mesh
+from hapnet.ext.soft.soft_body import Body, Material
+from hapnet.ext.soft.soft_contacts import Skin, SoftContacts
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import soft_mesh
-from hapnet.plant.worlds.soft_body import Body, Material
-from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
 from hapnet.simulation.simulation import simulate
 
 LTE = Path(__file__).parents[2] / ".." / "shared" / "data" / "links"

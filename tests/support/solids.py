@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from hapnet.checks import Array
+from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 from hapnet.mechanics.contacts import Inverse, Surroundings
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere, Textured
 
 CENTRE = (0.05, 0.0, 0.0)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from hapnet.assembly.build import device_session, device_side, prepare, world_session, world_side
-from hapnet.assembly.robot_side import robot_side
 from hapnet.checks import Vector
+from hapnet.ext.robots.robot_side import robot_side
 from hapnet.params import Params
 from hapnet.recording.samples import Sample
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint

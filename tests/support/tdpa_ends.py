@@ -8,9 +8,10 @@ import pytest
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Port
-from hapnet.couplings import tdpa, tdpa_world
-from hapnet.couplings.tdpa import TdpaDevice
-from hapnet.couplings.tdpa_world import PassivityObserver, TdpaWorld, Tuning
+from hapnet.ext.laws import tdpa
+from hapnet.ext.laws.parts import tdpa_world
+from hapnet.ext.laws.parts.tdpa_world import PassivityObserver, TdpaWorld, Tuning
+from hapnet.ext.laws.tdpa import TdpaDevice
 from hapnet.params import Params
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide

@@ -15,9 +15,9 @@ import numpy as np
 from hapnet.assembly.build import prepare
 from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Array
+from hapnet.ext.tools.scene import ToolScene
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.poses.scene import ToolScene
 from hapnet.recording.samples import Recording
 
 STEP_S, SOFT_STEP_S = 1e-3, 5e-3

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.control.coupling import Wave
-from hapnet.control.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.ext.laws.parts.wave_port import Line, WaveDevice, WaveWorld
 
 TICK = 1e-3
 

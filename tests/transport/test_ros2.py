@@ -9,7 +9,15 @@ from typing import Any
 import pytest
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.transport.ros2 import Attachment, RosNode, Types, check_topic, endpoint_token, node_token, topic_key
+from hapnet.transport.ros2 import (
+    Attachment,
+    RosNode,
+    Types,
+    check_topic,
+    endpoint_token,
+    node_token,
+    topic_key,
+)
 
 np = pytest.importorskip("numpy")
 pytest.importorskip("rosbags.typesys")

@@ -5,8 +5,8 @@ import pytest
 pytest.importorskip("rosbags.typesys")
 
 from hapnet.errors import BadMessage
+from hapnet.ext.robots.ros2_inbox import Inbox
 from hapnet.transport.ros2 import Attachment
-from hapnet.transport.ros2_inbox import Inbox
 
 PERIOD_MS = 10
 A, B = bytes(16), bytes(15) + b"\1"

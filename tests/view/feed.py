@@ -9,13 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 from hapnet.checks import Vector
+from hapnet.ext.page.controls import Direction
+from hapnet.ext.page.history import History
 from hapnet.params import Params
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.reported import values_of
-from hapnet.view.controls import Direction
-from hapnet.view.history import History
 from hapnet.wire.messages import Role
 from netem import NetemError
 

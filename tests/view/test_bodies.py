@@ -10,12 +10,12 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 import viser
 import viser.transforms
 
+from hapnet.ext.page.bodies import Bodies
+from hapnet.ext.page.contacts import ContactMarks, cone
+from hapnet.ext.page.history import History
 from hapnet.plant.worlds.picture import RESTS, SOFT, Touch, part
 from hapnet.recording.drawing import Drawing, SceneSample, pack
 from hapnet.recording.telemetry import Status
-from hapnet.view.bodies import Bodies
-from hapnet.view.contacts import ContactMarks, cone
-from hapnet.view.history import History
 
 CORNERS, TRIANGLES = np.eye(3), [(0, 1, 2)]
 PARTS = (

@@ -11,9 +11,9 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 import viser
 
-from hapnet.view import page as pages
-from hapnet.view.history import History
-from hapnet.view.steps import RETRY_S
+from hapnet.ext.page import page as pages
+from hapnet.ext.page.history import History
+from hapnet.ext.page.steps import RETRY_S
 from tests.view.feed import FakeControls
 from tests.view.test_history import MS, device, pair_of, reports, world
 

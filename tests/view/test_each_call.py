@@ -18,14 +18,14 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 import viser
 
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.picture import described
+from hapnet.ext.page import page as pages
+from hapnet.ext.page.history import History
+from hapnet.ext.tools.hand import turned
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.arms.omni import omni
-from hapnet.plant.arms.picture import described
-from hapnet.plant.poses.hand import turned
 from hapnet.recording.samples import PostureSample
 from hapnet.recording.telemetry import KnownPlanes
-from hapnet.view import page as pages
-from hapnet.view.history import History
 from tests.view.feed import FakeControls
 from tests.view.test_history import MS, device, reports, world
 

@@ -18,10 +18,10 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin, Subprotocol
 
-from hapnet.view.gate import is_same_origin, names_this_machine
-from hapnet.view.history import History
-from hapnet.view.offered import LONGEST_TEXT, Offered
-from hapnet.view.server import PageServer, serve
+from hapnet.ext.page.gate import is_same_origin, names_this_machine
+from hapnet.ext.page.history import History
+from hapnet.ext.page.offered import LONGEST_TEXT, Offered
+from hapnet.ext.page.server import PageServer, serve
 
 Message = dict[str, Any]
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.ext.page.history import CAPACITY, MOST_EPISODES, MOST_EVENTS, PARTS, Episode, History
 from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import DeviceSample, Event, WorldSample
 from hapnet.recording.telemetry import KnownPlanes, Status
-from hapnet.view.history import CAPACITY, MOST_EPISODES, MOST_EVENTS, PARTS, Episode, History
 from hapnet.wire.messages import Role
 
 MS = 1_000_000

@@ -14,9 +14,9 @@ pytest.importorskip("playwright.sync_api", reason="playwright drives the browser
 
 from playwright.sync_api import Browser, Page, expect
 
+from hapnet.ext.page.history import History, Snapshot
+from hapnet.ext.page.watcher import Watcher
 from hapnet.transport.config import ZenohSettings
-from hapnet.view.history import History, Snapshot
-from hapnet.view.watcher import Watcher
 from tests.support.processes import Program, started
 from tests.view.test_page import CHROMIUM, LIMIT_MS, browser, keep
 

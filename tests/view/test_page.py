@@ -21,10 +21,10 @@ pytest.importorskip("playwright.sync_api", reason="playwright drives the browser
 import numpy as np
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
+from hapnet.ext.page.controls import Controls
+from hapnet.ext.page.history import History
+from hapnet.ext.page.server import PageServer, serve
 from hapnet.params import Params
-from hapnet.view.controls import Controls
-from hapnet.view.history import History
-from hapnet.view.server import PageServer, serve
 from tests.view.feed import FakeControls, Feed
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")

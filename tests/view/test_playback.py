@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from hapnet import Params, cli, simulate
+from hapnet.ext.page.history import History
+from hapnet.ext.page.numbers import verdict
+from hapnet.ext.page.playback import REST_NS, Playback
 from hapnet.recording.samples import DeviceSample, Recording, WorldSample
 from hapnet.recording.telemetry import Status, Telemetry
-from hapnet.view.history import History
-from hapnet.view.numbers import verdict
-from hapnet.view.playback import REST_NS, Playback
 
 START_NS = 5_000_000_000
 MS = 1_000_000

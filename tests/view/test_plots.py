@@ -9,10 +9,10 @@ import pytest
 
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
+from hapnet.ext.page.force import force_now, force_of, parts_of, stacked
+from hapnet.ext.page.history import Snapshot, Track
+from hapnet.ext.page.plots import Plots, depth_of, held, piled
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.view.force import force_now, force_of, parts_of, stacked
-from hapnet.view.history import Snapshot, Track
-from hapnet.view.plots import Plots, depth_of, held, piled
 
 
 def test_a_value_is_held_until_the_next() -> None:

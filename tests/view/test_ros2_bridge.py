@@ -10,11 +10,11 @@ pytest.importorskip("rosbags.typesys")
 pytest.importorskip("xxhash")
 
 from hapnet import simulate
+from hapnet.ext.page.ros2 import RosBridge
 from hapnet.recording.samples import DeviceSample, Event, Recording, WorldSample
 from hapnet.recording.telemetry import Status, decode, encode
 from hapnet.transport.config import free_address
 from hapnet.transport.ros2 import Types
-from hapnet.view.ros2 import RosBridge
 from tests.support.processes import started
 from tests.support.ros_node import POSE, BareNode, router
 

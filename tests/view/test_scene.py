@@ -11,18 +11,18 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 import viser
 import viser.transforms
 
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.picture import ArmPicture, described
+from hapnet.ext.page.contacts import turned_to
+from hapnet.ext.page.history import Snapshot, Track
+from hapnet.ext.page.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _view_of
+from hapnet.ext.solids.mesh_surface import volume
+from hapnet.ext.solids.outlines import cylinder
+from hapnet.ext.solids.rigid import parts_of_words
+from hapnet.ext.solids.shapes import Cylinder
 from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.arms.omni import omni
-from hapnet.plant.arms.picture import ArmPicture, described
-from hapnet.plant.worlds.mesh_surface import volume
-from hapnet.plant.worlds.outlines import cylinder
 from hapnet.plant.worlds.picture import part
-from hapnet.plant.worlds.rigid import parts_of_words
-from hapnet.plant.worlds.shapes import Cylinder
-from hapnet.view.contacts import turned_to
-from hapnet.view.history import Snapshot, Track
-from hapnet.view.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _view_of
 from tests.support.solids import torus, write_stl
 
 

@@ -8,13 +8,15 @@ import sys
 import pytest
 
 from hapnet.errors import InvalidParameter, MissingLibrary
-from hapnet.view.history import History
-from hapnet.view.server import serve
+from hapnet.ext.page.history import History
+from hapnet.ext.page.server import serve
 from tests.conftest import ENVIRONMENT
 
 
 def test_hapnet_and_its_help_do_not_import_viser() -> None:
-    code = "import sys, hapnet, hapnet.cli, hapnet.view.history, hapnet.view.server; print('viser' in sys.modules)"
+    code = (
+        "import sys, hapnet, hapnet.cli, hapnet.ext.page.history, hapnet.ext.page.server; print('viser' in sys.modules)"
+    )
     ran = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
 
@@ -65,8 +67,8 @@ def test_an_address_that_cannot_be_is_refused_with_a_line(host: str, port: int, 
 
 PROBED = """
 import socket
-from hapnet.view.history import History
-from hapnet.view.server import serve
+from hapnet.ext.page.history import History
+from hapnet.ext.page.server import serve
 
 with serve(History(), port=0) as page:
     for said in (b"", b"\\0\\1\\2", b"GET / HTTP/1.1\\r\\n\\r\\n", b"POST / HTTP/1.1\\r\\n\\r\\n"):

@@ -29,12 +29,12 @@ from hapnet.checks import Vector
 from hapnet.commands import stage
 from hapnet.commands.console import _do
 from hapnet.commands.reserve import Reserve
+from hapnet.ext.page.choices import CHOICES, label_of
+from hapnet.ext.page.numbers import _table
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.summary.words import stated
 from hapnet.transport.config import ZenohSettings
-from hapnet.view.choices import CHOICES, label_of
-from hapnet.view.numbers import _table
 from hapnet.wire.messages import Role
 from tests.commands.test_play import Playing, playing
 

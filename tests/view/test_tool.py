@@ -7,17 +7,17 @@ import pytest
 
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
+from hapnet.ext.page.force import force_now, torque_now
+from hapnet.ext.page.history import History, of_point
+from hapnet.ext.page.tool import HandleTool
+from hapnet.ext.tools.hand import TurningHand, turned
 from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance
-from hapnet.plant.poses.hand import TurningHand, turned
 from hapnet.plant.worlds.picture import part
 from hapnet.recording.drawing import SceneSample
 from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.recording.telemetry import Status
-from hapnet.view.force import force_now, torque_now
-from hapnet.view.history import History, of_point
-from hapnet.view.tool import HandleTool
 
 PLACE, FORCE, TORQUE = (0.01, -0.02, 0.03), (0.3, 0.0, -0.4), (0.0, 0.012, -0.016)
 POSE = turned(PLACE, (0.0, 0.0, math.pi / 3.0))

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hapnet.ext.page.history import Snapshot, Track
+from hapnet.ext.page.troubles import SHOWN_S, Troubles
 from hapnet.recording.samples import Event
 from hapnet.recording.telemetry import Status
-from hapnet.view.history import Snapshot, Track
-from hapnet.view.troubles import SHOWN_S, Troubles
 
 TIMES = np.linspace(-1.0, 0.0, 101)
 

@@ -10,13 +10,13 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDFExpand
 from hypothesis import given, strategies as st
 
 from hapnet.errors import BadMessage
+from hapnet.ext.page.watcher import Watcher
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.sampled import sequence_of
 from hapnet.transport.security import Security
-from hapnet.view.watcher import Watcher
 from hapnet.wire.encryption import FIRST_OTHER, Cipher, Encrypted, read
 from hapnet.wire.events import Contradiction, Mismatch, Paired, PositionReceived
 from hapnet.wire.messages import (

@@ -1,7 +1,7 @@
 """The protocol of a world: where the proxy starts, what is around it, how long a step takes, and how all that looks.
 
 What acts on the proxy is `hapnet.mechanics.contacts.Surroundings`, with the equations. A world of the user's own is
-made one of these where it is loaded (`hapnet.plant.worlds.own_worlds`), so nobody asks a world what it has.
+made one of these where it is loaded (`hapnet.ext.engines.own_worlds`), so nobody asks a world what it has.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@ A world is given as one of these:
 
 * ``NAME`` of a file in hapnet/plant/scenes/, or of a world that another package publishes as an entry point of
   `hapnet.worlds`; behind it its own parameters, as in ``box?size=0.02`` (`&` joins several, in SI units);
-* solids (`hapnet.plant.worlds.rigid`), such as ``sphere?radius=20mm``, also with a tool that turns in front
-  (`hapnet.plant.poses.scene`), a soft body (`hapnet.plant.worlds.soft`), such as ``soft:organ``, or
+* solids (`hapnet.ext.solids.rigid`), such as ``sphere?radius=20mm``, also with a tool that turns in front
+  (`hapnet.ext.tools.scene`), a soft body (`hapnet.ext.soft.soft`), such as ``soft:organ``, or
   ``mujoco:FILE.xml``;
-* ``module:Name`` of the user's own (`hapnet.plant.worlds.own_worlds`), most simply what returns a `Scene` of walls:
+* ``module:Name`` of the user's own (`hapnet.ext.engines.own_worlds`), most simply what returns a `Scene` of walls:
 
       def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
           return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
@@ -21,12 +21,14 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.engines import own_worlds
+from hapnet.ext.engines.mujoco_engine import mujoco_world
+from hapnet.ext.engines.mujoco_model import PREFIX as MUJOCO
+from hapnet.ext.soft import soft
+from hapnet.ext.solids import rigid
+from hapnet.ext.tools import scene as tools
 from hapnet.loading import published
-from hapnet.plant.poses import scene as tools
 from hapnet.plant.scenes import SCENES as SCENES
-from hapnet.plant.worlds import own_worlds, rigid, soft
-from hapnet.plant.worlds.mujoco_engine import mujoco_world
-from hapnet.plant.worlds.mujoco_model import PREFIX as MUJOCO
 from hapnet.plant.worlds.protocol import World
 
 GROUP = "hapnet.worlds"

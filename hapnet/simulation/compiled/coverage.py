@@ -7,13 +7,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hapnet.assembly.build import Setup
-from hapnet.assembly.follower import follows
 from hapnet.couplings.registry import known
+from hapnet.ext.robots.following import follows
+from hapnet.ext.solids.rigid import RigidScene, describes
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
 from hapnet.params import Params, is_arm
 from hapnet.plant.worlds.protocol import World
-from hapnet.plant.worlds.rigid import RigidScene, describes
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
 from hapnet.records.machine_code import no_compiler

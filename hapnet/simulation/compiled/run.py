@@ -10,6 +10,7 @@ import numpy as np
 
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings.rendering import RenderingTuning
+from hapnet.ext.solids.rigid import RigidScene
 from hapnet.kernel import kinds, progress, sources
 from hapnet.kernel.kinds import Kind, scenario
 from hapnet.kernel.memory import bare, give_back, load, new, plain, store
@@ -29,7 +30,6 @@ from hapnet.kernel.simulation import (
 from hapnet.kernel.twins import as_one_unit, entry, reporting
 from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.hand_path import hand_path
-from hapnet.plant.worlds.rigid import RigidScene
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.records.record import NEVER

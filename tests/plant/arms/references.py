@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.plant.arms.table import ArmTable, Joint, rotation_of
+from hapnet.ext.arms.table import ArmTable, Joint, rotation_of
 
 
 def vector(values: Array) -> Vector:

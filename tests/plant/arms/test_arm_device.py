@@ -16,9 +16,9 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.errors import InvalidParameter
-from hapnet.plant.arms.device import SimulatedArm
-from hapnet.plant.arms.omni import omni
-from hapnet.plant.arms.table import ArmTable
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.table import ArmTable
 from hapnet.plant.operator import Impedance, Rest, Sine
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice

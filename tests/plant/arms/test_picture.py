@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.picture import ArmPicture, described
+from hapnet.ext.pictures.scene import scene_figure
 from hapnet.params import Params
-from hapnet.plant.arms.device import SimulatedArm
-from hapnet.plant.arms.omni import omni
-from hapnet.plant.arms.picture import ArmPicture, described
 from hapnet.plant.operator import Impedance, Sine
 from hapnet.plant.worlds.picture import RESTS
-from hapnet.plots.scene import scene_figure
 from hapnet.recording.frames import table
 from hapnet.recording.mcap import RecordingWriter, read_recording
 from hapnet.simulation.simulation import simulate

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapnet.assembly.arms import table_of, with_arm
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.chain import difference, gravity, matrices
+from hapnet.ext.arms.parameters import table_of, with_arm
+from hapnet.ext.arms.table import apparent_masses, chain_of, felt_damping
+from hapnet.ext.arms.urdf import table_from
 from hapnet.params import Params
-from hapnet.plant.arms.chain import difference, gravity, matrices
-from hapnet.plant.arms.table import apparent_masses, chain_of, felt_damping
-from hapnet.plant.arms.urdf import table_from
 from hapnet.simulation.simulation import Simulation
 
 

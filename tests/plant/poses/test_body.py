@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from hapnet.checks import Array
+from hapnet.ext.tools.body import RigidBody, Touched, settle, step
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
-from hapnet.plant.poses.body import RigidBody, Touched, settle, step
 from hapnet.records.record import zero
 
 NO_PLANES = zero(Touched)

@@ -7,16 +7,16 @@ from scipy.spatial.transform import Rotation
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.hole import Hole
+from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.shapes import HalfSpace, Shape, Sphere
+from hapnet.ext.tools.contacts import ToolContacts
+from hapnet.ext.tools.mass import ToolMass
+from hapnet.ext.tools.picture import ToolPicture
+from hapnet.ext.tools.scene import ToolScene
+from hapnet.ext.tools.tool import Tool, box, peg, place
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
-from hapnet.plant.poses.contacts import ToolContacts
-from hapnet.plant.poses.mass import ToolMass
-from hapnet.plant.poses.picture import ToolPicture
-from hapnet.plant.poses.scene import ToolScene
-from hapnet.plant.poses.tool import Tool, box, peg, place
-from hapnet.plant.worlds.hole import Hole
-from hapnet.plant.worlds.rigid_contacts import Solid
-from hapnet.plant.worlds.shapes import HalfSpace, Shape, Sphere
 from tests.conftest import mostly_slow
 
 HOME: Vector = (0.0,) * AXES

@@ -5,16 +5,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hapnet.checks import Vector
+from hapnet.ext.solids.hole import Hole
+from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
+from hapnet.ext.tools.contacts import ToolContacts
+from hapnet.ext.tools.edges import edge_points, points_of
+from hapnet.ext.tools.hand import turned
+from hapnet.ext.tools.mass import ToolMass
+from hapnet.ext.tools.tool import Tool, box, peg, place
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
-from hapnet.plant.poses.contacts import ToolContacts
-from hapnet.plant.poses.edges import edge_points, points_of
-from hapnet.plant.poses.hand import turned
-from hapnet.plant.poses.mass import ToolMass
-from hapnet.plant.poses.tool import Tool, box, peg, place
-from hapnet.plant.worlds.hole import Hole
-from hapnet.plant.worlds.rigid_contacts import Solid
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 
 HOME: Vector = (0.0,) * AXES
 K, STIFF = 500.0, 3000.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.engines.engine_world import EngineWorld
+from hapnet.ext.tools.mujoco_tool import MujocoToolEngine
+from hapnet.ext.tools.tool import box, peg
 from hapnet.mechanics.pose import AXES
-from hapnet.plant.poses.mujoco_tool import MujocoToolEngine
-from hapnet.plant.poses.tool import box, peg
-from hapnet.plant.worlds.engine_world import EngineWorld
 from hapnet.simulation.simulation import simulate
 from tests.conftest import mostly_slow
 

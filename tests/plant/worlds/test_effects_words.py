@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.grain_file import read_grain
+from hapnet.ext.solids.rigid import rigid
 from hapnet.mechanics.effects import Effects, Grain
-from hapnet.plant.worlds.grain_file import read_grain
-from hapnet.plant.worlds.rigid import rigid
 
 
 def test_words_of_a_scene() -> None:

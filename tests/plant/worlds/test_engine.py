@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapnet import Engine, EngineWorld, Params, Plane, Sphere
-from hapnet.plant.worlds.engine_account import CEILING_J, EngineAccount
+from hapnet.ext.engines.engine_account import CEILING_J, EngineAccount
 from hapnet.simulation.simulation import Result, Simulation
 from tests.support.engines import AT, B_PROXY, HONEST, K_PROXY, LIARS, Bare, Bead, Coupled, K, M, made, scene
 from tests.support.theorem_cases import random_case

@@ -10,12 +10,12 @@ import pytest
 from hapnet import cli
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.solids.field import DistanceFunction, VoxelGrid
+from hapnet.ext.solids.rigid import RigidScene, rigid
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import Offset, Shape, Sphere
 from hapnet.loading import lent
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.field import DistanceFunction, VoxelGrid
-from hapnet.plant.worlds.rigid import RigidScene, rigid
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import Offset, Shape, Sphere
 
 CENTRE, RADIUS = (0.05, 0.0, 0.0), 0.03
 BALL = Sphere(CENTRE, RADIUS)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hapnet import ForceWorld, Obstacle
+from hapnet.ext.solids.field_picture import REACH_M, StillPicture, field, surface
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.field_picture import REACH_M, StillPicture, field, surface
 from hapnet.plant.worlds.registry import make_scene
 
 Vector = tuple[float, ...]

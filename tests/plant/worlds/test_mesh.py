@@ -13,11 +13,11 @@ import pytest
 from hapnet import cli
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter, MissingLibrary
-from hapnet.plant.worlds import mesh_file
-from hapnet.plant.worlds.mesh import Mesh
-from hapnet.plant.worlds.mesh_file import read_heights, read_mesh
-from hapnet.plant.worlds.mesh_parts import joined
-from hapnet.plant.worlds.mesh_surface import volume
+from hapnet.ext.solids import mesh_file
+from hapnet.ext.solids.mesh import Mesh
+from hapnet.ext.solids.mesh_file import read_heights, read_mesh
+from hapnet.ext.solids.mesh_parts import joined
+from hapnet.ext.solids.mesh_surface import volume
 from hapnet.plant.worlds.registry import make_scene
 from tests.support.solids import SHAPES, stair, torus, write_stl
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.checks import Array
+from hapnet.ext.solids.mesh import Mesh
+from hapnet.ext.solids.mesh_surface import volume
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import Cuboid, HalfSpace, Shape
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.mesh import Mesh
-from hapnet.plant.worlds.mesh_surface import volume
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Shape
 from tests.metrics.test_contact import random_spd
 from tests.support import curved
 from tests.support.mesh_runs import ball, boxes, extruded, felt, pressed, words

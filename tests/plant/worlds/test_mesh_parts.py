@@ -10,13 +10,13 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.ext.solids.mesh import Mesh
+from hapnet.ext.solids.mesh_parts import joined
+from hapnet.ext.solids.mesh_surface import require_closed, volume
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import Cuboid, Shape
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.mesh import Mesh
-from hapnet.plant.worlds.mesh_parts import joined
-from hapnet.plant.worlds.mesh_surface import require_closed, volume
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import Cuboid, Shape
 from tests.support.mesh_runs import ball, boxes, words
 from tests.support.solids import torus
 

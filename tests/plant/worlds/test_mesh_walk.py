@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
+from hapnet.ext.solids.friction import Friction
+from hapnet.ext.solids.mesh import Mesh
+from hapnet.ext.solids.mesh_walk import follow, principal
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.shapes import HalfSpace, Shape
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.friction import Friction
-from hapnet.plant.worlds.mesh import Mesh
-from hapnet.plant.worlds.mesh_walk import follow, principal
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.shapes import HalfSpace, Shape
 from tests.metrics.test_contact import random_spd
 from tests.support.mesh_runs import ball, boxes
 from tests.support.solids import torus

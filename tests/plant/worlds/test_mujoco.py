@@ -10,10 +10,10 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
+from hapnet.ext.engines.engine_account import CEILING_J, EngineAccount
+from hapnet.ext.engines.engine_world import MAX_S, EngineWorld
+from hapnet.ext.engines.mujoco_engine import mujoco_world
 from hapnet.params import Params
-from hapnet.plant.worlds.engine_account import CEILING_J, EngineAccount
-from hapnet.plant.worlds.engine_world import MAX_S, EngineWorld
-from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.simulation.simulation import Result, Simulation
 from hapnet.summary.structure import Environment
 from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, engine_of, found_of, made, model

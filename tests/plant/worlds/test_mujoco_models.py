@@ -8,8 +8,8 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import HapnetError
-from hapnet.plant.worlds.engine_account import CEILING_J
-from hapnet.plant.worlds.mujoco_engine import mujoco_world
+from hapnet.ext.engines.engine_account import CEILING_J
+from hapnet.ext.engines.mujoco_engine import mujoco_world
 from tests.support.mujoco_models import BLOCK, BOX, found_of, made, model
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
+from hapnet.ext.engines.mujoco_engine import mujoco_world
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.engine_world import EngineMass, EngineWorld
-from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from tests.plant.worlds.test_mujoco import check, over_a_link
 from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, found_of, model
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hapnet.plant.worlds.mujoco_sizes import check_sizes
+from hapnet.ext.engines.mujoco_sizes import check_sizes
 
 GEOM = '<geom size="0.01"/>'
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from hapnet import Params, simulate
-from hapnet.plant.worlds.outlines import outline
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
-from hapnet.plots.scene import scene_figure
-from hapnet.reports.page import page
-from hapnet.reports.pictures import pictures
+from hapnet.ext.pictures.page import page
+from hapnet.ext.pictures.pictures import pictures
+from hapnet.ext.pictures.scene import scene_figure
+from hapnet.ext.solids.outlines import outline
+from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 from tests.support.solids import torus, write_stl
 
 AROUND = np.array([0.01, -0.02, 0.03])

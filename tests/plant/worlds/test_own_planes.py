@@ -6,8 +6,8 @@ import pytest
 
 from examples.own_moving_world import magnet, workshop
 from hapnet import ForceWorld, HapnetError, Obstacle, Params, Plane, simulate
+from hapnet.ext.engines.own_worlds import SteppedWorld
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.registry import SCENES, make_scene
 from tests.plant.worlds.test_own_worlds import HeldWall, wall
 from tests.support.curved import error_N

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet import ForceWorld, HapnetError, InvalidParameter, Obstacle, Params, simulate
+from hapnet.ext.engines.observed_world import ObservedWorld
+from hapnet.ext.engines.observer import Observer
+from hapnet.ext.engines.own_worlds import SteppedWorld
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.scenes.wall import wall as flat_wall
-from hapnet.plant.worlds.observed_world import ObservedWorld
-from hapnet.plant.worlds.observer import Observer
-from hapnet.plant.worlds.own_worlds import SteppedWorld
 from hapnet.plant.worlds.registry import make_scene
 from tests.support.theorem_cases import random_case
 

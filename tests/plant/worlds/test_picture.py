@@ -12,14 +12,14 @@ from hypothesis import given, strategies as st
 
 from hapnet import ForceWorld, Obstacle, Params, simulate
 from hapnet.errors import BadMessage
+from hapnet.ext.engines.engine_world import EngineWorld
+from hapnet.ext.engines.mujoco_engine import mujoco_world
+from hapnet.ext.solids.rigid import rigid
+from hapnet.ext.solids.shapes import Sphere
+from hapnet.ext.solids.shapes_picture import ShapesPicture
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.engine_world import EngineWorld
-from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.plant.worlds.picture import RESTS, SOFT, Part, Touch, shared
-from hapnet.plant.worlds.rigid import rigid
-from hapnet.plant.worlds.shapes import Sphere
-from hapnet.plant.worlds.shapes_picture import ShapesPicture
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording.drawing import LARGEST, Drawing, SceneSample, observe, pack, unpack
 from hapnet.recording.mcap import read_recording, repair, save

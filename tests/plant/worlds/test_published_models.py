@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.engines.mujoco_engine import mujoco_world
 from hapnet.params import Params
-from hapnet.plant.worlds.mujoco_engine import mujoco_world
 from hapnet.simulation.simulation import Simulation
 from tests.support.mujoco_models import found_of
 

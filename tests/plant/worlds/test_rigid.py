@@ -9,16 +9,16 @@ from hypothesis import given, settings, strategies as st
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.friction import Friction, FrictionTexture
+from hapnet.ext.solids.mesh import Mesh
+from hapnet.ext.solids.rigid import RigidScene
+from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
+from hapnet.ext.solids.rigid_step import ANCHOR_CEILING_J
+from hapnet.ext.solids.secant import Secant
+from hapnet.ext.solids.shapes import Cuboid, HalfSpace, Near, Shape, Sphere
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.friction import Friction, FrictionTexture
-from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.rigid import RigidScene
-from hapnet.plant.worlds.rigid_contacts import RigidContacts, Solid
-from hapnet.plant.worlds.rigid_step import ANCHOR_CEILING_J
-from hapnet.plant.worlds.secant import Secant
-from hapnet.plant.worlds.shapes import Cuboid, HalfSpace, Near, Shape, Sphere
 from hapnet.simulation.simulation import Simulation
 from tests.metrics.test_contact import random_spd
 from tests.support.solids import CENTRE, SHAPES, Account, stair, torus

@@ -10,15 +10,15 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.ext.soft import soft_mesh
+from hapnet.ext.soft.soft_body import Body, Material
+from hapnet.ext.soft.soft_contacts import RESERVOIR_J, Skin, SoftContacts
+from hapnet.ext.soft.soft_linear import conjugate_gradients
+from hapnet.ext.soft.soft_touch import Touch
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import soft_mesh
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.picture import SOFT
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.soft_body import Body, Material
-from hapnet.plant.worlds.soft_contacts import RESERVOIR_J, Skin, SoftContacts
-from hapnet.plant.worlds.soft_linear import conjugate_gradients
-from hapnet.plant.worlds.soft_touch import Touch
 from tests.conftest import mostly_slow
 
 Draw = Callable[[np.random.Generator], float]

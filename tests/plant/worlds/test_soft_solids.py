@@ -7,17 +7,17 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
+from hapnet.ext.soft import soft_mesh
+from hapnet.ext.soft.soft_body import Body, Material
+from hapnet.ext.soft.soft_contacts import Skin, SoftContacts
+from hapnet.ext.soft.soft_picture import strains_shown
+from hapnet.ext.solids.field import DistanceFunction
+from hapnet.ext.solids.mesh import Mesh
+from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import soft_mesh
-from hapnet.plant.worlds.field import DistanceFunction
-from hapnet.plant.worlds.mesh import Mesh
 from hapnet.plant.worlds.picture import RESTS
 from hapnet.plant.worlds.registry import make_scene
-from hapnet.plant.worlds.rigid_contacts import Solid
-from hapnet.plant.worlds.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
-from hapnet.plant.worlds.soft_body import Body, Material
-from hapnet.plant.worlds.soft_contacts import Skin, SoftContacts
-from hapnet.plant.worlds.soft_picture import strains_shown
 from tests.plant.worlds.test_soft import FRONT_M, TENTH, VARIABLE, moved, shaken
 from tests.support.mesh_runs import boxes
 

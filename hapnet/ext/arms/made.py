@@ -1,0 +1,62 @@
+"""An arm's record from its table: stops and brakes by rule."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hapnet.ext.arms import motion
+from hapnet.ext.arms.chain import difference
+from hapnet.ext.arms.motion import Arm
+from hapnet.ext.arms.table import ArmTable, at_home, chain_of
+from hapnet.plant.operator import Impedance
+
+STOP_HZ = 40.0
+"""On its stop a joint swings so fast, with the arm at home: stiff beside a hand, and slow beside a step."""
+
+STOP_LOSS_SPRAD = 0.5
+"""Damping of a stop beside its stiffness [s/rad]: a joint that comes at 1 rad/s leaves at two thirds of that."""
+
+SLIP_RADPS = 0.01
+"""Below this rate friction is nearly that of a damper."""
+
+BRAKES_AT = 0.1
+"""A drive brakes with its motor's whole torque at a rate above the greatest by this share."""
+
+
+def arm_of(
+    table: ArmTable, hand: Impedance, period: float, steps: int, *, compensated: bool = True, by_joints: bool = False
+) -> Arm:
+    """The arm at rest at home, in a hand.
+
+    period : of a tick [s]; steps : in a tick. compensated : do the motors carry the arm's weight?
+    by_joints : hand and coupling act on each joint, not at the tip.
+    """
+    arm = Arm()
+    arm.chain = chain_of(table, 0.0 if by_joints else hand.mass)
+    arm.n = n = arm.chain.n
+    arm.port.axes, arm.port.by_joints = n if by_joints else 3, int(by_joints)
+    arm.port.origin[:n] = list(table.home)
+    for i in range(n):
+        arm.port.columns[i][i] = 1.0  # the tip's are computed
+    arm.period, arm.steps, arm.h = period, steps, period / steps
+    arm.compensated, arm.slip = int(compensated), SLIP_RADPS
+    arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping
+    inertias = np.diagonal(at_home(table)[1]).tolist()
+    swing = 2.0 * math.pi * STOP_HZ
+    for i, joint in enumerate(table.joints):
+        arm.damping[i], arm.friction[i] = joint.damping, joint.friction
+        arm.lower[i], arm.upper[i], arm.effort[i], arm.speed[i] = joint.lower, joint.upper, joint.effort, joint.speed
+        arm.stop_stiffness[i] = inertias[i] * swing * swing
+        arm.stop_damping[i] = STOP_LOSS_SPRAD * arm.stop_stiffness[i]
+        if joint.speed < math.inf:
+            torque = joint.effort if joint.effort < math.inf else joint.speed * inertias[i] * swing
+            arm.brake[i] = torque / (BRAKES_AT * joint.speed)
+    arm.has_limits = int(any(joint.effort < math.inf for joint in table.joints))
+    arm.q[:n] = list(table.home)
+    difference(arm.chain, arm.chain.tip, arm.q, arm.q)
+    for r in range(3):
+        arm.chain.tip.arms[0][r] -= arm.chain.tip.begin[r]
+    motion.look(arm)
+    return arm

@@ -1,0 +1,133 @@
+"""Simulated arms by their names: ``omni``, and ``arm:FILE.urdf?tip=LINK&base=LINK&home=0,0.5,...``.
+
+With ``?axes=joints`` an arm is coupled joint by joint, in rad and Nm.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hapnet import checks
+from hapnet.assembly.own_parts import named_section
+from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.device import TIP_AXES, SimulatedArm
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.picture import described
+from hapnet.ext.arms.table import ArmTable, apparent_masses, at_home, felt_damping
+from hapnet.ext.arms.urdf import table_from
+from hapnet.ext.tools.device import SimulatedHandle
+from hapnet.file_content import read_text
+from hapnet.param_sources import DEVICE
+from hapnet.params import Params, arm_file, is_arm, is_tool
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Operator
+from hapnet.plant.worlds.protocol import World
+from hapnet.recording.hand import fingerprint
+from hapnet.records.machine_code import no_compiler
+from hapnet.units import POSE
+
+AXES = ("tip", "joints")
+"""What hand and coupling hold: the tip in three axes in metres, or each joint in radians."""
+
+
+def table_of(hardware: str) -> ArmTable:
+    """The arm that `hardware` names.
+
+    Raises InvalidParameter: there is none, or its file cannot be used.
+    """
+    given, file = _options(hardware), arm_file(hardware)
+    if not file:
+        return omni()
+    try:
+        text = read_text(file)
+    except (OSError, UnicodeDecodeError) as error:
+        why = f"{error.strerror}: {Path(file).absolute()}" if isinstance(error, OSError) else error
+        raise InvalidParameter("hardware", hardware, f"a URDF file that can be read ({why})") from None
+    home = checks.vector("home", given["home"].split(",")) if "home" in given else ()
+    return table_from(text, Path(file).name, given.get("tip", ""), given.get("base", ""), home)
+
+
+def by_joints(hardware: str) -> bool:
+    """Is it an arm that is coupled joint by joint? Raises InvalidParameter: as `table_of`."""
+    return is_arm(hardware) and _options(hardware).get("axes") == "joints"
+
+
+def _options(hardware: str) -> dict[str, str]:
+    """What stands behind an arm's name. Raises InvalidParameter."""
+    is_file = hardware.startswith("arm:")
+    known = {"tip", "base", "home", "axes"} if is_file else {"axes"}
+    parts = [part.partition("=")[::2] for part in hardware.partition("?")[2].split("&") if part]
+    given = dict(parts)
+    named = arm_file(hardware) if is_file else hardware.partition("?")[0] == "omni"
+    if not named or len(given) < len(parts) or not given.keys() <= known or given.get("axes", "tip") not in AXES:
+        words = "arm:FILE.urdf?tip=LINK, also with &base=LINK, &home=RAD,RAD,... and &axes=joints, each once"
+        raise InvalidParameter("hardware", hardware, words if is_file else "omni, or omni?axes=joints")
+    return given
+
+
+def with_arm(params: Params) -> Params:
+    """The parameters as an arm needs them, if the device is one: its axes, and what it weighs and damps at home.
+
+    Raises InvalidParameter: a parameter does not go with an arm.
+    """
+    if not is_arm(params.hardware):
+        return params
+    if is_tool(params.scene):
+        raise InvalidParameter("hardware", params.hardware, "simulated, or a device that turns, in a scene with a tool")
+    table, device = table_of(params.hardware), params.device
+    if by_joints(params.hardware):
+        dof = len(table.joints)
+        own = {"mass": float(np.linalg.eigvalsh(at_home(table)[1])[0])}
+        own["own_damping"] = min(joint.damping for joint in table.joints)
+    else:
+        dof, own = TIP_AXES, {"mass": min(apparent_masses(table)), "own_damping": felt_damping(table)}
+        if own["mass"] == math.inf:
+            raise InvalidParameter("hardware", params.hardware, "a tip that moves: at home no joint moves this one")
+    if params.dof not in (0, dof):
+        raise InvalidParameter("dof", params.dof, f"0 or {dof} with the device {params.hardware}")
+    for name, plain in (("servo", "sampled"), ("harvest", "measured")):
+        if (value := getattr(device, name)) not in ("auto", plain):
+            raise InvalidParameter(f"device.{name}", value, f"auto or {plain} with the device {params.hardware}")
+    for name, value in own.items():
+        params.require(f"device.{name}", value, f"left out with the device {params.hardware}: its links have it")
+    return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}}, DEVICE)
+
+
+def description(params: Params) -> dict[str, Any]:
+    """What a recording says of the device: what its file was, and an arm's frames, for pictures of it."""
+    found = {"hardware_sha256": fingerprint(arm_file(params.hardware))}
+    if not is_arm(params.hardware):
+        return found
+    return {**found, "arm": described(table_of(params.hardware), by_joints(params.hardware))}
+
+
+def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:
+    """The simulated device of these parameters in a hand: a mass, an arm, or a handle that turns, as the scene's tool.
+
+    Raises InvalidParameter.
+    """
+    device = params.device
+    period, limit = 1.0 / device.servo_hz, device.force_limit_N or None
+    if not is_arm(params.hardware):
+        kind = SimulatedHandle if scene.units == POSE else SimulatedDevice
+        return kind(
+            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
+            resolution=device.resolution_m, force_limit=limit,
+        )  # fmt: skip
+    with named_section("device"):
+        return SimulatedArm(
+            table_of(params.hardware), hand, period=period, substeps=device.substeps, resolution=device.resolution_m,
+            force_limit=limit, by_joints=by_joints(params.hardware),
+        )  # fmt: skip
+
+
+def real_time_warnings(params: Params) -> tuple[str, ...]:
+    """What the user of a device's side is told before control starts."""
+    why = no_compiler()
+    if why is None or not is_arm(params.hardware) or params.device.substeps == 1:
+        return ()
+    return (f"{why}: at 1 kHz an arm needs the extra fast, or --set device.substeps=1",)

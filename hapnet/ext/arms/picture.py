@@ -1,0 +1,118 @@
+"""What an arm looks like: a capsule from joint to joint, where the positions of its axes put it.
+
+A recording's description has the arm's frames, so no viewer needs its file. Where the axes are joints, positions are
+the posture. Where they are the tip's, the joints' angles are recorded beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.chain import difference, place
+from hapnet.ext.arms.table import ArmTable, Joint, chain_of
+from hapnet.ext.solids.outlines import ball
+from hapnet.mechanics.curvature import across
+from hapnet.mechanics.pose import quaternions
+from hapnet.plant.worlds.picture import RESTS, Color, Part, part
+
+_LINK: Color = (71, 105, 150, 200)
+_BASE: Color = (148, 163, 184, 200)
+_SLENDER, _THINNEST_M, _THICKEST_M = 0.07, 0.006, 0.03
+"""A link's radius beside its length, within these."""
+
+
+def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
+    """The arm's frames for a recording's description: of each joint xyz, rpy and axis; tip, home."""
+    frames = [[list(joint.xyz), list(joint.rpy), list(joint.axis)] for joint in table.joints]
+    return {"joints": frames, "tip": list(table.tip), "home": list(table.home), "by_joints": by_joints}
+
+
+class ArmPicture:
+    """The picture of an arm that was `described`; places are in metres, from the tip at home.
+
+    Raises InvalidParameter, KeyError, TypeError, ValueError: this describes none.
+    """
+
+    def __init__(self, described: Mapping[str, Any]) -> None:
+        frames = [[_floats(vector) for vector in frame] for frame in described["joints"]]
+        joints = tuple([Joint(str(i), xyz, rpy, axis) for i, (xyz, rpy, axis) in enumerate(frames)])
+        tip, home = _floats(described["tip"]), _floats(described["home"])
+        self.by_joints = bool(described["by_joints"])
+        self._table = ArmTable("arm", joints, tip, home)
+        self._chain = chain_of(self._table)
+        difference(self._chain, self._chain.tip, home, home)
+        self._origin = np.array(self._chain.tip.begin)
+        self._chain.tip.arms[0][:] = [a - b for a, b in zip(self._chain.tip.arms[0], self._origin, strict=True)]
+
+    @staticmethod
+    def of(description: Mapping[str, Any]) -> ArmPicture | None:
+        """The picture in a recording's description, or a side's; None: there is none."""
+        with suppress(InvalidParameter, KeyError, TypeError, ValueError, AttributeError):
+            return ArmPicture(description["arm"])
+        return None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The base, which rests, and each link in its own frame."""
+        chain = self._chain
+        ends = [link.offset for link in chain.links[2:]] + [chain.tip.arms[chain.n]]
+        lengths = [float(np.linalg.norm(end)) for end in (chain.links[1].offset, *ends)]
+        radius = min(max(_SLENDER * max(lengths), _THINNEST_M), _THICKEST_M)
+        base = _capsule(chain.links[1].offset, 1.5 * radius, _BASE, RESTS)
+        return (
+            base._replace(vertices=(base.vertices - self._origin).astype(np.float32)),
+            *(_capsule(end, radius, _LINK, i) for i, end in enumerate(ends)),
+        )
+
+    @property
+    def at_home(self) -> Array:
+        """All vertices at home (N, 3) [m]."""
+        poses = self.poses(self._table.home)
+        turns = [np.array(link.turned) for link in self._chain.links[1:]]
+        return np.concatenate([
+            one.vertices if one.body == RESTS else one.vertices @ turns[one.body].T + poses[one.body, :3]
+            for one in self.parts
+        ])  # fmt: skip
+
+    def angles(self, position: Sequence[float], posture: Vector) -> Vector:
+        """The joints' angles q [rad], of the axes at `position` or the recorded ones; at home if neither says them."""
+        if self.by_joints:
+            return tuple([home + angle for home, angle in zip(self._table.home, position, strict=True)])
+        return posture if len(posture) == self._chain.n else self._table.home
+
+    def poses(self, q: Sequence[float]) -> Array:
+        """Where the links are with the joints at q [rad]: place and quaternion w, x, y, z, (n, 7)."""
+        chain, n = self._chain, self._chain.n
+        place(chain, q, (0.0,) * n)
+        links = chain.links[1 : n + 1]
+        places = np.array([link.place for link in links]) - self._origin
+        return np.hstack([places, quaternions(np.array([link.turned for link in links]))])
+
+    def tip(self, position: Sequence[float]) -> Vector:
+        """Where the tip is [m]."""
+        if not self.by_joints:
+            return tuple(position)
+        q = self.angles(position, ())
+        difference(self._chain, self._chain.tip, q, q)
+        return tuple(self._chain.tip.begin)
+
+
+def _floats(values: Iterable[float]) -> Vector:
+    return tuple(map(float, values))
+
+
+def _capsule(end: Sequence[float], radius: float, color: Color, body: int) -> Part:
+    """From the origin to `end` [m]."""
+    along = np.array(end)
+    length = float(np.linalg.norm(along))
+    vertices, triangles = ball(24, length / radius)
+    if length > 0.0:
+        unit = along / length
+        vertices = vertices @ np.array([*across(tuple(unit.tolist())), unit])
+    return part(radius * vertices + 0.5 * along, triangles, color, body, smooth=True)

@@ -1,0 +1,204 @@
+"""An arm as a table of its joints and links, and the chain of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hapnet.checks import Array, Vector
+from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.chain import JOINTS, Chain, difference, matrices, zero_chain
+from hapnet.records.vectors import added
+
+GRAVITY_MPS2 = 9.81
+
+_ROUNDING = 1e-13
+"""What is smaller beside the whole is 0."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A revolute joint, and the link that it turns, as URDF has them.
+
+    xyz, rpy : the joint's frame at q = 0 in the frame of the joint before, fixed angles roll, pitch, yaw [m], [rad].
+    axis : in that frame. mass [kg], centre [m], inertia about the centre [kg m^2] (3, 3) : of the link, in the frame.
+    lower, upper : the stops [rad]. effort : the motor's greatest torque [Nm]. speed : greatest q' [rad/s].
+    damping [Nms/rad], friction : Coulomb's [Nm].
+    """
+
+    name: str
+    xyz: Vector
+    rpy: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 0.0, 1.0)
+    mass: float = 0.0
+    centre: Vector = (0.0, 0.0, 0.0)
+    inertia: tuple[Vector, ...] = ((0.0,) * 3,) * 3
+    lower: float = -math.inf
+    upper: float = math.inf
+    effort: float = math.inf
+    speed: float = math.inf
+    damping: float = 0.0
+    friction: float = 0.0
+
+
+@dataclass(frozen=True)
+class ArmTable:
+    """An arm: its joints from the base on, the tip in the last joint's frame [m], and a posture within its stops.
+
+    home : q there [rad]; the tip is then at the origin of the device's positions. gamma : gravity [m/s^2].
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    tip: Vector
+    home: Vector
+    gamma: Vector = (0.0, 0.0, -GRAVITY_MPS2)
+
+    @property
+    def reaches(self) -> list[float]:
+        """How far each joint's axis can be from the tip, at most [m]."""
+        lengths = [float(np.linalg.norm(joint.xyz)) for joint in self.joints[1:]] + [float(np.linalg.norm(self.tip))]
+        return [added(lengths[i:]) for i in range(len(lengths))]
+
+
+def rotation_of(rpy: Vector) -> Array:
+    """The rotation of fixed angles roll, pitch, yaw [rad] (3, 3)."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
+    """The chain of a table; its joints turn about z, so frames are turned where their axis is another.
+
+    tip_mass : of what is fixed to the tip besides [kg].
+
+    Raises InvalidParameter: the table is of no arm that moves, or its home is not within its stops.
+    """
+    n = len(table.joints)
+    if not 1 <= n <= JOINTS:
+        raise InvalidParameter(f"the joints of {table.name}", n, f"1 to {JOINTS}")
+    if len(table.home) != n:
+        raise InvalidParameter(f"home of {table.name}", table.home, f"{n} angles, one for each joint")
+    for joint, angle in zip(table.joints, table.home, strict=True):
+        _check_joint(table.name, joint, angle)
+    chain = zero_chain(n)
+    chain.tip_mass, chain.gamma[:] = tip_mass, table.gamma
+    own = np.eye(3)  # how our frame of the link before is turned in that of the table
+    behind = 0.0
+    moments: list[Array] = [np.zeros(3)]
+    turns = [own]
+    for link, joint in zip(chain.links[1:], table.joints, strict=True):
+        turn = _to_z(table.name, joint)
+        inertia, centre = np.array(joint.inertia), np.array(joint.centre)
+        _check_body(table.name, joint, inertia)
+        about = inertia + joint.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+        second = 0.5 * np.trace(about) * np.eye(3) - about
+        link.rotation = (own.T @ rotation_of(joint.rpy) @ turn).tolist()
+        link.offset = (own.T @ np.array(joint.xyz)).tolist()
+        link.mass, link.moment = joint.mass, (joint.mass * turn.T @ centre).tolist()
+        link.second = (turn.T @ second @ turn).tolist()
+        own = turn
+        turns.append(turn)
+        moments.append(np.array(link.moment))
+    chain.tip.arms[n][:] = (own.T @ np.array(table.tip)).tolist()
+    for i in range(n, 0, -1):
+        behind += chain.links[i].mass
+        chain.tip.arms[i - 1][:] = chain.links[i].offset
+        chain.weight.arms[i - 1][:] = (behind * np.array(chain.links[i].offset) + moments[i - 1]).tolist()
+    chain.weight.arms[n][:] = moments[n].tolist()
+    return chain
+
+
+def _to_z(name: str, joint: Joint) -> Array:
+    """A rotation whose third column is the joint's axis."""
+    axis = np.array(joint.axis, dtype=float)
+    length = float(np.linalg.norm(axis))
+    if not 0.0 < length < math.inf:
+        raise InvalidParameter(f"the axis of {name}'s joint {joint.name}", joint.axis, "a direction")
+    z = axis / length
+    if z[2] == 1.0:
+        return np.eye(3)
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    y = np.cross(z, x)
+    y /= np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def _check_joint(name: str, joint: Joint, home: float) -> None:
+    """Raise InvalidParameter if a limit or a loss is none that takes energy, or if home is outside the stops."""
+    of = f"of {name}'s joint {joint.name}"
+    stops = f"{joint.lower:g} to {joint.upper:g} rad"
+    for what, value, allowed, holds in (
+        ("the lower stop", joint.lower, f"below the upper one, {joint.upper:g} rad", joint.lower < joint.upper),
+        ("the effort", joint.effort, "above 0 Nm", joint.effort > 0.0),
+        ("the speed", joint.speed, "above 0 rad/s", joint.speed > 0.0),
+        ("the damping", joint.damping, "a finite one, 0 or above", 0.0 <= joint.damping < math.inf),
+        ("the friction", joint.friction, "a finite one, 0 or above", 0.0 <= joint.friction < math.inf),
+        ("home", home, f"within its stops, {stops}", math.isfinite(home) and joint.lower <= home <= joint.upper),
+    ):
+        if not holds:
+            raise InvalidParameter(f"{what} {of}", value, allowed)
+
+
+def _check_body(name: str, joint: Joint, inertia: Array) -> None:
+    """Raise InvalidParameter if the body's mass or moments of inertia are negative, or no numbers."""
+    numbers = np.isfinite(inertia).all() and math.isfinite(joint.mass)
+    if not numbers or joint.mass < 0.0 or np.linalg.eigvalsh((inertia + inertia.T) / 2.0)[0] < -1e-12:
+        shown = f"{joint.mass:g} kg, {inertia.tolist()} kg m^2"
+        raise InvalidParameter(f"the link of {name}'s joint {joint.name}", shown, "mass and inertia of a body")
+
+
+def home_of(joints: Sequence[Joint]) -> Vector:
+    """The middle between each joint's stops; where there are not two, as near to 0 as they allow [rad]."""
+    return tuple(
+        0.5 * (joint.lower + joint.upper)
+        if math.isfinite(joint.upper - joint.lower)
+        else min(max(0.0, joint.lower), joint.upper)
+        for joint in joints
+    )
+
+
+def apparent_masses(table: ArmTable) -> Vector:
+    """How heavy the tip is at home along the principal axes of ``(J M^-1 J')^-1`` [kg], ascending; infinite where the
+    arm cannot move it."""
+    J, M = at_home(table)
+    mobility = np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))
+    return tuple([float(1.0 / one) if one > 1e-9 * mobility[-1] else math.inf for one in mobility[::-1]])
+
+
+def felt_damping(table: ArmTable) -> float:
+    """The least damping of the joints that is felt at the tip at home in any direction [Ns/m]; infinite where the tip
+    does not move."""
+    if not all(joint.damping > 0.0 for joint in table.joints):
+        return 0.0
+    J, _ = at_home(table)
+    b = np.array([joint.damping for joint in table.joints])
+    return float(1.0 / most) if (most := np.linalg.eigvalsh((J / b) @ J.T)[-1]) > 0.0 else math.inf
+
+
+def at_home(table: ArmTable) -> tuple[Array, Array]:
+    """J (3, n) and M (n, n) at home. Raises InvalidParameter: as `chain_of`, or a joint turns nothing there."""
+    chain, home = chain_of(table), list(table.home)
+    matrices(chain, home, [0.0] * chain.n)
+    difference(chain, chain.tip, home, home)
+    J, M = np.array(chain.tip.columns)[: chain.n].T, np.array(chain.inertia)[: chain.n, : chain.n]
+    if np.abs(J).max() <= _ROUNDING * max(table.reaches):
+        J[:] = 0.0
+    least, ways = np.linalg.eigh(M)
+    bodies = added(
+        [joint.mass * np.dot(joint.centre, joint.centre) + np.trace(joint.inertia) for joint in table.joints]
+    )
+    if not least[0] > _ROUNDING * max(least[-1], bodies):
+        joint = table.joints[int(np.argmax(np.abs(ways[:, 0])))]
+        name = f"the inertia that {table.name}'s joint {joint.name} turns at home [kg m^2]"
+        raise InvalidParameter(name, 0.0, "above 0, from an <inertia> or from a mass off the joint's axis")
+    return J, M

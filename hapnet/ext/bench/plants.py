@@ -1,0 +1,121 @@
+"""What a tick of a simulated device costs that is more than a mass, an arm or a handle that turns, and of its side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from hapnet.assembly.build import device_session, device_side, prepare, world_session, world_side
+from hapnet.control.coupling import Ends
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.bench.cost import Call, cost
+from hapnet.ext.bench.endpoints import pair
+from hapnet.ext.bench.row import Options, Row
+from hapnet.ext.tools.device import SimulatedHandle
+from hapnet.ext.tools.hand import TurningHand
+from hapnet.kernel import real_time
+from hapnet.params import Params
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Impedance, Rest, Sine
+from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+
+
+def arm_tick(options: Options) -> Row:
+    """An arm of three joints in a hand that moves."""
+    what = "tick of a simulated arm of three joints, four steps"
+    return _beside_python("arm_tick", what, lambda: SimulatedArm(omni(), Sine(3, Impedance())), options)
+
+
+def handle_tick(options: Options) -> Row:
+    """A handle of six degrees of freedom in a hand that turns it."""
+    what = "tick of a simulated handle that turns, 12 coordinates, four steps"
+    return _beside_python(
+        "handle_tick", what, lambda: SimulatedHandle(TurningHand(Rest(3, Impedance()), 0.3, 0.25)), options
+    )
+
+
+def side_tick_pose(options: Options) -> Row:
+    """All of a tick at the device's side of a tool: hand, handle, servo, contact model, messages."""
+    what = "tick of a device's side, simulated: six degrees of freedom, a box on a table"
+    scene = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.3}
+    return _of_a_side("side_tick_pose", what, scene, options)
+
+
+def side_tick_joints(options: Options) -> Row:
+    """The same of an arm that is coupled by its seven joints."""
+    what = "tick of a device's side, simulated: seven joints, among stops"
+    with TemporaryDirectory(prefix="hapnet-bench-") as directory:
+        file = Path(directory) / "seven.urdf"
+        file.write_text(seven_joints(), "utf-8")
+        return _of_a_side("side_tick_joints", what, by_joints(file) | {"scene": "joints"}, options)
+
+
+def by_joints(file: Path) -> dict[str, object]:
+    """Parameters for `seven_joints` in a file, coupled joint by joint."""
+    stiffness = (3.0, 2.0, 2.5, 2.0, 1.5, 1.0, 0.5)
+    return {"hardware": f"arm:{file}?tip=l7&home=0,0.5,0,0.8,0,0.5,0&axes=joints", "device.stiffness": stiffness}
+
+
+def seven_joints() -> str:
+    """A URDF of seven joints in a row that turn about z, x, z, ..., as many arms have them."""
+    links = "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0 0 0.08"/><mass value="0.4"/><inertia ixx="1e-3" iyy="1e-3" '
+        f'izz="4e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for k in range(8)
+    )
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 0.16"/>'
+        f'<axis xyz="{k % 2} 0 {1 - k % 2}"/><limit lower="-2" upper="2" effort="12" velocity="6"/>'
+        f'<dynamics damping="0.05"/></joint>'
+        for k in range(1, 8)
+    )
+    return f'<robot name="seven">{links}{joints}</robot>'
+
+
+class PairedDevice:
+    """A simulated device's side at 1 kHz, with a world that answers 50 times a second over no link.
+
+    changes : of the parameters. ends : compiled ones, or plain Python's.
+    """
+
+    def __init__(self, changes: Mapping[str, object], ends: Ends) -> None:
+        setup = replace(prepare(Params().set(changes), "sampled"), ends=ends)
+        self._device, self._world = DeviceEndpoint(device_session(setup, 1)), WorldEndpoint(world_session(setup, 2))
+        self.side = device_side(setup, self._device, lambda: self.now_ns, lambda sample: None)
+        self._far = world_side(setup, self._world, np.random.default_rng(1), lambda sample: None)
+        pair(self._device, self._world)
+        self.now_ns: int = 0
+        self._message: bytes | None = None
+
+    def prepare(self) -> None:
+        """Time passes; what is under way arrives, and at times the world makes a step."""
+        self.now_ns += 1_000_000
+        if self._message is not None:
+            self._world.receive(self.now_ns, self._message)
+        if self.now_ns % 20_000_000 == 0 and (answer := self._far.step(self.now_ns)) is not None:
+            self._device.receive(self.now_ns, answer)
+        for sender, receiver in ((self._device, self._world), (self._world, self._device)):
+            for message in sender.poll(self.now_ns)[0]:
+                receiver.receive(self.now_ns, message.data)
+
+    def tick(self) -> None:
+        self._message = self.side.tick(self.now_ns)
+
+
+def _of_a_side(name: str, what: str, changes: Mapping[str, object], options: Options) -> Row:
+    ours, plain = (PairedDevice(changes, ends) for ends in (real_time.ends(), Ends()))
+    subject, bare = cost(Call(ours.tick, ours.prepare), Call(plain.tick, plain.prepare), options)
+    return Row(name, "us", what, subject, "the same in plain Python", bare, panel=False)
+
+
+def _beside_python(name: str, what: str, make: Callable[[], SimulatedDevice], options: Options) -> Row:
+    ours, plain = real_time.ends().simulated(make()), make()
+    for device in (ours, plain):
+        device.apply((0.1,) * device.dof)
+    subject, bare = cost(Call(ours.advance), Call(plain.advance), options)
+    return Row(name, "us", what, subject, "the same in plain Python", bare, panel=False)

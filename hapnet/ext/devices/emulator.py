@@ -1,0 +1,144 @@
+"""An emulator: the device that speaks a driver's protocol, without hardware, with a simulated hand on it.
+
+An emulator runs in a process of its own (`hapnet emulate NAME`) and keeps its own time, as a real device does. Its
+handle is a `SimulatedDevice`. It counts the energy that its actuators gave to the hand, from the forces that really
+acted: an account that owes nothing to the driver or to hapnet's own.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+from hapnet.checks import Vector
+from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.arms.table import ArmTable
+from hapnet.plant.device import SimulatedDevice
+
+NANO = 1e-9
+_MOST_BEHIND_NS = 1_000_000_000
+
+
+class Handle:
+    """A simulated handle that moves in real time; the time is an argument.
+
+    device : simulated; it moves in steps of its period, so its position may be as old.
+    watchdog_s : the force ends when no command has come for so long; None: never.
+    """
+
+    def __init__(self, device: SimulatedDevice, watchdog_s: float | None = None) -> None:
+        self.device = device
+        self.watchdog_s = watchdog_s
+        self._period_ns = round(device.period / NANO)
+        self._start_ns: int | None = None
+        self._commanded_ns = 0
+        self.impulse_Ns: tuple[float, ...] = (0.0,) * device.dof
+        """The integral of the actuators' force so far [Ns]."""
+        self.work_J: float = 0.0
+        """Energy that the actuators gave to the handle so far [J]; below zero: they took it."""
+        self.most_given_J: float = 0.0
+        """The most that they had given at any time [J]: a passive side gives no more than its ceiling."""
+        self.commands: int = 0
+        self.released: int = 0
+        """How many times the watchdog took the force away."""
+
+    @property
+    def force(self) -> Vector:
+        """The force that acts now [N]."""
+        return tuple(self.device.state.torque)
+
+    def read(self, now_ns: int) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s] at `now_ns`."""
+        self._advance(now_ns)
+        return self.device.position, self.device.velocity
+
+    def age_ns(self, now_ns: int) -> int:
+        """How long ago the handle was where the last `read` saw it: it moves in steps."""
+        assert self._start_ns is not None, "not read yet"
+        return now_ns - self._start_ns - self.device.ticks * self._period_ns
+
+    def impulse_at(self, now_ns: int) -> Vector:
+        """The integral of the force up to `now_ns` [Ns], after a `read` at that time."""
+        since_s = self.age_ns(now_ns) * NANO
+        return tuple([impulse + since_s * force for impulse, force in zip(self.impulse_Ns, self.force, strict=True)])
+
+    def hold(self, now_ns: int, force: Vector) -> Vector:
+        """Let this force [N] act from `now_ns` on; returns the one that does."""
+        self._advance(now_ns)
+        self.commands += 1
+        self._commanded_ns = now_ns
+        return self.device.apply(force)
+
+    def stored_J(self) -> float:
+        """What the device itself holds of what its actuators gave to it [J]."""
+        return 0.0
+
+    def _advance(self, now_ns: int) -> None:
+        """Catch up with the clock, in steps; after a pause of more than a second the hand has stood still meanwhile."""
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        device = self.device
+        behind = now_ns - self._start_ns - device.ticks * self._period_ns
+        if behind > _MOST_BEHIND_NS:
+            self._start_ns += behind - _MOST_BEHIND_NS
+        while self._start_ns + (device.ticks + 1) * self._period_ns <= now_ns:
+            at_ns = self._start_ns + device.ticks * self._period_ns
+            late = self.watchdog_s is not None and (at_ns - self._commanded_ns) * NANO >= self.watchdog_s
+            if late and any(self.force):
+                device.apply((0.0,) * device.dof)
+                self.released += 1
+            before, stored_J = device.position, self.stored_J()
+            device.advance()
+            self.work_J += sum(f * (b - a) for f, a, b in zip(self.force, before, device.position, strict=True))
+            self.work_J += stored_J - self.stored_J()
+            period_s = self._period_ns * NANO
+            self.impulse_Ns = tuple([j + f * period_s for j, f in zip(self.impulse_Ns, self.force, strict=True)])
+            self.most_given_J = max(self.most_given_J, self.work_J)
+
+
+class ArmHandle(Handle):
+    """An arm that hangs in the hand, its axes the joints: what its motors give to its weight they do not give away.
+
+    arm : its motors' torques are what `hold` sets [Nm]; from the first one on the work is counted.
+    """
+
+    def __init__(self, arm: SimulatedArm) -> None:
+        super().__init__(arm)
+        self._arm = arm
+        self._is_driven = False
+
+    def stored_J(self) -> float:
+        return self._arm.potential if self._is_driven else 0.0
+
+    def hold(self, now_ns: int, force: Vector) -> Vector:
+        held = super().hold(now_ns, force)
+        self._is_driven |= any(force)
+        return held
+
+
+class Emulator(ABC):
+    """A device of one kind without hardware. Made with its handle, a clock [ns], and its options as keywords."""
+
+    dof: ClassVar[int] = 3
+    """How many axes the handle has."""
+    force_limit: ClassVar[float | None] = None
+    """Of its amplifiers [N]."""
+    watchdog_s: ClassVar[float | None] = None
+    """It takes the force away when no command has come for so long [s]."""
+
+    def __init__(self, handle: Handle, clock: Callable[[], int]) -> None:
+        self.handle: Handle = handle
+        self._clock = clock
+        self.address = ""
+        """Where it can be reached, as a text that can follow ``NAME:``."""
+
+    @classmethod
+    def arm(cls, options: Mapping[str, Any]) -> ArmTable | None:
+        """The arm whose joints its handle is, an `ArmHandle`; None: a handle with `dof` axes."""
+        return None
+
+    @abstractmethod
+    def run(self, stop: threading.Event) -> None:
+        """Serve until `stop` is set; look at it at least every 0.1 s."""

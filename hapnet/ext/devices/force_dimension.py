@@ -1,0 +1,289 @@
+"""Force Dimension's devices (omega, delta, sigma, lambda) and the Novint Falcon, by the maker's library `libdhd`.
+
+**Experimental**: written after the library's documented functions, and tested against a stand-in of it, never on a
+device. The library is the maker's and is loaded when the device is made; force_dimension.md beside this file says more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from collections.abc import Sequence
+from ctypes import POINTER, byref, c_bool, c_byte, c_char_p, c_double, c_int, c_ubyte, c_uint
+from typing import NamedTuple
+
+from hapnet.checks import Vector
+from hapnet.devices.axes import Axes
+from hapnet.devices.driver import Driver
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.devices.rotation import quaternion
+
+_NAMES = ("drd", "dhd", "drd64", "dhd64")  # the last two on Windows
+"""`libdrd` has the functions of `libdhd` too, and calibrates a device by itself."""
+
+_WATCHDOG_TICKS = 160
+"""The device disables forces after so many times 125 us without a command: 20 ms."""
+
+_ON, _OFF = 1, 0
+_ROOM = 64
+"""`dhdGetStatus` has no argument for its room, and writes what the library knows: 12 to 17 numbers so far."""
+
+_POWER, _RESET, _FORCE, _CAUSE, _LOCKS = 0, 3, 5, 14, 15
+_CAUSES = {
+    1: "the force button was pressed: press it again",
+    2: "it went faster than its own limit: press its force button",
+    3: "its watchdog disabled forces: they are enabled again",
+    4: "a program disabled its forces",
+    5: "its USB cable was out",
+    6: "its dead-man switch is released",
+}
+_WATCHDOG_CAUSE = 3
+_ID, _DOUBLES = c_byte, [POINTER(c_double)] * 3
+_FUNCTIONS: dict[str, tuple[type, list[type]]] = {
+    "dhdClose": (c_int, [_ID]),
+    "dhdEnableExpertMode": (c_int, []),
+    "dhdEnableForce": (c_int, [c_ubyte, _ID]),
+    "dhdErrorGetLastStr": (c_char_p, []),
+    "dhdGetButtonMask": (c_uint, [_ID]),
+    "dhdGetDeviceCount": (c_int, []),
+    "dhdGetForce": (c_int, [*_DOUBLES, _ID]),
+    "dhdGetLinearVelocity": (c_int, [*_DOUBLES, _ID]),
+    "dhdGetOrientationFrame": (c_int, [POINTER(c_double * 9), _ID]),
+    "dhdGetPosition": (c_int, [*_DOUBLES, _ID]),
+    "dhdGetStatus": (c_int, [POINTER(c_int * _ROOM), _ID]),
+    "dhdGetSystemName": (c_char_p, [_ID]),
+    "dhdHasWrist": (c_bool, [_ID]),
+    "dhdOpenID": (c_int, [_ID]),
+    "dhdSetBrakes": (c_int, [c_int, _ID]),
+    "dhdSetForce": (c_int, [c_double, c_double, c_double, _ID]),
+    "dhdSetGravityCompensation": (c_int, [c_int, _ID]),
+    "dhdStop": (c_int, [_ID]),
+}  # fmt: skip
+_OPTIONAL: dict[str, tuple[type, list[type]]] = {
+    "dhdSetWatchdog": (c_int, [c_ubyte, _ID]),
+    "drdAutoInit": (c_int, [_ID]),
+    "drdClose": (c_int, [_ID]),
+    "drdIsInitialized": (c_bool, [_ID]),
+    "drdIsSupported": (c_bool, [_ID]),
+    "drdOpenID": (c_int, [_ID]),
+    "drdStop": (c_int, [c_bool, _ID]),
+}
+"""An older library has no watchdog. `drd...` are those of `libdrd`: without them a device is calibrated by hand."""
+
+
+class Limits(NamedTuple):
+    """From the maker's data sheet: force [N], reach in both directions [m], stiffness [N/m]."""
+
+    force_N: float
+    reach_m: float
+    stiffness: float
+
+
+_KNOWN = {
+    "omega": Limits(12.0, 0.12, 14_500.0),
+    "delta": Limits(20.0, 0.26, 14_500.0),
+    "sigma": Limits(20.0, 0.15, 14_500.0),
+    "lambda": Limits(20.0, 0.19, 14_500.0),
+    "falcon": Limits(8.0, 0.08, 8_000.0),
+}
+_UNKNOWN = Limits(8.0, 0.3, 8_000.0)
+_ALL = (*_KNOWN.values(), _UNKNOWN)
+
+
+class ForceDimension(Driver):
+    """``dhd``, or ``dhd:1`` for the second device.
+
+    number : of the device, from 0. axes : which of its axes the scene gets, as in `Axes`. library : path of the
+    library; empty: where the system finds it. gravity : does the device carry the weight of its own arms? calibrate :
+    may a device that is not calibrated move by itself, where `libdrd` can do that?
+
+    Raises InvalidParameter: a value is not allowed. HapnetError: no library, or no device.
+    """
+
+    about = "Force Dimension omega, delta, sigma, lambda; Novint Falcon (libdhd)"
+    udev = 'SUBSYSTEM=="usb", ATTR{idVendor}=="1451", TAG+="uaccess"'
+    tested = "experimental: tested with a stand-in of the library"
+    rate_hz: float = 1000.0
+    resolution: float = 1e-5
+    force_limit: float = min(each.force_N for each in _ALL)  # until the device is open, and says which it is
+    stiffness_range: tuple[float, float] = (0.0, min(each.stiffness for each in _ALL))
+
+    def __init__(
+        self, dof: int, number: int = 0, axes: str = "", library: str = "", gravity: bool = True, calibrate: bool = True
+    ) -> None:
+        if not 0 <= number <= 15:
+            raise InvalidParameter("number", number, "0 to 15")
+        self.dof = dof
+        self._axes = Axes(axes, dof)
+        self._dhd = _load(library)
+        self._robotic = hasattr(self._dhd, "drdAutoInit")
+        self._id = (self._dhd.drdOpenID if self._robotic else self._dhd.dhdOpenID)(number)
+        if self._id < 0:
+            raise HapnetError(f"no device {number} of Force Dimension: {self._why()} ({self._count()} connected)")
+        self._buttons = 0
+        self._begun = False
+        self._off = ""
+        self._gravity, self._calibrates = gravity, calibrate
+        self._has_wrist = bool(self._dhd.dhdHasWrist(self._id))
+        self.name: str = (self._dhd.dhdGetSystemName(self._id) or b"").decode(errors="replace")
+        limits = next((found for name, found in _KNOWN.items() if name in self.name.lower()), _UNKNOWN)
+        self.force_limit = limits.force_N
+        self.workspace: float = limits.reach_m
+        self.stiffness_range = (0.0, limits.stiffness)
+        self._dhd.dhdEnableExpertMode()
+        has_watchdog = hasattr(self._dhd, "dhdSetWatchdog") and self._dhd.dhdSetWatchdog(_OFF, self._id) >= 0
+        self.watchdog_s: float | None = _WATCHDOG_TICKS * 125e-6 if has_watchdog else None
+
+    @classmethod
+    def missing(cls) -> str:
+        return "" if _find() else "libdrd or libdhd, from Force Dimension's SDK"
+
+    @classmethod
+    def found(cls) -> Sequence[str]:
+        return tuple(str(number) for number in range(max(0, _load("").dhdGetDeviceCount())))
+
+    def home(self) -> None:
+        """Calibrate the device: by itself, where it can. Until then its positions mean nothing.
+
+        Raises HapnetError: it must be done by hand; or its locks are closed, or it has no power.
+        """
+        status = self._status()
+        if not status[_POWER]:
+            raise HapnetError(f"{self.name} has no power")
+        if status[_LOCKS] == 1:
+            raise HapnetError(f"the locks of {self.name} are closed: open them first")
+        if not status[_RESET]:
+            return
+        if self._robotic and self._calibrates and self._dhd.drdIsSupported(self._id):
+            done = self._dhd.drdAutoInit(self._id) >= 0
+            self._dhd.drdStop(False, self._id)  # no force before `begin`
+            if done and not self._status()[_RESET]:
+                return
+        raise HapnetError(f"{self.name} is not calibrated: move its handle through its calibration first")
+
+    def begin(self) -> None:
+        """Enable the forces: brakes off, own weight carried, watchdog on.
+
+        Raises HapnetError: the device refuses one of them.
+        """
+        dhd, own = self._dhd, self._id
+        self._require(dhd.dhdSetBrakes(_OFF, own))
+        self._require(dhd.dhdSetGravityCompensation(_ON if self._gravity else _OFF, own))
+        dhd.dhdSetForce(0.0, 0.0, 0.0, own)  # the watchdog counts from here; before the forces are on it may be refused
+        if self.watchdog_s is not None:
+            self._require(dhd.dhdSetWatchdog(_WATCHDOG_TICKS, own))
+        self._require(dhd.dhdEnableForce(_ON, own))
+        self._require(dhd.dhdSetForce(0.0, 0.0, 0.0, own))
+        self._begun = True
+
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s], which the library estimates over 20 ms.
+
+        Raises DeviceSilent: the library reports an error.
+        """
+        position = self._three("dhdGetPosition")
+        velocity = self._three("dhdGetLinearVelocity")
+        self._buttons = self._dhd.dhdGetButtonMask(self._id)
+        return self._axes.take(_ours(position)), self._axes.take(_ours(velocity))
+
+    def apply(self, force: Vector) -> Vector:
+        """Hold this force; there is none while the device has its forces off. After its watchdog they come on again.
+
+        Raises DeviceSilent: the library reports an error.
+        """
+        if not self._begun:
+            return (0.0,) * self.dof
+        theirs = _theirs(self._axes.spread(force))
+        if self._dhd.dhdSetForce(*theirs, self._id) < 0:
+            raise DeviceSilent(f"{self.name} takes no force: {self._why()}")
+        status = self._status()
+        if not status[_FORCE]:
+            self._off = "it has no power" if not status[_POWER] else _CAUSES.get(status[_CAUSE], "its forces are off")
+            if status[_CAUSE] == _WATCHDOG_CAUSE:
+                self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id)
+                self._dhd.dhdEnableForce(_ON, self._id)
+            return (0.0,) * self.dof
+        self._off = ""
+        # motors that saturate make another force than the one asked for: the library reports it
+        return self._axes.take(_ours(self._three("dhdGetForce")))
+
+    def orientation(self) -> Vector | None:
+        """How the wrist is turned, where there is one; a unit quaternion w, x, y, z in hapnet's frame."""
+        if not self._has_wrist:
+            return None
+        frame = (c_double * 9)()
+        if self._dhd.dhdGetOrientationFrame(byref(frame), self._id) < 0:
+            return None
+        columns = [_ours((frame[k], frame[3 + k], frame[6 + k])) for k in (1, 0, 2)]
+        turned = [columns[0], tuple([-c for c in columns[1]]), columns[2]]  # our axes are their y, -x and z
+        return quaternion([[turned[column][row] for column in range(3)] for row in range(3)])
+
+    def braked(self) -> str:
+        """Why its forces were off at the last command; when they are on again the force grows from zero."""
+        return self._off
+
+    def buttons(self) -> tuple[bool, ...]:
+        return tuple(bool(self._buttons >> k & 1) for k in range(max(1, self._buttons.bit_length())))
+
+    def close(self) -> None:
+        if self._id >= 0:
+            self._dhd.dhdStop(self._id)
+            (self._dhd.drdClose if self._robotic else self._dhd.dhdClose)(self._id)
+            self._id = -1
+
+    def _three(self, function: str) -> Vector:
+        x, y, z = c_double(), c_double(), c_double()
+        if getattr(self._dhd, function)(byref(x), byref(y), byref(z), self._id) < 0:
+            raise DeviceSilent(f"{self.name} gives no reading: {self._why()}")
+        return x.value, y.value, z.value
+
+    def _status(self) -> list[int]:
+        """What an older library does not report is -1."""
+        status = (c_int * _ROOM)(*[-1] * _ROOM)
+        if self._dhd.dhdGetStatus(byref(status), self._id) < 0:
+            raise DeviceSilent(f"{self.name} does not report its state: {self._why()}")
+        return list(status)
+
+    def _require(self, result: int) -> None:
+        if result < 0:
+            why = self._why()
+            self.close()
+            raise HapnetError(f"the device of Force Dimension cannot be set up: {why}")
+
+    def _count(self) -> int:
+        return int(self._dhd.dhdGetDeviceCount())
+
+    def _why(self) -> str:
+        return (self._dhd.dhdErrorGetLastStr() or b"unknown error").decode(errors="replace")
+
+
+def _ours(theirs: Vector) -> Vector:
+    """Their x points to the user, y to the right, z up; ours to the right, away from the user, up."""
+    x, y, z = theirs
+    return y, -x, z
+
+
+def _theirs(ours: Vector) -> Vector:
+    x, y, z = ours
+    return -y, x, z
+
+
+def _find() -> str | None:
+    return next(filter(None, map(ctypes.util.find_library, _NAMES)), None)
+
+
+def _load(library: str) -> ctypes.CDLL:
+    path = library or _find()
+    if path is None:
+        raise HapnetError(
+            "the device needs libdrd or libdhd, from Force Dimension's SDK, where the system finds libraries"
+        )
+    try:
+        loaded = ctypes.CDLL(path)
+        optional = {name: types for name, types in _OPTIONAL.items() if hasattr(loaded, name)}
+        for name, (result, arguments) in (_FUNCTIONS | optional).items():
+            function = getattr(loaded, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError) as error:
+        raise HapnetError(f"{path} is no libdhd: {error}") from None
+    return loaded

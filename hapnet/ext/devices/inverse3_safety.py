@@ -1,0 +1,72 @@
+"""What the Inverse Service reports on its event socket about an arm's safety, and about devices that come and go."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+
+from hapnet.errors import DeviceSilent
+from hapnet.ext.devices import inverse3_messages as wire
+from hapnet.ext.devices.websocket import Caller
+
+STALL_S = 1.0
+"""The service reports that a motor stalls, or that the stability ceiling is reached, but not when that is over."""
+
+_PAUSES = {"stall_detected": "a motor has stalled", "stability_ceiling": "its stability ceiling is reached"}
+_HIGH = ("warning", "error", "critical", "panic")
+
+
+class SafetyEvents:
+    """The events of the service at `host`; `port` 0: they are not listened to."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.caller: Caller | None = Caller(host, port) if port else None
+        self._brake = self._stage = ""
+        self._pause, self._until_s = "", 0.0
+        self.away: set[str] = set()
+        """The ids of the devices that sleep, or have gone."""
+
+    @property
+    def are_heard(self) -> bool:
+        """Is the socket open, or none wanted?"""
+        return self.caller is None or self.caller.is_open
+
+    def hear(self, device: str) -> None:
+        """Take what has come about the arm `device` and about grips, without waiting."""
+        if self.caller is None:
+            return
+        with suppress(DeviceSilent):
+            for raw in self.caller.receive(0.0):
+                if (found := wire.notice(raw)) is not None:
+                    self._take(found, device)
+
+    def _take(self, found: wire.Notice, device: str) -> None:
+        if found.what in ("device-sleep", "device-disconnected") and found.device:
+            self.away.add(found.device)
+        elif found.what == "device-connected":
+            self.away.discard(found.device)
+        if found.device not in ("", device):
+            return
+        if found.what == "ebrake_triggered":
+            self._brake = "its emergency brake is on"
+        elif found.what == "ebrake_released":
+            self._brake = ""
+        elif found.what == "fod_stage_changed":
+            self._stage = "its service sees a high risk (FOD stage)" if found.level in _HIGH else ""
+        elif found.what in _PAUSES:
+            self._pause, self._until_s = _PAUSES[found.what], time.monotonic() + STALL_S
+
+    def braked(self, device: str = "") -> str:
+        """Why there should be no force of the arm `device` now; empty: there may be one."""
+        if not self.are_heard:
+            return "its events, which report the brake, cannot be heard"
+        if device in self.away:
+            return "it is disconnected"
+        if why := self._brake or self._stage:
+            return why
+        return self._pause if self._until_s > time.monotonic() else ""
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self.caller is not None:
+            self.caller.close()

@@ -1,0 +1,209 @@
+"""3D Systems' Touch, formerly Geomagic Touch and Phantom Omni, by the maker's OpenHaptics (HDAPI).
+
+**Experimental**: written after the library's public headers and reference, and tested against a stand-in of it, never
+on a device. The library is the maker's and is loaded when the device is made; touch.md beside this file says more.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from operator import mul, sub
+from pathlib import Path
+
+from hapnet.checks import Vector
+from hapnet.devices.axes import Axes
+from hapnet.devices.driver import Driver
+from hapnet.errors import DeviceSilent, HapnetError
+from hapnet.ext.devices import open_haptics as oh
+from hapnet.ext.devices.rotation import quaternion
+from hapnet.ext.devices.touch_frames import Frame, Frames
+
+PATIENCE_S = 0.005
+"""A frame comes each millisecond; a reading waits no longer."""
+
+_MM = 1e-3
+_MARGIN = 1.2
+"""The reach is the mechanical limits that the library reports, and a fifth more."""
+
+_FINE = ("touch x", "desktop")
+_RESOLUTION_M, _FINE_RESOLUTION_M = 5.5e-5, 2.3e-5
+_OMNI_FORCE_N, _OMNI_STIFFNESS = 3.3, 700.0
+"""Until the device is open; the stiffness [N/m] is that of CHAI3D's device table."""
+
+
+class Touch(Driver):
+    """``touch``, or ``touch:Left Device`` for the one that Touch Setup gave that name.
+
+    name : as in the maker's setup program; empty: the first device. axes : which of its axes the scene gets, as in
+    `Axes`. library : path of the library; empty: where the system finds it. clock : monotonic [s].
+
+    Raises InvalidParameter: a value is not allowed. HapnetError: no library, no licence, or no device.
+    """
+
+    about = "3D Systems Touch and Touch X, Phantom Omni and Desktop (OpenHaptics)"
+    udev = 'SUBSYSTEM=="usb|tty|hidraw", ATTRS{idVendor}=="2988", TAG+="uaccess"'
+    tested = "experimental: tested with a stand-in of the library"
+    rate_hz: float = 1000.0
+    blocking = True
+    resolution: float = _RESOLUTION_M
+    force_limit: float = _OMNI_FORCE_N
+    stiffness_range: tuple[float, float] = (0.0, _OMNI_STIFFNESS)
+    knows_force = False
+
+    def __init__(
+        self,
+        dof: int,
+        name: str = "",
+        axes: str = "",
+        library: str = "",
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.dof = dof
+        self._axes = Axes(axes, dof)
+        self._hd = oh.OpenHaptics(library)
+        self._handle = self._hd.slow.c.hdInitDevice(name.encode() if name else None)
+        failure = next(self._hd.slow.errors(), None)
+        if failure is not None or self._handle == oh.NO_DEVICE:
+            called = f"named {name!r}" if name else "of 3D Systems"
+            raise HapnetError(f"no device {called}: {failure or 'no handle'}; look into the maker's setup program")
+        self._clock = clock
+        self._frames = Frames(self._hd, self._handle, clock)
+        self._last: Frame | None = None
+        self._acted: Vector | None = None
+        self._interval_s: float | None = None
+        self.model: str = (self._hd.slow.c.hdGetString(oh.MODEL) or b"").decode(errors="replace")
+        self._learn_limits()
+        try:
+            self._frames.start()
+        except HapnetError:
+            self.close()
+            raise
+
+    @classmethod
+    def missing(cls) -> str:
+        return "" if oh.find() else oh.NEEDED
+
+    @classmethod
+    def found(cls) -> Sequence[str]:
+        """The names that the maker's setup program has written; only opening them shows whether they are connected."""
+        home = os.environ.get("GTDD_HOME")
+        return tuple(sorted(path.stem for path in (Path(home) / "config").glob("*.config"))) if home else ()
+
+    def home(self) -> None:
+        """Take over the calibration that the user has made possible.
+
+        Raises HapnetError: the user must put the stylus into the inkwell first, or calibrate with the maker's program.
+        """
+        if self._calibration() == oh.NEEDS_UPDATE:
+            styles = self._hd.slow.integer(oh.STYLES)
+            style = next((each for each in (oh.AUTO, oh.INKWELL, oh.ENCODER_RESET) if styles & each), oh.INKWELL)
+            self._hd.in_scheduler(lambda: self._hd.slow.c.hdUpdateCalibration(style))
+        if (state := self._calibration()) == oh.CALIBRATED:
+            return
+        if state == oh.NEEDS_INPUT and self._hd.slow.integer(oh.STYLES) & oh.INKWELL:
+            raise HapnetError(f"{self.model} is not calibrated: put its stylus into the inkwell, then start again")
+        raise HapnetError(f"{self.model} is not calibrated: do that with the maker's diagnostic program first")
+
+    def begin(self) -> None:
+        """Switch the motors on."""
+        self._frames.enable()
+
+    def read(self) -> tuple[Vector, Vector]:
+        """Position [m] and velocity [m/s] of the newest frame; the library smooths the velocity.
+
+        Raises DeviceSilent: no frame came within `PATIENCE_S`. HapnetError: the library refused a command.
+        """
+        frames = self._frames.wait(PATIENCE_S)
+        if not frames:
+            why = self._frames.faults.lost or "the library's scheduler made none"
+            raise DeviceSilent(f"no frame for {PATIENCE_S * 1e3:g} ms: {why}")
+        newest = frames[-1]
+        has_gap = self._last is None or newest.number - self._last.number != len(frames)
+        self._interval_s = None if has_gap or self._last is None else newest.at_s - self._last.at_s
+        self._acted = None if has_gap else self._mean_force(frames)
+        self._last = newest
+        x, v = (
+            self._axes.take(tuple([_MM * part for part in _ours(theirs)]))
+            for theirs in (newest.position_mm, newest.velocity_mmps)
+        )
+        return x, v
+
+    def apply(self, force: Vector) -> None:
+        """Leave the force for the next frame. The library does not report what the motors make of it."""
+        self._frames.command(_theirs(self._axes.spread(force)))
+
+    def acted(self) -> Vector | None:
+        return self._acted
+
+    def interval(self) -> float | None:
+        return self._interval_s
+
+    def orientation(self) -> Vector | None:
+        """Of the stylus, as of the last reading: a unit quaternion w, x, y, z in hapnet's frame."""
+        if self._last is None:
+            return None
+        columns = [_ours(self._last.transform[4 * k : 4 * k + 3]) for k in (0, 2, 1)]
+        columns[1] = tuple([-part for part in columns[1]])  # our axes are their x, -z and y
+        return quaternion(list(zip(*columns, strict=True)))
+
+    def buttons(self) -> tuple[bool, bool]:
+        pressed = 0 if self._last is None else self._last.buttons
+        return bool(pressed & 1), bool(pressed & 2)
+
+    def braked(self) -> str:
+        return self._frames.faults.off(self._clock())
+
+    def close(self) -> None:
+        if self._handle != oh.NO_DEVICE:
+            self._frames.close()
+            self._hd.slow.c.hdDisableDevice(self._handle)
+            self._handle = oh.NO_DEVICE
+
+    def _learn_limits(self) -> None:
+        """What the library says of the device; what it does not say stays as it is."""
+        hd = self._hd.slow
+        self.resolution = _FINE_RESOLUTION_M if any(word in self.model.lower() for word in _FINE) else _RESOLUTION_M
+        force_N, continuous_N, stiffness = (
+            hd.doubles(name, 1)[0] for name in (oh.MAX_FORCE, oh.CONTINUOUS_FORCE, oh.MAX_STIFFNESS)
+        )
+        if force_N > 0.0:
+            self.force_limit = force_N
+        if 0.0 < continuous_N < self.force_limit:
+            self.continuous_force = continuous_N
+        self.stiffness_range = (0.0, max(stiffness / _MM, _OMNI_STIFFNESS))
+        limits = hd.doubles(oh.MAX_WORKSPACE, 6)
+        reach = [_MARGIN * _MM * max(map(abs, limits[axis::3])) for axis in range(3)]
+        if all(reach):
+            self.workspace = tuple(map(abs, self._axes.take(_ours(tuple(reach)))))
+        list(hd.errors())  # of parameters that this device does not have
+
+    def _calibration(self) -> int:
+        state = [0]
+
+        def check() -> None:
+            state[0] = self._hd.slow.c.hdCheckCalibration()
+
+        self._hd.in_scheduler(check)
+        return state[0]
+
+    def _mean_force(self, frames: list[Frame]) -> Vector:
+        """The force that acted since the last reading; of several that may have, the one that put out most."""
+        assert self._last is not None, "there was a reading before"
+        moved = tuple(map(sub, frames[-1].position_mm, self._last.position_mm))
+        possible = [self._last.force, *(frame.force for frame in frames[:-1])]
+        if any(frame.had_errors for frame in (self._last, *frames)):
+            possible.append((0.0, 0.0, 0.0))
+        return self._axes.take(_ours(max(possible, key=lambda force: sum(map(mul, force, moved)))))
+
+
+def _ours(theirs: Vector) -> Vector:
+    """Their x points to the right, y up, z to the user; ours to the right, away from the user, up."""
+    x, y, z = theirs
+    return x, -z, y
+
+
+def _theirs(ours: Vector) -> Vector:
+    x, y, z = ours
+    return x, z, -y

@@ -1,0 +1,206 @@
+"""The frames of a Touch: what is exchanged with it in the library's own thread, 1,000 times a second.
+
+In each frame the device's state is read and a force is set, which acts until the next frame. The servo takes the frames
+that came (`wait`) and leaves a force for the next one (`command`). So a force begins one frame after the position that
+it was computed from, and which force acted between two positions is known.
+
+A frame without a force would go on with the last one, as the maker's examples say. So each frame sets one, and where
+the servo has left none for `WATCHDOG_S` it is zero. Where the interpreter itself stands still no frame comes, and only
+the device's own safety is left.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from ctypes import byref, c_double, c_int
+from typing import NamedTuple
+
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError
+from hapnet.ext.devices import open_haptics as oh
+
+WATCHDOG_S = 0.01
+"""The servo leaves a force each millisecond. One that left none for so long renders none."""
+
+AMPLIFIERS_S = 1.0
+"""The amplifiers come back by a ramp whose length is not documented."""
+
+COOLING_S, COOL = 10.0, 0.8
+"""After warm motors there is no force for so long, and until no motor is warmer than that; the scale ends at 1."""
+
+_TEMPERATURE_EVERY = 100
+_KEPT = 1000
+_CLOSING_S = 0.05
+_NONE: Vector = (0.0, 0.0, 0.0)
+
+
+class Frame(NamedTuple):
+    """The device's state at one moment, in the library's axes and units."""
+
+    number: int
+    """Those that the device was lost in have numbers too."""
+    at_s: float
+    position_mm: Vector
+    velocity_mmps: Vector
+    transform: Vector
+    """16 numbers, column by column."""
+    buttons: int
+    force: Vector
+    """Set in this frame [N]: it acts from here on."""
+    had_errors: bool
+    """The force may have ended at any moment since the frame before, or not have begun."""
+
+
+class Faults:
+    """What the library's errors mean for the force: for how long there is none, and whether the device is lost.
+
+    Attributes
+    ----------
+    lost : why there is no reading now; empty: nothing is wrong.
+    """
+
+    def __init__(self) -> None:
+        self.lost: str = ""
+        self._off, self._until_s, self._is_warm = "", 0.0, False
+
+    def take(self, now_s: float, failures: list[oh.Failure], hottest: float) -> bool:
+        """The errors of one frame, and the temperature of the warmest motor (0 to 1); were there any?
+
+        Raises HapnetError: one that only a defect here can cause.
+        """
+        self.lost = ""
+        for failure in failures:
+            if failure.code in oh.LOST:
+                self.lost = str(failure)
+            elif failure.code == oh.WARM_MOTORS:
+                self._end_force(now_s + COOLING_S, f"its motors are warm: {failure}")
+                self._is_warm = True
+            elif failure.code in oh.FORCE_ENDED:
+                self._end_force(now_s + AMPLIFIERS_S, f"its amplifiers went off: {failure}")
+            else:
+                raise HapnetError(f"the library says {failure}")
+        if self._is_warm and hottest > COOL:
+            self._until_s = max(self._until_s, now_s + AMPLIFIERS_S)
+        self._is_warm &= now_s < self._until_s
+        return bool(failures)
+
+    def off(self, now_s: float) -> str:
+        """Why the device renders no force now; empty: it does."""
+        return self._off if now_s < self._until_s else ""
+
+    def _end_force(self, until_s: float, why: str) -> None:
+        """No force until then; what lasts longer than that is not made shorter."""
+        if until_s >= self._until_s:
+            self._until_s, self._off = until_s, why
+
+
+class Frames:
+    """Frames of the device `handle` from `start` to `close`.
+
+    hd : the library. handle : of the device. clock : monotonic [s].
+    """
+
+    def __init__(self, hd: oh.OpenHaptics, handle: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._hd, self._handle, self._clock = hd, handle, clock
+        self._came, self._ended = threading.Event(), threading.Event()
+        self._frames: deque[Frame] = deque(maxlen=_KEPT)
+        self._command: tuple[Vector, float] = _NONE, 0.0
+        self._output = self._has_output = self._closing = False
+        self._count = 0
+        self._hottest = 0.0
+        self.faults: Faults = Faults()
+        self._wrong = ""
+        self._three, self._sixteen, self._buttons = (c_double * 3)(), (c_double * 16)(), c_int()
+        self._callback = oh.CALLBACK(self._tick)  # must live as long as the library may call it
+        self._scheduled: int | None = None
+
+    def start(self) -> None:
+        """Begin, without force. Raises HapnetError: the library cannot."""
+        self._hd.slow.c.hdDisable(oh.FORCE_OUTPUT)
+        self._scheduled = self._hd.slow.c.hdScheduleAsynchronous(self._callback, None, oh.HIGHEST_PRIORITY)
+        self._hd.slow.c.hdStartScheduler()
+        if (failure := next(self._hd.slow.errors(), None)) is not None:
+            raise HapnetError(f"the library's scheduler does not start: {failure}")
+
+    def enable(self) -> None:
+        """From the next frame on the motors have power."""
+        self._output = True
+
+    def command(self, force: Vector) -> None:
+        """Let `force` [N] act from the next frame on."""
+        self._command = force, self._clock()
+
+    def wait(self, seconds: float) -> list[Frame]:
+        """The frames since the last call; none if none came within `seconds`.
+
+        Raises HapnetError: the library refused a command.
+        """
+        until_s = self._clock() + seconds
+        while not self._frames:
+            if self._wrong:
+                raise HapnetError(self._wrong)
+            if (left_s := until_s - self._clock()) <= 0.0 or not self._came.wait(left_s):
+                return []
+            self._came.clear()
+        frames = []
+        while self._frames:
+            frames.append(self._frames.popleft())
+        return frames
+
+    def close(self) -> None:
+        """Take the force away and end the frames."""
+        if self._scheduled is None:
+            return
+        self._closing = True
+        self._ended.wait(_CLOSING_S)  # for the frame that sets the last force
+        self._hd.slow.c.hdStopScheduler()
+        if not self._ended.is_set():
+            self._hd.slow.c.hdUnschedule(self._scheduled)
+        self._scheduled = None
+
+    def _tick(self, _: object) -> int:
+        try:
+            return self._frame()
+        except BaseException as error:  # ctypes would print it, and go on
+            self._wrong = f"{type(error).__name__}: {error}"
+            return oh.DONE
+
+    def _frame(self) -> int:
+        """One frame, in the library's thread."""
+        slow, quick = self._hd.slow.c, self._hd.quick
+        slow.hdBeginFrame(self._handle)
+        now_s = self._clock()
+        if self._output and not self._has_output:
+            self._has_output = True
+            quick.c.hdEnable(oh.FORCE_OUTPUT)
+        quick.c.hdGetDoublev(oh.POSITION, self._three)
+        position = tuple(self._three)
+        quick.c.hdGetDoublev(oh.VELOCITY, self._three)
+        velocity = tuple(self._three)
+        quick.c.hdGetDoublev(oh.TRANSFORM, self._sixteen)
+        quick.c.hdGetIntegerv(oh.BUTTONS, byref(self._buttons))
+        failures = list(quick.errors())
+        if self._count % _TEMPERATURE_EVERY == 0:
+            self._hottest = max(quick.doubles(oh.TEMPERATURE, 6))
+            list(quick.errors())  # of a device that does not tell it
+        self._count += 1
+        wanted, at_s = self._command
+        if now_s - at_s > WATCHDOG_S or self.faults.off(now_s) or self._closing:
+            wanted = _NONE
+        quick.c.hdSetDoublev(oh.FORCE, (c_double * 3)(*wanted))
+        slow.hdEndFrame(self._handle)
+        had_errors = self.faults.take(now_s, failures + list(quick.errors()), self._hottest)
+        if self.faults.lost:
+            self._command = _NONE, now_s
+        else:
+            turned, buttons = tuple(self._sixteen), self._buttons.value
+            self._frames.append(Frame(self._count, now_s, position, velocity, turned, buttons, wanted, had_errors))
+            self._came.set()
+        if self._closing:
+            quick.c.hdDisable(oh.FORCE_OUTPUT)
+            self._ended.set()
+            return oh.DONE
+        return oh.CONTINUE

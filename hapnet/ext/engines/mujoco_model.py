@@ -1,0 +1,294 @@
+"""A MuJoCo model with a proxy in it: loading, the part of the model that the hand moves, and what to warn of.
+
+``mujoco:FILE.xml`` loads any model as it is. A sphere is added that only the virtual coupling moves: on slide joints,
+without weight. It meets whatever can be touched, and takes nothing of the model's defaults. ``?proxy=NAME`` makes a
+body of the model the proxy, at its centre of mass, or a site, at its place. ``?at=X,Y,Z`` [m] is where the added sphere
+begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes are sent
+(`hapnet.ext.engines.mujoco_planes`), ``?key=`` the keyframe with which the model begins, by name or number,
+``?ctrl=A,B`` what its actuators are commanded; several with &.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.ext.engines.mujoco_sizes import check_sizes
+from hapnet.loading import cause
+from hapnet.plant.worlds.walls import check_number
+
+PREFIX = "mujoco:"
+PLANES = ("auto", "all", "none")
+"""What is sent as planes: what they describe well, all that the sphere meets, nothing."""
+SHORTEST_S, MAX_S = 1e-5, 1.0
+"""Of a model's timestep. Shorter ones take so many substeps that a run makes no progress."""
+
+MOST_LIFTS = 2000
+"""So often is a proxy lifted until it is free."""
+
+_PREFIX, _PROXY = "hapnet_", "proxy"
+_NAME = _PREFIX + _PROXY
+_RADIUS = 0.005
+_ALL = 2**31 - 1
+"""The kinds of contact that the sphere has: what has any can be touched."""
+_OVERLAP_M = 5e-4
+"""Bodies that begin deeper in one another than this are reported: contacts at rest are softer than rigid ones."""
+_FORM = (
+    "mujoco:FILE.xml, perhaps with ?proxy=NAME of a body or site, or ?at=X,Y,Z&radius=R in metres, or ?planes=all, "
+    "or ?key=NAME of a keyframe, or ?ctrl=A,B,... for the actuators"
+)
+
+
+class Asked(NamedTuple):
+    """What a scene's name asks for."""
+
+    file: str
+    proxy: str
+    at: tuple[float, ...]
+    radius: float
+    planes: str
+    key: str
+    ctrl: tuple[float, ...]
+
+
+class Model(NamedTuple):
+    """A compiled model. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide joints, empty without it.
+    `key`: the keyframe that it begins with, -1: none. `overlaps`: pairs of bodies that begin inside one another."""
+
+    engine: Any
+    model: Any
+    data: Any
+    body: int
+    site: int
+    dofs: tuple[int, ...]
+    geoms: frozenset[int]
+    key: int
+    overlaps: tuple[str, ...]
+
+
+def asked(scene: str) -> Asked:
+    """Read the name ``mujoco:FILE?OPTIONS``. Raises InvalidParameter."""
+    file, _, query = scene.removeprefix(PREFIX).partition("?")
+    try:
+        options = dict(parse_qsl(query, strict_parsing=True)) if query else {}
+        unknown = set(options) - {"proxy", "at", "radius", "planes", "key", "ctrl"}
+        at, ctrl = (_numbers(options.get(name, "")) for name in ("at", "ctrl"))
+        radius = float(options.get("radius", _RADIUS))
+    except ValueError as error:
+        raise InvalidParameter("scene", scene, f"{_FORM} ({error})") from None
+    if not file or unknown or len(at) not in (0, 3) or not all(map(isfinite, at + ctrl)):
+        raise InvalidParameter("scene", scene, _FORM)
+    check_number("scene's radius", radius, "a positive number [m], at most 1", lambda r: 0.0 < r <= 1.0)
+    if "proxy" in options and ("at" in options or "radius" in options):
+        raise InvalidParameter("scene", scene, "either proxy=NAME, or at= and radius= for a sphere that is added")
+    if (planes := options.get("planes", "auto")) not in PLANES:
+        raise InvalidParameter("scene", scene, f"planes= one of {', '.join(PLANES)}")
+    return Asked(file, options.get("proxy", ""), at, radius, planes, options.get("key", ""), ctrl)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split(",") if part.strip())
+
+
+def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | None = None) -> Model:
+    """The model that `scene` names, with a proxy of `mass` [kg] if a sphere is added, which moves on `dof` axes.
+
+    add : adds a free body in place of the sphere, given engine and model. Whoever does that puts it where it is free.
+
+    Raises MissingLibrary; InvalidParameter: there is no such file, it is no model, or it has no such body.
+    """
+    want = asked(scene)
+    try:
+        engine: Any = import_module("mujoco")
+    except ImportError:
+        raise MissingLibrary("a MuJoCo scene", "mujoco", "mujoco") from None
+    if not Path(want.file).is_file():
+        raise InvalidParameter("scene", scene, f"a file that is there: there is no file {want.file}")
+    engine.set_mju_user_warning(_quiet)
+    try:
+        check_sizes(Path(want.file))
+        spec = engine.MjSpec.from_file(want.file)
+        total = float(spec.compiler.settotalmass)
+        spec.compiler.settotalmass = -1.0  # the sphere is no part of the model's mass
+        if add is not None:
+            add(engine, spec)
+        elif not want.proxy:
+            _add_sphere(engine, spec, want, dof, mass)
+        model = spec.compile()
+        data = engine.MjData(model)
+        if total > 0.0:
+            _weigh(engine, model, total)
+        if not SHORTEST_S <= (timestep := float(model.opt.timestep)) <= MAX_S:
+            allowed = f"a model with a timestep of {SHORTEST_S:g} to {MAX_S:g} s; that of {want.file} is {timestep:g} s"
+            raise InvalidParameter("scene", scene, allowed)
+        model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
+        model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a jump back: energy from nowhere
+        return _with_proxy(engine, model, data, scene, want, dof, lifts=add is None)
+    except InvalidParameter:
+        raise
+    except Exception as error:
+        raise InvalidParameter("scene", scene, f"a model that MuJoCo can load ({cause(error)})") from error
+
+
+def _quiet(warning: str) -> None:
+    """MuJoCo would write a file into the working directory. What matters, energy that is no number, ends the run."""
+
+
+def _add_sphere(engine: Any, spec: Any, want: Asked, dof: int, mass: float) -> None:
+    """Add the sphere, on slide joints."""
+
+    def slide(body: Any) -> None:
+        for axis in range(dof):
+            along = [float(i == axis) for i in range(3)]
+            body.add_joint(name=f"{_PROXY}_{'xyz'[axis]}", type=engine.mjtJoint.mjJNT_SLIDE, axis=along)
+
+    geom = {"type": engine.mjtGeom.mjGEOM_SPHERE, "size": [want.radius, 0.0, 0.0], "mass": mass}
+    _add_proxy(engine, spec, want.at, slide, geom)
+
+
+def add_free_body(engine: Any, spec: Any, geom: Mapping[str, Any], margin_m: float) -> None:
+    """Add a free body as the proxy: one `geom`, type, size and mass. Contacts within `margin_m` are listed."""
+    _add_proxy(engine, spec, (), lambda body: body.add_freejoint(name=_PROXY), {**geom, "gap": margin_m})
+
+
+def _add_proxy(
+    engine: Any, spec: Any, at: Sequence[float], join: Callable[[Any], None], geom: Mapping[str, Any]
+) -> None:
+    """Add a body without weight as a model of its own, which has MuJoCo's defaults and not those of `spec`."""
+    own = engine.MjSpec()
+    body = own.worldbody.add_body(name=_PROXY, pos=list(at or (0.0, 0.0, 0.0)))
+    body.gravcomp = 1.0
+    join(body)
+    # what it touches has the friction
+    body.add_geom(
+        name=_PROXY, contype=_ALL, conaffinity=_ALL, priority=-1, rgba=[0.9, 0.5, 0.1, 1.0], margin=0.0, **geom
+    )
+    spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+
+
+def _weigh(engine: Any, model: Any, total: float) -> None:
+    """Give all bodies but the sphere the total mass [kg] that the model's author asked for."""
+    own = np.arange(model.nbody) != max(0, int(engine.mj_name2id(model, engine.mjtObj.mjOBJ_BODY, _NAME)))
+    share = total / float(model.body_mass[own].sum())
+    model.body_mass[own] *= share
+    model.body_inertia[own] *= share
+    engine.mj_setConst(model, engine.MjData(model))  # it moves what it is given
+
+
+def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int, *, lifts: bool) -> Model:
+    kinds, site = engine.mjtObj, -1
+    if want.proxy:
+        body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, want.proxy))
+        if body < 0:
+            site = int(engine.mj_name2id(model, kinds.mjOBJ_SITE, want.proxy))
+            if site < 0:
+                bodies = ", ".join(model.body(i).name for i in range(1, model.nbody) if model.body(i).name) or "none"
+                raise InvalidParameter("scene", scene, f"the name of a body or site of the model (bodies: {bodies})")
+            body = int(model.site_bodyid[site])
+        if model.body_weldid[body] == 0:
+            raise InvalidParameter("scene", scene, f"a body that can move: {want.proxy} is fixed to the world")
+        dofs: tuple[int, ...] = ()
+    else:
+        body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, _NAME))
+        first = int(model.body_dofadr[body])
+        dofs = tuple(range(first, first + dof))
+    key = _begin(engine, model, data, scene, want, dofs)
+    if dofs and lifts and not want.at:
+
+        def lift() -> None:
+            model.body_pos[body][2] += want.radius
+
+        raised(engine, model, data, body, lift, MOST_LIFTS)
+    engine.mj_forward(model, data)
+    geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())
+    overlaps = tuple(_overlaps(engine, model, data, body if dofs else -1))
+    return Model(engine, model, data, body, site, dofs, geoms, key, overlaps)
+
+
+def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Sequence[int]) -> int:
+    """Set what the scene begins with: the keyframe, whose number it returns (-1: none), and the actuators' commands."""
+    key = -1
+    if want.key:
+        names = [model.key(i).name for i in range(model.nkey)]
+        numbers = [str(i) for i in range(model.nkey)]
+        if want.key not in names and want.key not in numbers:
+            known = ", ".join(name or number for name, number in zip(names, numbers, strict=True)) or "none"
+            raise InvalidParameter("scene", scene, f"key= a keyframe of the model ({known})")
+        key = names.index(want.key) if want.key in names else int(want.key)
+        engine.mj_resetDataKeyframe(model, data, key)
+        for dof in dofs:  # the sphere begins where it is put
+            data.qpos[model.jnt_qposadr[model.dof_jntid[dof]]] = data.qvel[dof] = 0.0
+    if want.ctrl:
+        if len(want.ctrl) != model.nu:
+            names = [model.actuator(i).name or str(i) for i in range(model.nu)]
+            few = f"ctrl= {model.nu} numbers with commas, one an actuator ({', '.join(names) or 'it has none'})"
+            raise InvalidParameter("scene", scene, few)
+        data.ctrl[:] = want.ctrl
+    return key
+
+
+def _overlaps(engine: Any, model: Any, data: Any, sphere: int) -> Iterator[str]:
+    """The pairs of bodies that begin inside one another, with the depth; the deepest first."""
+    deepest: dict[tuple[int, int], float] = {}
+    for i in range(data.ncon):
+        contact = data.contact[i]
+        first, second = (int(model.geom_bodyid[geom]) if geom >= 0 else -1 for geom in contact.geom.tolist())
+        if sphere not in (first, second) and -contact.dist > deepest.get((first, second), _OVERLAP_M):
+            deepest[first, second] = -float(contact.dist)
+    for (first, second), depth in sorted(deepest.items(), key=lambda item: -item[1]):
+        names = [model.body(i).name or f"body {i}" if i >= 0 else "a flex" for i in (first, second)]
+        yield f"{names[0]} and {names[1]} by {depth * 1e3:.2g} mm"
+
+
+def raised(engine: Any, model: Any, data: Any, body: int, lift: Callable[[], None], tries: int) -> bool:
+    """Lift the proxy as often as needed to be free; false: it is not after so many tries."""
+    own = int(model.body_geomadr[body])
+    for _ in range(tries):
+        engine.mj_forward(model, data)
+        contacts, count = data.contact, data.ncon
+        acts = contacts.dist[:count] <= contacts.includemargin[:count]
+        if own not in contacts.geom[:count][acts]:
+            return True
+        lift()
+    return False
+
+
+def warnings(found: Model) -> Iterator[str]:
+    """What of this model is not passive by itself, or jumps at the start."""
+    engine, model = found.engine, found.model
+    if found.overlaps:
+        more = f", and {len(found.overlaps) - 3} more pairs" if len(found.overlaps) > 3 else ""
+        yield f"bodies begin inside one another: {'; '.join(found.overlaps[:3])}{more}"
+    integrator = engine.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
+    direct = [f"{kind} {_named(engine, model, kind, i)}" for kind, i in _direct(model)]
+    if direct and integrator != "DISCRETE":
+        more = f" and {len(direct) - 1} more" if len(direct) > 1 else ""
+        yield (
+            f"{direct[0]}{more}: a direct solref (negative numbers) gives out energy with the integrator {integrator}; "
+            "an observer sees it, and damping takes it back"
+        )
+    if integrator in ("RK4", "IMPLICIT"):
+        other = "Euler is used in its place" if integrator == "RK4" else "an observer watches it"
+        yield f"the integrator {integrator} is not passive by itself: {other}"
+
+
+def _direct(model: Any) -> Iterator[tuple[str, int]]:
+    kinds = {"geom": (model.geom_solref, None), "pair": (model.pair_solref, None), "joint": (model.jnt_solref, None),
+             "equality": (model.eq_solref, None)}  # fmt: skip
+    for kind, (solref, _) in kinds.items():
+        for i in np.flatnonzero((solref < 0.0).any(axis=1)).tolist() if len(solref) else ():
+            yield kind, i
+
+
+def _named(engine: Any, model: Any, kind: str, index: int) -> str:
+    objects = engine.mjtObj
+    of = {"geom": objects.mjOBJ_GEOM, "pair": objects.mjOBJ_PAIR, "joint": objects.mjOBJ_JOINT}
+    name = engine.mj_id2name(model, of.get(kind, objects.mjOBJ_EQUALITY), index)
+    return name or str(index)

@@ -1,0 +1,1 @@
+"""The couplings that hapnet has beside PSPM: a file for each."""

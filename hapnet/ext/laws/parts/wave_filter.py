@@ -1,0 +1,70 @@
+"""A low-pass filter of waves: it keeps a slow sender's steps and ringing reflections away from the hand.
+
+Filtering in the wave domain is passive where the filter's gain is at most 1 (G. Niemeyer, J.-J. E. Slotine, 2004). The
+discretisation is derived here: with z the filtered wave, ``tau (z - z_before) = (w - z) T`` obeys, for any T,
+
+    z^2/2 T <= w^2/2 T - tau/2 (z^2 - z_before^2)
+
+so the energy output never exceeds the energy put in plus what the filter holds, and the displacement lags by ``tau z``.
+"""
+
+from __future__ import annotations
+
+from typing import cast
+
+from hapnet.checks import Vector
+from hapnet.control.samples import Wave
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, take_from
+from hapnet.records.equation import compiled_as, equation
+from hapnet.records.record import Floats, OfAxes, Record
+
+
+class WaveFilter(Record):
+    """A line whose output waves are smoothed.
+
+    line : the line to smooth. dof : components of a wave. time : tau [s].
+
+    Attributes
+    ----------
+    wave : z. arrived : w.
+    """
+
+    line: Record
+    n: int
+    tau: float
+    wave: OfAxes
+    arrived: OfAxes
+
+    def __init__(self, line: Line, dof: int, time: float) -> None:
+        self.line = cast(Record, line)  # plain Python takes any line
+        self.n, self.tau = dof, time
+        self.wave, self.arrived = [0.0] * dof, [0.0] * dof
+
+    def clear(self) -> None:
+        cast(Line, self.line).clear()
+        self.wave[:] = [0.0] * self.n
+
+    def push(self, wave: Wave) -> None:
+        cast(Line, self.line).push(wave)
+
+    def take(self, dt: float) -> Vector:
+        draw(self, dt)
+        return tuple(self.wave)
+
+
+def _through(line: IntegralLine, dt: float, out: Floats) -> None:
+    take_from(line.line, dt, out)
+
+
+@compiled_as(_through)
+def _take(line: Record, dt: float, out: Floats) -> None:
+    out[:] = cast(Line, line).take(dt)
+
+
+@equation
+def draw(smooth: WaveFilter, dt: float) -> None:
+    """`WaveFilter.take`, into `wave`."""
+    share = dt / (smooth.tau + dt)
+    _take(smooth.line, dt, smooth.arrived)
+    for i in range(smooth.n):
+        smooth.wave[i] = smooth.wave[i] + share * (smooth.arrived[i] - smooth.wave[i])

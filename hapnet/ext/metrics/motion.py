@@ -1,0 +1,251 @@
+"""How truly the proxy follows in free motion, how hard the coupling drags, and whether the two drift apart.
+
+Over a transparent coupling the proxy would be where the device is, and nothing would drag (D. A. Lawrence 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array
+from hapnet.ext.metrics.contact import contact_force, pressed_wall
+from hapnet.ext.metrics.measured import Measured, Span, metric, scaled
+from hapnet.ext.metrics.obstacles import Obstacle, normal_where_deepest
+from hapnet.recording.durations import durations_s, evenly, rms
+from hapnet.recording.samples import Columns, Recording
+from hapnet.summary.from_samples import position_error, touching
+
+_MIN_DRAG_N = 0.01
+"""A drag below this is taken as this, where forces are compared with it [N]: nobody would feel it."""
+
+_ALWAYS = Span(float("-inf"), float("inf"))
+
+
+@metric("position error, free", "mm", "lower", over="time with the device in no wall")
+def free_rms_mm(run: Measured) -> float | None:
+    """Root mean square of the distance between device and proxy at the same time, while the device is in no wall. (A
+    run's summary, free_rms_m, asks whether the proxy is in none)"""
+    return _error_mm(run, _ALWAYS)
+
+
+@metric("position error, free, first 10 s", "mm", "lower", over="such time in the first 10 s")
+def free_first_mm(run: Measured) -> float | None:
+    """The position error in free motion over the first 10 s of a run of 120 s or more."""
+    return _error_mm(run, run.windows[0])
+
+
+@metric("position error, free, last minute", "mm", "lower", over="such time in the last minute")
+def free_last_mm(run: Measured) -> float | None:
+    """The same over the last minute before the hand comes to rest, in a run of 120 s or more: if it is greater than
+    that of the first 10 s, the coupling gets worse with time."""
+    return _error_mm(run, run.windows[1])
+
+
+@metric("position error, contact", "mm", "lower", over="time with the proxy in a wall")
+def contact_rms_mm(run: Measured) -> float | None:
+    """That distance while the proxy is in a wall. A perfect coupling has this error too: its spring yields."""
+    return scaled(run.summary["motion"]["contact_rms_m"], 1e3)
+
+
+@metric("drag at 67 mm/s", "N", "nearer 0", over="time in free motion")
+def drag_N(run: Measured) -> float | None:
+    """Force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; both are means
+    over a third of a second, so that no oscillation hides it. Not within a round trip and two of the longest steps
+    after a contact."""
+    return None if (found := run.once(_windows)) is None else found.drag()
+
+
+@metric("drag, 95th percentile", "N", "nearer 0", over="time in free motion at 50 to 90 mm/s")
+def drag_p95_N(run: Measured) -> float | None:
+    """95th percentile of the force against the motion, over the thirds of a second of free motion with a mean speed of
+    50 to 90 mm/s."""
+    return None if (found := run.once(_windows)) is None else found.greatest_drag()
+
+
+@metric("drag, last minute", "N", "nearer 0", over="time in free motion in the last minute")
+def drag_last_N(run: Measured) -> float | None:
+    """Drag at 67 mm/s over the last minute before the hand comes to rest, in a run of 120 s or more."""
+    found, (_, last) = run.once(_windows), run.windows
+    return None if found is None or last is None else found.during(last).drag()
+
+
+@metric("contact to drag", "", "higher", over="time in settled contact; time in free motion")
+def contact_to_drag(run: Measured) -> float | None:
+    """Median resisting force in settled contact over the drag at 67 mm/s (0.01 N if the drag is less): at 1, free
+    motion feels as hard as the wall."""
+    drag = drag_N(run)
+    if run.delay_s is None or run.walls is None or drag is None:
+        return None
+    pushed = contact_force(run.recording, run.walls, run.delay_s)
+    return None if pushed is None else pushed / max(drag, _MIN_DRAG_N)
+
+
+@metric("position drift", "mm/min", "nearer 0", over="time with device and proxy free")
+def drift_mm_per_min(run: Measured) -> float | None:
+    """Slope over time of device minus proxy along the motion while both are free, by least absolute deviations; a lag
+    that depends on the device's last 0.4 s is fitted too and left out."""
+    return None if run.walls is None else scaled(drift(run.recording, run.walls), 60e3)
+
+
+def _error_mm(run: Measured, span: Span | None) -> float | None:
+    if run.inside is None or span is None:
+        return None
+    return scaled(following_error(run.recording, ~run.inside & span.holds(run.device["time_s"])), 1e3)
+
+
+def _windows(run: Measured) -> FreeWindows | None:
+    if run.delay_s is None or run.world is None or run.walls is None:
+        return None
+    return free_windows(run.recording, run.walls, run.delay_s + 2.0 * float(run.world["step_s"].max()))
+
+
+DRAG_MPS = 0.067
+"""The speed at which drag is given [m/s]: that of a hand that moves by 30 mm at 0.5 Hz, root mean square."""
+
+NEAR_MPS = (0.05, 0.09)
+"""Speeds at which the largest drag is looked for [m/s]."""
+
+_WINDOW_S = 1.0 / 3.0
+"""Force and velocity are means over this time [s]: the regression sees the hand's motion, not an oscillation at 3 Hz or
+more, whose force and speed are so large that they hide the drag."""
+_MIN_S, _MIN_MPS = 0.3, 0.005
+
+
+def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | None:
+    """Root mean square of the distance between device and proxy in free motion [m]; None without such motion.
+
+    free : (N,) is the device outside of all walls, at each of its samples? The proxy may well be in one: it is where
+        the hand is not. (The summary's `motion` asks for the proxy, since a recording alone knows no walls. It
+        leaves out a proxy that has run into a wall, and counts one that is late while the hand pushes in it.)
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True):
+        return None
+    error, known = position_error(device, world)
+    counted = free[known]
+    return rms(error[counted], durations_s(device)[known][counted])
+
+
+class FreeWindows(NamedTuple):
+    """Windows of a third of a second in free motion.
+
+    time_s : (M,) when each ends. velocity, force : (M, n) the device's mean velocity [m/s] and the mean force on it [N]
+        in each. period_s : time between two windows' ends.
+    """
+
+    time_s: Array
+    velocity: Array
+    force: Array
+    period_s: float
+
+    def during(self, span: Span) -> FreeWindows:
+        """Those that end in `span`."""
+        chosen = span.holds(self.time_s)
+        return FreeWindows(self.time_s[chosen], self.velocity[chosen], self.force[chosen], self.period_s)
+
+    def drag(self) -> float | None:
+        """The force that resists free motion at `DRAG_MPS` [N]: a linear regression of force on velocity.
+
+        The slope is ``-sum F.v / sum v.v`` with means F and v over a third of a second. A force that only accelerates
+        and brakes, such as a mass's, has none. None with less than 0.3 s of windows, or if they are slower than 5 mm/s
+        (root mean square).
+        """
+        squared = float(np.sum(self.velocity * self.velocity))
+        count = len(self.velocity)
+        if count * self.period_s < _MIN_S or squared < count * _MIN_MPS**2:
+            return None
+        return -DRAG_MPS * float(np.sum(self.force * self.velocity)) / squared
+
+    def greatest_drag(self, share: float = 0.95) -> float | None:
+        """The quantile at `share` of the force against the motion, over the windows at `NEAR_MPS` [N].
+
+        None with less than 0.3 s of such windows.
+        """
+        speed = np.linalg.norm(self.velocity, axis=1)
+        near = (speed >= NEAR_MPS[0]) & (speed <= NEAR_MPS[1])
+        if np.count_nonzero(near) * self.period_s < _MIN_S:
+            return None
+        against = -np.einsum("ij,ij->i", self.force[near], self.velocity[near]) / speed[near]
+        return float(np.quantile(against, share))
+
+
+def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: float) -> FreeWindows | None:
+    """The windows of free motion. None: the two sides are not on one clock.
+
+    A window counts if neither the device nor the proxy was in a wall in it, nor during `settling_s` seconds before it.
+    Samples that are not evenly spaced are read on an even grid first.
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True) or len(device["time_s"]) < 2:
+        return None
+    device = evenly(device, ("position_m", "force_N"))
+    times, x = device["time_s"], device["position_m"]
+    period_s = float(times[-1] - times[0]) / (len(times) - 1)
+    width = max(1, round(_WINDOW_S / period_s))
+    touched = touching(device, world)
+    for wall in walls:
+        touched |= wall.depths(x) > 0.0
+    untouched_s = times - np.maximum.accumulate(np.where(touched, times, -np.inf))
+    free = untouched_s[width:] > settling_s + width * period_s
+    total = np.cumsum(device["force_N"], axis=0)
+    velocity = ((x[width:] - x[:-width]) / (width * period_s))[free]
+    return FreeWindows(times[width:][free], velocity, ((total[width:] - total[:-width]) / width)[free], period_s)
+
+
+_TRAVELS_S = (0.1, 0.2, 0.4)
+"""The lag is modelled as a weighted sum of the device's displacements in these times [s]: zero while it rests."""
+_RATE_HZ = 100.0
+_MIN_DRIFT_S, _MIN_SPAN_S = 2.0, 5.0
+_ROUNDS = 30
+
+
+def drift(recording: Recording, walls: Sequence[Obstacle]) -> float | None:
+    """Slope over time of device minus proxy while both are outside all `walls` [m/s].
+
+    It is measured along the normal of the wall or solid where the device was deepest; without one, along the axis on
+    which it moved most. The model is ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``. Its last terms
+    are the lag, which is periodic if the motion is. It is fitted by least absolute deviations, so that an outage does
+    not look like drift (a very long outage still does). None if the two sides are not on one clock, or if free motion
+    lasts less than 2 s in all or less than 5 s from first to last sample.
+    """
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True):
+        return None
+    direction = _direction(device, pressed_wall(device, walls))
+    path, seconds = device["position_m"] @ direction, device["time_s"]
+    first, last = max(seconds[0], world["time_s"][0]), min(seconds[-1], world["time_s"][-1])
+    times = np.arange(first, last, 1.0 / _RATE_HZ)
+    x = np.interp(times, seconds, path)
+    apart = x - np.interp(times, world["time_s"], world["position_m"] @ direction)
+    travels = [x - np.interp(times - span, seconds, path) for span in _TRAVELS_S]
+    outside = np.ones(len(times), dtype=bool)
+    for wall in walls:
+        outside &= np.interp(times, seconds, wall.depths(device["position_m"])) <= 0.0
+    outside &= world["penetration_m"][np.searchsorted(world["time_s"], times, side="right") - 1] <= 0.0
+    free_s = times[outside]
+    if len(free_s) < _MIN_DRIFT_S * _RATE_HZ or free_s[-1] - free_s[0] < _MIN_SPAN_S:
+        return None
+    terms = np.column_stack([np.ones(len(times)), times, *travels])[outside]
+    slope = float(_least_absolute(terms, apart[outside])[1])
+    return slope if np.isfinite(slope) else None
+
+
+def _direction(device: Columns, wall: Obstacle | None) -> Array:
+    if wall is not None:
+        return np.array(normal_where_deepest(wall, device["position_m"]))
+    extent = np.ptp(device["position_m"], axis=0)
+    return np.asarray(np.eye(len(extent))[int(np.argmax(extent))])
+
+
+def _least_absolute(terms: Array, values: Array) -> Array:
+    """The weights (m,) with which `terms` (N, m) best fit `values` (N,), by iteratively reweighted least squares."""
+    found = np.linalg.lstsq(terms, values, rcond=None)[0]
+    floor = 1e-6 * float(np.abs(values).max()) + 1e-12
+    for _ in range(_ROUNDS):
+        root = 1.0 / np.sqrt(np.maximum(np.abs(values - terms @ found), floor))
+        found = np.linalg.lstsq(terms * root[:, None], values * root, rcond=None)[0]
+    return np.asarray(found)

@@ -1,0 +1,175 @@
+"""Who may use the page: whoever knows its address, from the page itself, by a name of this machine.
+
+The address ends in a token, which is another at each start. A browser says which page a request comes from (`Origin`)
+and which name it looked up (`Host`): a foreign page, or a name that somebody else's DNS points here, is refused even
+with the token. Each message from a page is checked (offered.py) before viser gets it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from http import HTTPStatus
+from urllib.parse import urlsplit
+
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from hapnet.ext.page.offered import Offered
+
+LARGEST_MESSAGE = 1 << 20
+"""No message of a page is larger [bytes]; a file comes in parts of half of this."""
+
+ANY_HOST = ("", "0.0.0.0", "::")
+
+_ADDRESS = "the page's address is the one that hapnet printed at its start, with all that stands behind the port"
+
+
+class Gate:
+    """Stands between browsers and viser, on viser's event loop.
+
+    inner : gives a new connection to viser. token : the first part of each path. host : the address that is listened
+    on. version : of viser; a page of another is refused.
+    """
+
+    def __init__(self, inner: Callable[[], Awaitable[socket.socket]], token: str, host: str, version: str) -> None:
+        self._inner, self._token, self._host = inner, token.encode(), host
+        self._subprotocol = Subprotocol(f"viser-v{version}")
+        self._server: Server | None = None
+        self.refused: int = 0
+
+    async def open(self, port: int) -> None:
+        """Listen. Raises OSError: it cannot."""
+        self._server = await serve(
+            self._forward, self._host, port, process_request=self._answer, subprotocols=[self._subprotocol],
+            compression=None, max_size=LARGEST_MESSAGE, server_header=None,
+        )  # fmt: skip
+
+    async def close(self) -> None:
+        """Stop listening, and end all connections."""
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The answer to a request; None: it is a permitted page that opens its WebSocket."""
+        wants_socket = "websocket" in request.headers.get("Upgrade", "").lower()
+        if problem := self._problem(request, wants_socket):
+            self.refused += 1
+            return connection.respond(HTTPStatus.FORBIDDEN, f"refused: {problem}\n")
+        return None if wants_socket else await self._file(request)
+
+    def _problem(self, request: Request, wants_socket: bool) -> str:
+        """Why this request is refused; empty: it is not."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not names_this_machine(hosts[0], self._host):
+            return f"Host is {', '.join(hosts) or 'missing'}, which is no name of this machine"
+        if len(origins) > 1 or ((origins or wants_socket) and not is_same_origin("".join(origins), hosts[0])):
+            return f"Origin is {', '.join(origins) or 'missing'}, which is not this page"
+        given = request.path.partition("?")[0].split("/")[1:2]
+        if not hmac.compare_digest("".join(given).encode(errors="replace"), self._token):
+            return _ADDRESS
+        if wants_socket and self._subprotocol not in request.headers.get("Sec-WebSocket-Protocol", ""):
+            return "this page is of another version: load it again"
+        return ""
+
+    async def _file(self, request: Request) -> Response:
+        """A file of the page, from viser."""
+        path = request.path.partition("?")[0].partition("/")[2].partition("/")[2]
+        coding = "gzip" if "gzip" in request.headers.get("Accept-Encoding", "") else "identity"
+        reader, writer = await asyncio.open_connection(sock=await self._inner())
+        try:
+            wanted = f"GET /{path} HTTP/1.1\r\nHost: viser\r\nAccept-Encoding: {coding}\r\n\r\n"
+            writer.write(wanted.encode(errors="replace"))
+            head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
+            body = await reader.read()
+        finally:
+            writer.close()
+        fields = dict(line.split(": ", 1) for line in head[1:] if ": " in line)
+        kept = {name: fields[name] for name in ("Content-Type", "Content-Encoding") if name in fields}
+        headers = Headers(
+            **kept, **{"Content-Length": str(len(body)), "Connection": "close", "Cache-Control": "no-store",
+            "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY", "X-Content-Type-Options": "nosniff"},
+        )  # fmt: skip
+        status = HTTPStatus(int(head[0].split(" ")[1]))
+        return Response(status.value, status.phrase, headers, body)
+
+    async def _forward(self, browser: ServerConnection) -> None:
+        """Pass on what viser sends, and what the page may send."""
+        offered = Offered()
+        async with connect(
+            "ws://viser/", sock=await self._inner(), subprotocols=[self._subprotocol], compression=None, max_size=None,
+            ping_interval=None, user_agent_header=None,
+        ) as viser:  # fmt: skip
+            ways = [
+                asyncio.create_task(_to_page(viser, browser, offered)),
+                asyncio.create_task(self._to_viser(browser, viser, offered)),
+            ]
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+
+    async def _to_viser(self, browser: ServerConnection, viser: ClientConnection, offered: Offered) -> None:
+        with suppress(ConnectionClosed):
+            async for message in browser:
+                if (checked := offered.checked(message)) is None:
+                    self.refused += 1
+                else:
+                    await viser.send(checked)
+
+
+async def _to_page(viser: ClientConnection, browser: ServerConnection, offered: Offered) -> None:
+    with suppress(ConnectionClosed):
+        async for frame in viser:
+            assert isinstance(frame, bytes)
+            offered.learn(frame)
+            await browser.send(frame)
+
+
+def new_token() -> str:
+    """128 random bits, as text for an address."""
+    return secrets.token_urlsafe(16)
+
+
+def names_this_machine(header: str, host: str) -> bool:
+    """Is this `Host` header an address, this machine's name, or what is listened on?
+
+    host : the address that is listened on. Where that is one of this machine only, an address from outside is refused
+    too. No name counts that somebody else's DNS could point here.
+    """
+    try:
+        name = (urlsplit(f"//{header}").hostname or "").rstrip(".")
+    except ValueError:
+        return False
+    if name in ("localhost", host.lower()) and name:
+        return True
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        own = socket.gethostname().lower()
+        return not is_local(host) and name in (own, own.partition(".")[0], f"{own.partition('.')[0]}.local")
+    return address.is_loopback or not is_local(host)
+
+
+def is_local(host: str) -> bool:
+    """Can only this machine reach what listens on this address?"""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def is_same_origin(origin: str, host: str) -> bool:
+    """Is this `Origin` the page that was got from `host`? Also through a tunnel, or behind TLS."""
+    scheme, separator, where = origin.partition("://")
+    return bool(separator) and scheme in ("http", "https") and where.lower() == host.lower()

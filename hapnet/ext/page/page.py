@@ -1,0 +1,229 @@
+"""The page: scene, plots, numbers and controls on one viser server, drawn from a `History`."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import viser
+
+from hapnet.checks import Vector
+from hapnet.ext.arms.picture import ArmPicture
+from hapnet.ext.page.controls import Controls
+from hapnet.ext.page.history import History, Snapshot, units
+from hapnet.ext.page.numbers import Numbers
+from hapnet.ext.page.panel import ABOUT, ControlPanel
+from hapnet.ext.page.playback import Playback
+from hapnet.ext.page.player import PlayerPanel
+from hapnet.ext.page.plots import Plots
+from hapnet.ext.page.scene import Scene
+from hapnet.ext.page.steps import Steps
+from hapnet.ext.page.style import STYLE
+from hapnet.ext.page.troubles import Troubles
+from hapnet.ext.solids.rigid import parts_of_words
+from hapnet.plant.worlds.picture import Part
+from hapnet.recording.telemetry import Status
+from hapnet.units import POSE
+
+SILENT_S = 0.7
+"""The page reports a silence after this time without a sample [s]."""
+
+OLD_S = 1.0
+"""What is shown is grey if no sample came for longer [s]."""
+
+PLOTTED_S = 10.0
+
+_WIDTHS, _NARROW = (290, 370), (250, 240)  # of the two panels [pixels]
+_NARROW_BELOW = 1100  # in windows of a smaller width the panels are narrow, or little is left for the scene [pixels]
+
+
+class Page:
+    """The page's content. Times `now_s` are from one monotonic clock.
+
+    More than twenty attributes: every panel is one, and each keeps what was shown last, as only a change is sent.
+
+    controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
+    player : what plays a recording; None: what is shown happens now.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, history: History, controls: Controls | None, player: Playback | None = None
+    ) -> None:
+        self._server = server
+        self._history = history
+        self._controls = controls
+        self._scene: Scene | None = None
+        self._drawn: tuple[int, Any, str, object, object] | None = None  # for which axes, walls, words, arm it was made
+        self._parts: tuple[Part, ...] | None = None
+        self._taken = self._heard = 0
+        self._heard_s = self._status_s = -1e9
+        self._statuses: tuple[Status | None, Status | None] = (None, None)
+        self._troubles = Troubles()
+        self._steps = Steps()
+        self._starting_from: tuple[int | None, int | None] | None = None
+        self._origin: Vector = ()
+        gui = server.gui
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.set_panel_label("hapnet")
+        gui.add_html(STYLE)
+        self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
+        self._player = None if player is None else PlayerPanel(gui, player)
+        self._numbers = Numbers(gui)
+        front = gui.add_button("from the front", icon=viser.Icon.EYE, color="gray", hint="turn the view back")
+        with gui.add_folder("what am I looking at?", expand_by_default=False):
+            gui.add_markdown(ABOUT)
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(_WIDTHS[0])
+        self._plots_panel = panel = gui.add_panel()
+        with panel.add_tab("last 10 s", viser.Icon.CHART_LINE):
+            self._plots = Plots(gui, PLOTTED_S)
+        panel.dock_right()
+        panel.set_width(_WIDTHS[1])
+        server.on_client_connect(self._fit)
+        self._clients: set[int] = set()
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            if not self._clients and controls is not None:
+                controls.let_go("")
+            self._clients.add(client.client_id)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self._clients.discard(client.client_id)
+            if not self._clients and controls is not None:
+                controls.let_go("the page is closed")
+
+        @front.on_click
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if event.client is not None and self._scene is not None:
+                self._scene.look(event.client.camera)
+
+    async def _fit(self, client: viser.ClientHandle) -> None:
+        """Leave the scene most of this client's window: in a narrow one the plots fold, and a click opens them."""
+        self._plots.fit(client.camera.image_height)
+        narrow = client.camera.image_width < _NARROW_BELOW
+        main, plots = _NARROW if narrow else _WIDTHS
+        client.gui.main_panel.set_width(main)
+        self._plots_panel.set_width(plots)
+        if narrow:
+            self._plots_panel.minimize()
+        else:
+            self._plots_panel.expand()
+
+    def draw(self, now_s: float, *, rest: bool) -> None:
+        """Draw the 3-D part, and the rest if that is due, and send it; to be called some 60 times a second."""
+
+        def drawn() -> None:
+            self.draw_scene(now_s)
+            if rest:
+                self.draw_rest(now_s)
+            self._server.flush()  # otherwise viser collects for as long as a frame lasts before it sends
+
+        self._steps.run("page", drawn, now_s)
+
+    def draw_scene(self, now_s: float) -> None:
+        """Draw the 3-D part; to be called some 60 times a second."""
+        self._steps.run("scene", partial(self._draw_scene, now_s), now_s, again=self._drop_scene)
+
+    def draw_rest(self, now_s: float) -> None:
+        """Draw plots, numbers and controls; to be called some 4 times a second."""
+        snapshot, steps = self._history.snapshot(), self._steps
+        with self._server.atomic():
+            steps.run("plots", lambda: self._draw_plots(snapshot), now_s)
+            if (panel := self._panel) is not None:
+                steps.run("controls", lambda: panel.update(snapshot), now_s, again=panel.forget)
+            if (player := self._player) is not None:
+                steps.run("player", player.update, now_s)
+            if (scene := self._scene) is not None:
+                steps.run("handle", scene.fit, now_s)
+            steps.run("numbers", lambda: self._draw_numbers(snapshot, now_s), now_s)
+
+    def _draw_numbers(self, snapshot: Snapshot, now_s: float) -> None:
+        troubles = [*self._steps.failures(), *self._troubles.now(snapshot, now_s)]
+        if (statuses := (snapshot.device_status, snapshot.world_status)) != self._statuses:
+            self._statuses, self._status_s = statuses, now_s
+        paused = any(status.paused for status in statuses if status is not None)
+        fresh = now_s - (self._status_s if paused else self._heard_s) <= OLD_S
+        self._numbers.update(snapshot, self._state(snapshot, now_s), troubles, fresh=fresh)
+
+    def _draw_plots(self, snapshot: Snapshot) -> None:
+        self._plots.update(snapshot, [] if _moves(snapshot) else self._surfaces(snapshot))
+
+    def _drop_scene(self) -> None:
+        """Make the scene anew with the next picture: it may have been drawn in part."""
+        self._drawn, self._taken = None, -1
+
+    def _draw_scene(self, now_s: float) -> None:
+        snapshot = self._history.snapshot()
+        if snapshot.taken == self._taken:
+            return
+        self._taken = snapshot.taken
+        if snapshot.taken != self._heard:  # otherwise only the picture is made anew
+            self._heard, self._heard_s = snapshot.taken, now_s
+        if (track := snapshot.device or snapshot.world) is None:
+            return
+        words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
+        wall_name = "wall at the start" if _moves(snapshot) else "wall"  # where one that moves is drawn
+        described = {} if snapshot.device_status is None else snapshot.device_status.about
+        wanted = track.position_m.shape[1], self._surfaces(snapshot), wall_name, words, described.get("arm")
+        if self._scene is None or self._drawn != wanted or self._parts is not snapshot.parts:
+            lead = None if self._controls is None else self._lead
+            dof, surfaces, *_ = wanted
+            parts, turns = snapshot.parts or parts_of_words(words), units(snapshot) == POSE
+            dof, arm = 3 if turns else dof, ArmPicture.of(described)
+            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts, arm, turns=turns)
+            self._drawn, self._parts = wanted, snapshot.parts
+            self._origin = (0.0,) * dof
+        self._scene.update(snapshot)
+
+    def _state(self, snapshot: Snapshot, now_s: float) -> str:
+        silent = now_s - self._heard_s > SILENT_S
+        if self._starting_from is not None:
+            began = all(a != b for a, b in zip(self._starting_from, _incarnations(snapshot), strict=True))
+            if not began or silent:
+                return "starting ..."
+            self._starting_from = None
+        statuses = [s for s in (snapshot.device_status, snapshot.world_status) if s is not None]
+        if any(status.paused for status in statuses):
+            return "paused"
+        if silent:
+            return "no telemetry" if snapshot.taken else "waiting for telemetry ..."
+        if not all(status.paired for status in statuses):
+            return "not paired"
+        return "recording" if any(status.recording for status in statuses) else "running"
+
+    def _start_anew(self, begins: bool) -> None:
+        self._starting_from = _incarnations(self._history.snapshot()) if begins else None
+
+    def _lead(self, position: Vector | None) -> None:
+        """Lead the hand to `position`; None: to the origin."""
+        target = self._origin if position is None else position
+        if self._controls is not None and self._scene is not None and target:
+            self._controls.lead(target)
+            self._scene.show_target(target)
+
+    def _surfaces(self, snapshot: Snapshot) -> Any:
+        status: Status | None = snapshot.world_status or snapshot.device_status
+        return [] if status is None else status.about.get("surfaces", [])
+
+
+def _scene_name(snapshot: Snapshot) -> object:
+    status = snapshot.world_status or snapshot.device_status
+    return None if status is None else status.about.get("scene")
+
+
+def _drawing_comes(snapshot: Snapshot) -> bool:
+    """Will the world send what it looks like? Older ones do not."""
+    begins = snapshot.world_status is not None and snapshot.world is None
+    return snapshot.parts is None and (begins or snapshot.scene is not None)
+
+
+def _moves(snapshot: Snapshot) -> bool:
+    """Does the scene's wall move? Where it is now is not known here."""
+    return _scene_name(snapshot) == "moving"
+
+
+def _incarnations(snapshot: Snapshot) -> tuple[int | None, int | None]:
+    device, world = snapshot.device_status, snapshot.world_status
+    return None if device is None else device.incarnation, None if world is None else world.incarnation

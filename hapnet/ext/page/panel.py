@@ -1,0 +1,236 @@
+"""The page's buttons and switches: what a user may change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.ext.page.actions import Actions
+from hapnet.ext.page.choices import CHOICES, label_of
+from hapnet.ext.page.controls import Controls, Direction
+from hapnet.ext.page.history import Snapshot, coupled
+from hapnet.ext.page.link_form import LinkForm, put
+from hapnet.ext.page.scenes import LARGEST_FILE, MESHES, SCENES, needs, scene_label
+from hapnet.recording.telemetry import Status
+
+SMOOTHING_S = 0.02
+"""Time constant of the smoothing filter that the page switches on [s]."""
+
+ABOUT = """
+A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. They
+send each other their positions over a network, and a spring on each side pulls them together. The **arrow** is the
+force that the hand feels. The proxy stops at the wall; the handle goes on, and is pushed back.
+
+Late positions make such springs put energy into the hand: it shakes. **PSPM** watches the energy on both sides and
+moves a spring's end (the small dark ball) only as far as its reservoir can pay. So the *margin*, what is left of the
+energy that passivity allows, never falls below zero, whatever the link does. Choose the coupling `zoh` on a bad link to
+see the spring alone, and `paper` to see PSPM alone.
+
+With `hapnet`, the world also sends the device the planes near the proxy: its **local contact model** (faint
+blue). So the handle feels the wall at once, and moves freely, whatever the delay; and since PSPM pays for it, a model
+that is wrong creates no energy.
+"""
+
+SWITCH_HINT = (
+    "The force goes to zero, then another pair starts where the handle is, with fresh energy and a verdict of its own. "
+    "In a wall, some couplings then stay softer: lead the hand home first to compare."
+)
+
+SCENE_HINT = "Another pair starts in this world, with the handle at its beginning."
+
+FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at its origin" + needs("mesh")
+
+
+class ControlPanel:
+    """Coupling, scene and link; then buttons. In the container that is open when this is made.
+
+    lead : leads the hand, as a drag does.
+    starting : called with True when a new episode is about to start, and with False if it does not start.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        controls: Controls,
+        lead: Callable[[Vector | None], None],
+        starting: Callable[[bool], None],
+    ) -> None:
+        self._controls = controls
+        self._starting = starting
+        self._actions = Actions()
+        self._seen: dict[str, Any] = {}
+        fixed = controls.fixed
+        self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "coupling", tuple(CHOICES), disabled=bool(fixed), hint=fixed or SWITCH_HINT
+        )
+        self._scene: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "scene", tuple(SCENES), disabled=bool(fixed), hint=fixed or SCENE_HINT
+        )
+        if fixed:
+            gui.add_html(f'<div class="hapnet-fixed" style="padding:0 12px;font-size:12px;opacity:.8">{fixed}</div>')
+        file = gui.add_upload_button(
+            "a mesh of yours ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
+        )
+        self._up = LinkForm(
+            gui, "link, device to world" if fixed else "link, both directions", controls, self._actions,
+            self._directions_of_first,
+        )  # fmt: skip
+        self._down = LinkForm(gui, "link, world to device", controls, self._actions, lambda: ("down",))
+        self._down.folder.visible = False
+        with self._up.folder:
+            self._alike = gui.add_checkbox("both directions alike", not fixed, visible=not fixed)
+        self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
+        home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
+        with gui.add_folder("more"):
+            reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray", visible=not fixed)
+            self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red", visible=not fixed)
+            self._smoothing = gui.add_checkbox(
+                "smoothing filter", False, hint=f"{1e3 * SMOOTHING_S:.0f} ms, before PSPM", visible=not fixed
+            )
+        self._paused = self._recording = False
+
+        self._on_click(self._pause, self._switch_pause)
+        self._on_click(self._record, self._switch_recording)
+        self._on_click(reset, controls.reset, anew=True)
+        self._on_click(home, lambda: lead(None))
+        self._on_change(self._choice, self._couple)
+        self._on_change(self._scene, controls.scene)
+        self._on_change(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
+
+        @file.on_upload
+        async def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
+            given = file.value
+            self._do(lambda: self._take_file(given.name, given.content), True, event.client)
+
+        @self._alike.on_update
+        async def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
+            self._arrange()
+            if event.client is not None and self._alike.value:
+                self._up.send(event.client)
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Show what the sides report; an older report does not undo what a user has just changed."""
+        device, world = snapshot.device_status, snapshot.world_status
+        if device is not None:
+            if self._is_new("paused", (device.incarnation, device.paused)):
+                self._paused = device.paused
+                self._pause.label = "go on" if device.paused else "pause"
+                self._pause.icon = viser.Icon.PLAYER_PLAY if device.paused else viser.Icon.PLAYER_PAUSE
+            if self._is_new("recording", (device.incarnation, device.recording)):
+                self._recording = bool(device.recording)
+                self._record.label = "stop recording" if device.recording else "record"
+                self._record.icon = viser.Icon.PLAYER_STOP if device.recording else viser.Icon.PLAYER_RECORD
+            label = label_of(*coupled(device))
+            self._show_choice("coupling", self._choice, device, label)
+            self._show_scene(device if world is None else world)
+            smoothing = float(device.about.get("params", {}).get("device", {}).get("smoothing_s", 0.0))
+            if self._is_new("smoothing", (device.incarnation, smoothing)):
+                put(self._smoothing, smoothing > 0.0)
+        up, down = _words(device), _words(world)
+        if up is not None and down is not None:
+            if "links" not in self._seen and not self._controls.fixed:
+                self._seen["links"] = up, down
+                put(self._alike, up == down)
+            self._up.follow(up)
+            self._down.follow(down)
+
+    def forget(self) -> None:
+        """Show all that the sides report anew with the next `update`: the one before was not shown in full."""
+        self._seen.clear()
+        self._up.forget()
+        self._down.forget()
+
+    def _show_scene(self, side: Status) -> None:
+        params = side.about.get("params")
+        words = params.get("scene") if isinstance(params, dict) else None
+        label = scene_label(str(words or side.about.get("scene") or ""))
+        self._show_choice("scene", self._scene, side, label)
+
+    def _show_choice(self, name: str, offered: viser.GuiDropdownHandle[str], side: Status, label: str) -> None:
+        if label and self._is_new(name, (side.incarnation, label)):
+            if label not in offered.options:  # a user's own
+                offered.options = (*offered.options, label)
+            put(offered, label)
+
+    def _take_file(self, name: str, content: bytes) -> None:
+        if not name.lower().endswith(MESHES):
+            raise InvalidParameter("file", name, f"a mesh: {', '.join(MESHES)}")
+        if len(content) > LARGEST_FILE:
+            raise InvalidParameter("file", name, f"at most {LARGEST_FILE >> 20} MB")
+        self._controls.mesh(name, content)
+
+    def _is_new(self, name: str, value: object) -> bool:
+        known = self._seen.get(name, self)
+        self._seen[name] = value
+        return bool(known != value)
+
+    def _directions_of_first(self) -> tuple[Direction, ...]:
+        return ("up", "down") if self._alike.value else ("up",)
+
+    def _arrange(self) -> None:
+        self._up.folder.label = "link, both directions" if self._alike.value else "link, device to world"
+        self._down.folder.visible = not self._alike.value
+
+    def _switch_pause(self) -> None:
+        wanted = not self._paused
+        self._controls.pause(wanted)
+        self._paused = wanted  # a second click may come before the next status
+
+    def _switch_recording(self) -> None:
+        wanted = not self._recording
+        self._controls.record(wanted)
+        self._recording = wanted
+
+    def _couple(self, label: str) -> None:
+        if label not in self._choice.options:
+            raise InvalidParameter("coupling", label, ", ".join(CHOICES), CHOICES)
+        self._controls.coupling(*CHOICES.get(label, (label, "auto")))
+
+    def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None], anew: bool = False) -> None:
+        @button.on_click
+        async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            self._do(act, anew, event.client)
+
+    def _on_change(self, chosen: viser.GuiInputHandle[Any], act: Callable[[Any], None]) -> None:
+        """Call `act` with the value that a user chooses; if that fails, the one before stands again."""
+        before = chosen.value
+
+        @chosen.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            nonlocal before
+            value, kept = chosen.value, before
+            before = value
+
+            def undo() -> None:
+                nonlocal before
+                before = kept
+                put(chosen, kept)
+
+            if event.client is not None:
+                self._do(lambda: act(value), True, event.client, failed=undo)
+
+    def _do(
+        self,
+        act: Callable[[], None],
+        anew: bool,
+        client: viser.ClientHandle | None,
+        failed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Begin an action; if it fails, the page says so, and `failed` is called."""
+
+        def done(worked: bool) -> None:
+            if not worked:
+                self._starting(False)
+                failed()
+
+        if anew:
+            self._starting(True)
+        self._actions.begin(act, client, done=done)
+
+
+def _words(status: Status | None) -> str | None:
+    return None if status is None else str(status.link.get("profile", ""))

@@ -1,0 +1,205 @@
+"""Serves the page: one viser server, on whose event loop the page is made and drawn.
+
+viser's handles may be used from any thread, but each change wakes its loop's tasks at once, and waking them while the
+loop itself changes their list raises. On the loop there is no such moment. So the page's callbacks are coroutines.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import rich
+
+from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
+from hapnet.ext.page.controls import Controls
+from hapnet.ext.page.history import History
+from hapnet.ext.page.inner_loop import InnerLoop, inner_loops
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+    from hapnet.ext.page.playback import Playback
+
+FRAME_S = 1.0 / 60.0
+FRAMES_A_PLOT = 15
+"""Plots, numbers and controls are drawn at some 4 Hz: for a browser without a GPU they are the most work."""
+
+NICENESS = 10
+"""The priority of the page's threads, as `nice` counts."""
+
+IDLE_S = 0.1
+"""How often to check for a browser while there is none [s]."""
+
+PORTS = 100
+"""How many ports are tried, from the one asked for."""
+
+
+class PageServer:
+    """The page at `url`, until `close`. See `serve`."""
+
+    def __init__(
+        self,
+        history: History,
+        controls: Controls | None,
+        player: Playback | None,
+        host: str,
+        port: int,
+        frame_s: float,
+        token: str,
+    ) -> None:
+        self._frame_s = frame_s
+        self._closed = False
+        # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
+        logging.getLogger("websockets").addHandler(logging.NullHandler())
+        try:
+            import viser
+
+            from hapnet.ext.page.gate import ANY_HOST, Gate, new_token
+            from hapnet.ext.page.page import Page
+        except ImportError as error:
+            raise MissingLibrary("the live page", error.name or "viser", "view") from None
+
+        class Server(viser.ViserServer):
+            def request_share_url(self, verbose: bool = True) -> str | None:
+                """Refuse: otherwise any open page could ask for a tunnel to a public server."""
+                return None
+
+        def make() -> tuple[ViserServer, InnerLoop]:
+            _yield_to_servos()  # the server's own threads inherit it
+            with _quiet(), inner_loops() as made:
+                server = Server("127.0.0.1", 0, label="hapnet", verbose=False)
+            if len(made) != 1 or made[0].inner is None:
+                server.stop()
+                raise HapnetError(f"viser {viser.__version__} opens a port of its own, which nobody guards: no page")
+            return server, made[0]
+
+        self.port: int = _free_port(host, port)
+        with ThreadPoolExecutor(1) as thread:
+            self._server, self._loop = thread.submit(make).result()
+        token = token or new_token()
+        self._gate = Gate(self._loop.connect, token, host, viser.__version__)
+        asyncio.run_coroutine_threadsafe(self._gate.open(self.port), self._loop).result()
+        shown = {"::": "::1"}.get(host, "127.0.0.1") if host in ANY_HOST else host
+        self.url: str = f"http://{f'[{shown}]' if ':' in shown else shown}:{self.port}/{token}/"
+
+        async def begin() -> asyncio.Task[None]:
+            self._page = Page(self._server, history, controls, player)
+            return asyncio.create_task(self._draw())
+
+        self._drawing = asyncio.run_coroutine_threadsafe(begin(), self._loop).result()
+
+    @property
+    def watched(self) -> bool:
+        """Does a browser show the page now?"""
+        return bool(self._server.get_clients())
+
+    @property
+    def refused(self) -> int:
+        """How many requests and messages were refused."""
+        return self._gate.refused
+
+    def close(self) -> None:
+        """Stop drawing and serving; calling it twice does no harm."""
+        if self._closed:
+            return
+        self._closed = True
+        asyncio.run_coroutine_threadsafe(_ended(self._drawing), self._loop).result()
+        asyncio.run_coroutine_threadsafe(self._gate.close(), self._loop).result()
+        with _quiet():
+            self._server.stop()
+
+    def __enter__(self) -> PageServer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    async def _draw(self) -> None:
+        """Draw until cancelled; what fails in a drawing is the page's to handle (`Steps`)."""
+        due, frame = time.monotonic(), 0
+        while True:
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            now = time.monotonic()
+            if not self.watched:
+                due = now + IDLE_S
+                continue
+            self._page.draw(now, rest=frame % FRAMES_A_PLOT == 0)
+            frame += 1
+            due = max(due + self._frame_s, now - self._frame_s)  # one late frame is made up for, more are skipped
+
+
+def serve(
+    history: History,
+    controls: Controls | None = None,
+    *,
+    player: Playback | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    frame_s: float = FRAME_S,
+    token: str = "",
+) -> PageServer:
+    """Serve the page that shows `history`, from threads of its own, until the server is closed.
+
+    controls : what the page may change; None: it only watches. player : plays a recording, if it shows one.
+    host : the address to listen on; by default only this machine reaches it. Whoever knows the page's `url` may press
+        every button, nobody else: see gate.py.
+    port : if it is taken, the next free one is used; 0: any.
+    frame_s : time between two pictures of the scene [s]. token : what the address ends in; "": a new one.
+
+    Raises MissingLibrary: viser is not installed. InvalidParameter: there is no such address here, or no port is free.
+    """
+    return PageServer(history, controls, player, host, port, frame_s, token)
+
+
+def _free_port(host: str, port: int) -> int:
+    """The first free port from `port` on. viser would search by itself, but hangs if there is none."""
+    if not 0 <= port <= 65535:
+        raise InvalidParameter("port", port, "0 to 65535")
+    for candidate in range(port, min(port + PORTS, 65536)):
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, candidate, type=socket.SOCK_STREAM)[0]
+            with socket.socket(family, kind, protocol) as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind(address)
+                return int(probe.getsockname()[1])
+        except OSError as error:
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                raise InvalidParameter("host", host, f"an address of this machine ({error.strerror})") from None
+    raise InvalidParameter("port", port, f"a port such that one of the {PORTS} from it on is free")
+
+
+async def _ended(task: asyncio.Task[None]) -> None:
+    """Cancel a task, and wait until it has ended."""
+    task.cancel()
+    await asyncio.wait((task,))
+
+
+def _yield_to_servos() -> None:
+    """Give this thread, and those that it starts, a lower priority: a servo on the same cores comes first."""
+    if sys.platform == "linux":  # elsewhere it would be the whole process
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Suppress what viser prints on the terminal when it starts and stops."""
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before

@@ -1,0 +1,293 @@
+"""A report as one HTML file, for any browser and for print: nothing is loaded from elsewhere.
+
+The only script is plotly.js, in the page itself where the extra `zoom` is installed; without scripts it shows pictures.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from hapnet.couplings.registry import COUPLINGS, known
+from hapnet.ext.pictures import tables
+from hapnet.ext.pictures.html import Html, element, join, table
+from hapnet.ext.pictures.pictures import Picture
+from hapnet.ext.pictures.settings import Setting, commands, of_side, settings
+from hapnet.ext.pictures.zoomed import library
+from hapnet.recording import alignment
+from hapnet.recording.samples import Recording
+from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
+from hapnet.summary.words import get, has_reservoirs, number, outcome, tuning, verdict
+
+FOLDED = 12
+"""A longer list of events is folded."""
+
+MOST_EVENTS = 500
+"""Further events are in the recording only."""
+
+_POLICY = "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'"
+_ZOOM = """
+for (const shown of document.querySelectorAll(".zoom")) {
+  const {data, layout} = JSON.parse(shown.firstElementChild.textContent);
+  Plotly.newPlot(shown, data, layout, {
+    responsive: true, scrollZoom: true, displaylogo: false, modeBarButtonsToRemove: ["sendChartToCloud"],
+  });
+}
+"""
+_HOW_TO_ZOOM = " Drag over a part to zoom into it, turn the wheel, or double-click to see all again."
+_WHAT_IT_MEANS = {
+    "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
+    "(Theorem 1). The line above says how much came out at most, how much of the bound was left at the end, and the "
+    "minimum that was left after the first second.",
+    "bad": "More energy came out than the account allows: Theorem 1 does not hold for this run.",
+    "unknown": "The known data do not show whether Theorem 1 held throughout.",
+}
+_HALF = (
+    "One side's recording contains only what went in and out at its own port, which is its half of Theorem 1. "
+    "hapnet report with the files of both sides shows the whole."
+)
+_MEASURED = {
+    "good": "At no observed time had the hand and the world together taken out more energy than the bound d² allows.",
+    "bad": "More energy came out of the two ports than was put in plus the bound d².",
+    "unknown": "The known data do not allow a verdict.",
+}
+"""For couplings to which Theorem 1 does not apply."""
+_NO_EVENTS = "A run in virtual time records no events; the summary counts its silences."
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file from which a report is made.
+
+    repaired : its repaired copy, if it was torn. written : when the file was last written, in UTC.
+    """
+
+    path: Path
+    role: str
+    torn: bool = False
+    repaired: Path | None = None
+    written: str = ""
+
+
+def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[Source]) -> str:
+    """The report on `recording`, which must have a summary, with its pictures.
+
+    All that comes from a recording is escaped as text. Pass it through `legible` first.
+    """
+    summary = read(recording.summary)
+    energy = tables.energy(summary)
+    hand = _of_device(recording, "operator")
+    title = f"Scene {get(recording.meta, 'scene') or 'unknown'}{f', hand {hand}' if hand else ''}"
+    body = element(
+        "main",
+        _head(summary, title, sources),
+        _section("What was run", _facts(recording, sources)),
+        _section("What happened", _picture(drawn.get("run")), _picture(drawn.get("scene"))),
+        _section(
+            "Summary",
+            _table(tables.both_ports(summary)),
+            _table(tables.sides(summary)),
+            _table(tables.environment(summary)),
+            _table(tables.motion(summary)),
+        ),
+        _section("Path", _table(tables.path(summary))),
+        _section("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
+        _section("Energy account", _table(energy), element("p", _ENERGY) if energy.rows else Html()),
+        _section("Servo", _picture(drawn.get("servo"))),
+        _section("Silences and events", _events(recording)),
+        _section("How to make it again", _commands(recording, sources)),
+        _section("Settings", _settings(settings(recording))),
+        _section("Versions", _versions(recording)),
+        _section("Files", _files(sources)),
+    )
+    scripts = [library(), _ZOOM] if any(picture.zoomed for picture in drawn.values()) else []
+    style = Html((files("hapnet.ext.pictures") / "style.css").read_text("utf-8"))
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=_policy(scripts)),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("title", f"{title}: hapnet report"),
+        element("style", style),
+    )
+    run = [element("script", Html(script)) for script in scripts]
+    return f"<!doctype html>\n{element('html', head, element('body', body, *run), lang='en')}\n"
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """Only these scripts run, known by their digests."""
+    digests = [f"'sha256-{b64encode(sha256(script.encode()).digest()).decode('ascii')}'" for script in scripts]
+    return f"{_POLICY}; script-src {' '.join(digests)}" if scripts else _POLICY
+
+
+_ENERGY = (
+    "Shuffled energy is counted in whole nanojoules: energy sent is exactly the sum of energy credited, in flight "
+    "and abandoned. “Discarded” in the summary is the surplus that a side did not send."
+)
+
+
+def _head(summary: Summary, title: str, sources: Sequence[Source]) -> Html:
+    line, coupling = verdict(summary), str(summary["coupling"])
+    found = outcome(summary)
+    alone = found == "unknown" and None in (summary["device"], summary["world"])
+    if has_reservoirs(coupling):
+        meaning = _HALF if alone else _WHAT_IT_MEANS[found]
+    else:
+        judged, spec = "" if alone else f"{_MEASURED[found]} ", known(coupling)
+        claim = "Nothing is claimed about this coupling: it is the user's own."
+        if spec is not None:
+            claim = f"What is claimed about this coupling ({spec.title}; {spec.source}): {spec.claim}."
+        meaning = judged + claim
+    return element(
+        "header",
+        element("p", "hapnet report", class_="kicker"),
+        element("h1", title),
+        element("p", line[0].upper() + line[1:], class_=f"verdict {found}"),
+        element("p", meaning),
+        *(element("p", _torn(source), class_="note") for source in sources if source.torn),
+    )
+
+
+def _torn(source: Source) -> str:
+    words = f"{source.path.name} is torn: its writer was killed. The report covers the samples that can be read"
+    return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
+
+
+def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
+    summary, meta = read(recording.summary), recording.meta
+    coupling = str(summary["coupling"])
+    duration = summary["duration_s"]
+    facts = {
+        "scene": get(meta, "scene"),
+        "hand": _of_device(recording, "operator"),
+        "device": _of_device(recording, "hardware"),
+        "coupling": f"{COUPLINGS[coupling].title} ({coupling})" if coupling in COUPLINGS else coupling,
+        "tuned to": tuning(summary),
+        **{f"{direction}link": _link(recording, direction) for direction in DIRECTIONS},
+        "duration": None if duration is None else f"{number(duration)} s",
+        "seed": summary["seed"],
+        "clock": "virtual time" if get(meta, "clock") == "virtual" else "real time",
+        "clocks": alignment.words(meta),
+        "file written": ", ".join(dict.fromkeys(source.written for source in sources if source.written)),
+    }
+    known_ones = {name: str(value) for name, value in facts.items() if value not in (None, "")}
+    items = [element("div", element("dt", name), element("dd", value)) for name, value in known_ones.items()]
+    return element("dl", *items)
+
+
+def _link(recording: Recording, direction: Direction) -> str | None:
+    side = of_side(recording, "device" if direction == "up" else "world")
+    asked = get(side, "links", direction)
+    if asked is None:
+        link = read(recording.summary)["links"][direction]
+        asked = None if link is None else link["profile"]
+    timeline = get(side, "params", "link", f"{direction}_timeline")
+    return None if asked is None else f"{asked or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
+
+
+def _events(recording: Recording) -> Html:
+    if not (events := recording.events):
+        virtual = get(recording.meta, "clock") == "virtual"
+        return element("p", _NO_EVENTS if virtual else "None were recorded.")
+    origin_ns = int(recording.meta.get("origin_ns", 0))
+    rows = [
+        (f"{round((event.time_ns - origin_ns) / 1e9, 3) + 0.0:.3f}", event.kind, event.text)
+        for event in events[:MOST_EVENTS]
+    ]
+    shown = table(("time [s]", "kind", "what"), rows, class_="events")
+    if len(events) > len(rows):
+        shown = join(shown, element("p", f"The other {len(events) - len(rows)} are in the recording only."))
+    if len(events) <= FOLDED:
+        return shown
+    counts = ", ".join(f"{count} {kind}" for kind, count in Counter(e.kind for e in events).most_common(FOLDED))
+    return element("details", element("summary", f"{len(events)} events: {counts}"), shown)
+
+
+def _settings(rows: list[Setting]) -> Html:
+    if not rows:
+        return element("p", "The recording does not contain them.")
+    changed = sum(bool(row.default) for row in rows)
+    words = (
+        f"{changed} of {len(rows)} differ from the defaults; they are marked." if changed else "All are the defaults."
+    )
+    cells = [
+        (
+            join(element("mark", one.name), " ") if one.default else one.name,
+            one.value,
+            one.default,
+            one.source,
+            one.meaning,
+        )
+        for one in rows
+    ]
+    names = ("parameter", "value", "default", "set by", "meaning")
+    return join(element("p", words), table(names, cells, class_="settings"))
+
+
+def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
+    found = commands(recording, [s.repaired or s.path for s in sources if s.role != "no samples"])
+    if not found:
+        return element("p", "This version of hapnet cannot use the recording's settings.")
+    return join(*(join(element("p", f"{c.purpose}:"), element("pre", element("code", c.line))) for c in found))
+
+
+def _versions(recording: Recording) -> Html:
+    reported = {
+        side: get(of_side(recording, side), "versions") or read(recording.summary)["versions"]
+        for side in ("device", "world")
+    }
+    same = reported["device"] == reported["world"]
+    columns = {"": reported["device"]} if same else reported
+    names = dict.fromkeys(name for versions in columns.values() if isinstance(versions, Mapping) for name in versions)
+    rows = [(name, *(str(get(versions, name) or "-") for versions in columns.values())) for name in names]
+    return table(("" if same else "package", *columns), rows) if rows else element("p", "Unknown.")
+
+
+def _files(sources: Sequence[Source]) -> Html:
+    rows = [
+        (
+            str(source.path),
+            source.role,
+            f"torn, repaired copy: {source.repaired or 'none'}" if source.torn else "whole",
+            source.written or "-",
+        )
+        for source in sources
+    ]
+    return table(("file", "side", "state", "written"), rows, class_="files")
+
+
+def _section(title: str, *parts: Html) -> Html:
+    """A section of the page; empty if it has no content."""
+    return element("section", element("h2", title), *parts) if any(parts) else Html()
+
+
+def _table(content: tables.Table) -> Html:
+    if not content.rows:
+        return Html()
+    head = ("", *content.columns) if any(content.columns) else ()
+    return table(head, content.rows, caption=content.title, class_="numbers")
+
+
+def _picture(picture: Picture | None) -> Html:
+    if picture is None:
+        return Html()
+    source = f"data:image/png;base64,{b64encode(picture.png).decode('ascii')}"
+    image = element("img", src=source, alt=picture.alternative)
+    shown, caption = element("div", image, class_="wide", tabindex="0"), picture.caption
+    if picture.zoomed:
+        content = element("script", Html(picture.zoomed), type="application/json")
+        shown = join(element("div", content, class_="wide zoom"), element("noscript", shown))
+        caption += _HOW_TO_ZOOM
+    return element("figure", shown, element("figcaption", caption))
+
+
+def _of_device(recording: Recording, name: str) -> Any:
+    """A parameter that only the device's process uses; None without its recording."""
+    return None if recording.device is None else get(of_side(recording, "device"), "params", name)

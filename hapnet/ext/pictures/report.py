@@ -1,0 +1,116 @@
+"""`hapnet.report`: what was recorded of a run as a page, pictures and a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import cast
+
+from hapnet.ext.pictures.files import png, save
+from hapnet.ext.pictures.notebook import html
+from hapnet.ext.pictures.page import Source, page
+from hapnet.ext.pictures.pictures import Picture, pictures
+from hapnet.ext.pictures.run import figure
+from hapnet.loading import only_imported, permitting
+from hapnet.recording.opened import Recorded, opened
+from hapnet.recording.samples import Recording
+from hapnet.summary.from_samples import motion
+from hapnet.summary.recorded import of_recordings
+from hapnet.summary.structure import Motion, Summary
+from hapnet.summary.words import legible, verdict
+
+PAGE = "report.html"
+
+
+@dataclass(frozen=True)
+class Report:
+    """A run as people look at it.
+
+    recording : with its summary, and with texts that are safe to show. sources : the files that it is from.
+    parts : the recordings in these.
+    """
+
+    recording: Recording
+    sources: tuple[Source, ...] = ()
+    parts: tuple[Recording, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Report({verdict(self.summary)})"
+
+    @property
+    def summary(self) -> Summary:
+        """As `hapnet report --json -` prints it; its keys are in `hapnet.summary.structure`."""
+        return cast("Summary", self.recording.summary)
+
+    @cached_property
+    def pictures(self) -> Mapping[str, Picture]:
+        """Pictures by name: ``run``, ``scene`` of solids, ``link`` and ``servo`` if their histograms were counted."""
+        return pictures(self.recording)
+
+    @property
+    def page(self) -> str:
+        """One file of HTML, with its pictures in it."""
+        return page(self.recording, self.pictures, self.sources)
+
+    def content(self, page: str, names: Mapping[str, str]) -> dict[str, bytes]:
+        """What `write` writes, by the files' names: the page, and the pictures for which `names` has one."""
+        files = {page: self.page.encode("utf-8", errors="replace")}
+        files |= {names[name]: picture.png for name, picture in self.pictures.items() if name in names}
+        return files | {names["run"]: png(figure(self.recording))}  # alone it has a title
+
+    def write(self, directory: str | PathLike[str], stem: str = "report") -> list[Path]:
+        """Write ``report.html`` and ``report.png``, and the other pictures beside them. Raises RecordingError."""
+        found = self.content(f"{stem}.html", names_of(stem))
+        for name, data in found.items():
+            save(data, Path(directory) / name, "figure" if name.endswith(".png") else "report")
+        return [Path(directory) / name for name in found]
+
+    def _repr_html_(self) -> str:
+        return html(self.recording)
+
+
+@permitting(only_imported)
+def report(what: Recorded, directory: str | PathLike[str] | None = None) -> Report:
+    """The report on a run, written into `directory` (``report.html`` and its pictures) if that is given.
+
+    ``report(simulate(), "runs")``; or what was recorded: a file, the device's and the world's, a run's directory.
+
+    Raises InvalidParameter, RecordingError: these are not the recordings of a run, or nothing can be written.
+    MissingLibrary: there is nothing that draws (extra `report`).
+    """
+    found = opened(what)
+    summary = found.whole.summary if not found.files else None
+    if summary is None:
+        summary = of_recordings(found.files, found.parts) if found.files else of_recordings([Path("run")], found.parts)
+        reported, moved = summary.get("motion"), motion(found.whole)
+        if isinstance(reported, Mapping):  # the other side's report of its own stays
+            moved = cast("Motion", {key: reported.get(key) if one is None else one for key, one in moved.items()})
+        summary["motion"] = moved
+    sources = [source_of(file, recording) for file, recording in zip(found.files, found.parts, strict=False)]
+    made = Report(_legible(replace(found.whole, summary=summary)), tuple(sources), found.parts)
+    if directory is not None:
+        made.write(directory)
+    return made
+
+
+def names_of(stem: str) -> dict[str, str]:
+    """The files' names of the pictures."""
+    return {"run": f"{stem}.png", **{name: f"{stem}-{name}.png" for name in ("scene", "link", "servo")}}
+
+
+def source_of(file: Path, recording: Recording) -> Source:
+    """What a report says about the file of a recording."""
+    sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
+    role = "both" if len(sides) == 2 else sides[0] if sides else "no samples"
+    written = datetime.fromtimestamp(file.stat().st_mtime, UTC)
+    return Source(Path(legible(str(file))), role, recording.torn, None, f"{written:%Y-%m-%d %H:%M:%S} UTC")
+
+
+def _legible(recording: Recording) -> Recording:
+    """A recording whose texts are safe to show, whoever wrote them."""
+    events = [event._replace(kind=legible(event.kind), text=legible(event.text)) for event in recording.events]
+    return replace(recording, meta=legible(recording.meta), summary=legible(recording.summary), events=events)

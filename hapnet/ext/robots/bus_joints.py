@@ -1,0 +1,145 @@
+"""Which servo turns which joint of an arm: its table of links, and a calibration file, ours or LeRobot's.
+
+Ours is an object of JSON: the joints' names, and for each its servo's ``id``, the count at which the joint stands at 0
+(``zero``), and whether its count falls where the angle grows (``reversed``). LeRobot's has ``id``, ``drive_mode``,
+``homing_offset``, ``range_min`` and ``range_max``: the joint is at 0 in the middle of its range, as LeRobot's degrees
+are, and its range is its stops. The offset is in the servo itself. Joints that the arm lacks, a gripper, are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hapnet import checks
+from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.chain import Chain, difference, gravity, height
+from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.table import ArmTable, chain_of
+from hapnet.ext.arms.urdf import table_from
+from hapnet.file_content import read_json, read_text
+from hapnet.records.vectors import inner
+
+COUNTS = 4096
+"""Of a servo's encoder in a turn."""
+
+COUNT_RAD = 2.0 * math.pi / COUNTS
+
+
+class JointServo(NamedTuple):
+    """A servo of a joint: its angle is ``sign (count - zero)`` counts; lower, upper : the joint's stops [rad]."""
+
+    name: str
+    servo: int
+    zero: float = COUNTS / 2
+    sign: int = 1
+    lower: float = -math.inf
+    upper: float = math.inf
+    offset: int | None = None
+    """What the servo's own register must hold; None: whatever it does."""
+
+    def angle(self, count: int) -> float:
+        """The joint's angle [rad]."""
+        return self.sign * (count - self.zero) * COUNT_RAD
+
+    def count(self, angle: float) -> int:
+        """The nearest count."""
+        return round(self.zero + self.sign * angle / COUNT_RAD)
+
+
+def arm_table(arm: str, tip: str) -> ArmTable:
+    """The arm ``omni``, or that of a URDF file with this link as its tip. Raises InvalidParameter."""
+    if arm == "omni":
+        return omni()
+    return table_from(_text("arm", arm, "omni, or a URDF file that can be read"), Path(arm).name, tip)
+
+
+def joints_of(table: ArmTable, calibration: str, *, in_servo: bool) -> tuple[JointServo, ...]:
+    """The servos of an arm's joints, in its order; without a file servos 1, 2, ... that stand at 0 in half a turn.
+
+    in_servo : does a servo itself turn its counts round, where LeRobot's ``drive_mode`` says so?
+
+    Raises InvalidParameter: the file cannot be read, or lacks a joint.
+    """
+    if not calibration:
+        return tuple(
+            JointServo(joint.name, k, lower=joint.lower, upper=joint.upper) for k, joint in enumerate(table.joints, 1)
+        )
+    text = _text("calibration", calibration, "a file of JSON that can be read")
+    try:
+        found = read_json(text)
+        return tuple(
+            _joint(joint.name, found[joint.name], joint.lower, joint.upper, in_servo) for joint in table.joints
+        )
+    except ValueError as error:
+        raise InvalidParameter("calibration", calibration, f"a file of JSON ({error})") from None
+    except (KeyError, TypeError, AttributeError) as error:
+        names = ", ".join(joint.name for joint in table.joints)
+        raise InvalidParameter(
+            "calibration", calibration, f"one with the joints {names}, each with id and zero, or as LeRobot ({error})"
+        ) from None
+
+
+def _joint(name: str, given: dict[str, Any], lower: float, upper: float, in_servo: bool) -> JointServo:
+    servo = checks.whole(f"id of {name}", given["id"], at_least=0)
+    if "zero" in given:
+        return JointServo(
+            name, servo, float(given["zero"]), -1 if given.get("reversed", False) else 1, lower, upper, None
+        )
+    least, most = sorted((int(given["range_min"]), int(given["range_max"])))
+    half = 0.5 * (most - least) * COUNT_RAD
+    sign = -1 if given.get("drive_mode", 0) and not in_servo else 1
+    return JointServo(name, servo, 0.5 * (least + most), sign, -half, half, int(given["homing_offset"]))
+
+
+def _text(name: str, path: str, allowed: str) -> str:
+    try:
+        return read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidParameter(name, path, f"{allowed} ({getattr(error, 'strerror', None) or error})") from None
+
+
+class Posture:
+    """An arm's kinematics and weight in one posture after another. by_joints : are its axes the joints, or the tip?
+
+    Attributes
+    ----------
+    q : the joints' angles [rad]. x : the axes' position, from home. levers : how each joint moves the axes, J'.
+    weight : the torques that carry the arm [Nm]. stored_J : the potential of its weight.
+    """
+
+    def __init__(self, table: ArmTable, by_joints: bool) -> None:
+        self._chain: Chain = chain_of(table)
+        self._home, self._by_joints = table.home, by_joints
+        n = len(table.home)
+        self._loads = [0.0] * n
+        self.x: tuple[float, ...] = ()
+        self.levers: list[list[float]] = [[float(i == k) for k in range(n)] for i in range(n)]
+        difference(self._chain, self._chain.tip, list(self._home), list(self._home))
+        self._origin = tuple(self._chain.tip.begin)
+        self.look(self._home)
+
+    def look(self, q: tuple[float, ...]) -> None:
+        """Take this posture."""
+        chain, self.q = self._chain, q
+        angles = list(q)
+        if self._by_joints:
+            self.x = tuple([angle - home for angle, home in zip(q, self._home, strict=True)])
+        else:
+            difference(chain, chain.tip, angles, angles)
+            self.x = tuple([here - home for here, home in zip(chain.tip.begin, self._origin, strict=True)])
+            self.levers = [list(column) for column in chain.tip.columns[: chain.n]]
+        gravity(chain, angles, angles, self._loads)
+        self.weight = tuple(self._loads)
+        self.stored_J = height(chain, angles)
+
+    def torques(self, force: tuple[float, ...]) -> tuple[float, ...]:
+        """J'F [Nm]."""
+        return tuple([inner(lever, force) for lever in self.levers])
+
+    def velocity(self, rates: tuple[float, ...]) -> tuple[float, ...]:
+        """J q'."""
+        return tuple(
+            [sum(lever[r] * rate for lever, rate in zip(self.levers, rates, strict=True)) for r in range(len(self.x))]
+        )

@@ -1,0 +1,180 @@
+"""The joint torques of an FR3 for a force at its tool, and the work that they do. No I/O, no clock.
+
+    tau   = J' F + tau_h                       J : of the tool's position, 3 x 7
+    tau_h = J' (k (x0 - x) - b v)_held + W' (K_w e - B_w w) + (k_e n' (q0 - q) - d a) M n / (n' M n) + c
+
+* along axes that the scene does not have, the tool is held where it began (_held);
+* the wrist's spring has the potential K_w (1 - cos angle), with e = 1/2 sum of r_i x r_i0 over the columns r_i of the
+  tool's rotation; w = W dq;
+* the elbow is damped, and goes back to where it began: n, of length 1, spans the null space of J and W, and
+  a = n' M dq / n' M n is the speed along it. Torques along M n do not accelerate the tool; the damper puts in -d a^2;
+* c compensates Coriolis' and centrifugal torques.
+
+The account. Between two readings the joints move by dq, the tool by dx, and a torque acts that the robot reports as
+tau_J_d: of the one reported before and the one reported after, the one that put out more. Its work is that of the force
+that `acted` returns plus that of tau_h. Dampers and springs with a potential give out no more than they took; c and the
+elbow's spring may. So tau_h has an account of its own: where it comes near -`LENT_J`, springs and c are left out, and
+what it lacks is charged to the force. Where the tool moves too little to say which force did a work, the rest is owed
+and counted in the next readings.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.ext.robots.joint_torques import paid, share
+
+Array = NDArray[np.float64]
+
+JOINTS = 7
+PERIOD_S = 1e-3
+TORQUE_LIMIT: Array = np.array([87.0] * 4 + [12.0] * 3)
+"""Of each joint [Nm]."""
+
+LOST_IN_A_ROW = 20
+"""After so many cycles without a command the robot stops."""
+
+RATE = 990.0
+"""Its torques change by at most 1000 Nm/s; states are floats of 32 bits, so a hundredth less."""
+
+LENT_J = 0.01
+"""What the holding torques may give out before they have taken it in."""
+
+HELD_STIFFNESS, HELD_DAMPING = 600.0, 60.0
+MOST_OWED_N = 2.0
+"""What is owed changes the force by at most so much."""
+
+ELBOW_PER_S = 5.0
+"""The elbow's spring k_e [Nm/rad] is so many times its damper [Nms/rad]."""
+
+_WRIST_DAMPING_S = 0.08
+_SAME_NM = 1e-3
+_HOLDING = 0.6
+"""The share of the limit that holding may use."""
+
+
+class Arm(NamedTuple):
+    """One state: q [rad], dq [rad/s], the torque that the robot reports [Nm], the tool's position [m] and rotation, the
+    Jacobians of its position and of its rotation."""
+
+    q: Array
+    dq: Array
+    torque: Array
+    position: Array
+    rotation: Array
+    linear: Array
+    angular: Array
+
+    @classmethod
+    def of(cls, state: Any, jacobian: Any) -> Arm:
+        """From libfranka's RobotState and its Jacobian of 6 x 7; both have their columns one after the other."""
+        pose = np.array(state.O_T_EE).reshape(4, 4).T
+        both = np.array(jacobian).reshape(JOINTS, 6).T
+        q, dq, torque = (np.array(one) for one in (state.q, state.dq, state.tau_J_d))
+        return cls(q, dq, torque, pose[:3, 3], pose[:3, :3], both[:3], both[3:])
+
+
+class _Command(NamedTuple):
+    """torque [Nm] : that was sent, for a force [N] and with a holding torque [Nm]."""
+
+    torque: Array
+    force: Array
+    hold: Array
+
+
+class Account(NamedTuple):
+    """held : what the holding torques have taken in less what they gave out [J]. owed : work of the torques that no
+    force has been charged with yet [J]."""
+
+    held: float
+    owed: float
+
+
+class Torques:
+    """Torques for a force, with their account.
+
+    start : where the tool begins. held : projects on the axes that the scene does not have (3, 3). wrist [Nm/rad] and
+    elbow [Nms/rad] : see above.
+    """
+
+    def __init__(self, start: Arm, held: Array, wrist: float, elbow: float) -> None:
+        self._start, self._held, self._wrist, self._elbow = start, held, wrist, elbow
+        self._before = start
+        self.force: Array = np.zeros(3)
+        """The force that was sent last, after all limits [N]."""
+        nothing = _Command(np.zeros(JOINTS), np.zeros(3), np.zeros(JOINTS))
+        self._open = deque([nothing], LOST_IN_A_ROW)  # what the robot may have: the command that it reported, and later
+        self._held_J = self._owed_J = 0.0
+
+    @property
+    def account(self) -> Account:
+        return Account(self._held_J, self._owed_J)
+
+    def of(self, arm: Arm, force: Array, coriolis: Array, mass: Array) -> Array:
+        """The torques (7,) to send at `arm` for `force` (3,) [N]; mass : M, 7 x 7 one row after the other."""
+        push = arm.linear.T @ force
+        hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
+        most = share(push.tolist(), hold.tolist(), TORQUE_LIMIT.tolist())
+        torque, part = self._towards(hold + most * push, arm.torque)
+        self.force = self.force + part * (most * force - self.force)
+        self._open.append(_Command(torque, self.force, torque - arm.linear.T @ self.force))
+        return torque
+
+    def fading(self, arm: Arm) -> Array:
+        """The torques to send at `arm` on the way to none."""
+        self.acted(arm)
+        torque, _ = self._towards(np.zeros(JOINTS), arm.torque)
+        self._open.append(_Command(torque, np.zeros(3), torque))
+        return torque
+
+    def _towards(self, wanted: Array, reported: Array) -> tuple[Array, float]:
+        """The torque on the way to `wanted`, and which part of it: no step is too large, whichever the robot has."""
+        sent, may = self._open[-1].torque, np.array([reported, *(one.torque for one in self._open)])
+        step, most = wanted - sent, RATE * PERIOD_S
+        room = np.where(step > 0.0, may.min(axis=0) + most - sent, sent - may.max(axis=0) + most)
+        part = float(np.clip(np.min(room / np.maximum(np.abs(step), 1e-12)), 0.0, 1.0))
+        return sent + part * step, part
+
+    def acted(self, arm: Arm) -> Array:
+        """The force (3,) [N] that acted since the last state."""
+        before, self._before = self._before, arm
+        joints, moved = arm.q - before.q, arm.position - before.position
+        torque, (_, force, hold) = before.torque, self._open[0]
+        same = [bool(np.max(np.abs(arm.torque - one.torque)) < _SAME_NM) for one in self._open]
+        for _ in range(len(same) - 1 - same[::-1].index(True) if any(same) else 0):
+            self._open.popleft()
+        if arm.torque @ joints > torque @ joints:
+            torque, (_, force, hold) = arm.torque, self._open[0]
+        self._held_J -= float(hold @ joints)
+        self._owed_J += float(torque @ joints - hold @ joints - force @ moved)
+        if self._held_J < -LENT_J:
+            self._owed_J -= self._held_J + LENT_J
+            self._held_J = -LENT_J
+        moved = moved - self._held @ moved  # no force is known to act along the others
+        acted, self._owed_J = paid(self._owed_J, tuple(force.tolist()), tuple(moved.tolist()), MOST_OWED_N)
+        return np.array(acted)
+
+    def _holding(self, arm: Arm, coriolis: Array, mass: Array) -> Array:
+        velocity, turning = arm.linear @ arm.dq, arm.angular @ arm.dq
+        null = np.linalg.svd(np.vstack((arm.linear, arm.angular)))[2][-1]
+        along = mass @ null
+        inertia = float(null @ along)
+        torque: Array = -self._elbow * float(along @ arm.dq) / inertia**2 * along
+        back = ELBOW_PER_S * self._elbow * float(null @ (self._start.q - arm.q)) / inertia
+        torque = torque - arm.linear.T @ (HELD_DAMPING * self._held @ velocity)
+        torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * self._wrist * turning)
+        if self._held_J <= -0.5 * LENT_J:
+            return torque
+        away = self._held @ (self._start.position - arm.position)
+        turned = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
+        pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (self._wrist * turned) + back * along
+        return torque + pull + coriolis
+
+
+def _limited(torque: Array) -> Array:
+    """A holding torque, shortened to the share of each joint's limit that it may use."""
+    return torque * min(1.0, float(np.min(_HOLDING * TORQUE_LIMIT / np.maximum(np.abs(torque), 1e-12))))

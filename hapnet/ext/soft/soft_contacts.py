@@ -1,0 +1,370 @@
+"""A ball, the proxy, an elastic body that it presses, and rigid solids around: what a step needs, and its energy.
+
+The equations of the points that touch are those of `hapnet.ext.soft.soft_touch`, the body's those of
+`hapnet.ext.soft.soft_body`. The stored energy is anchored (`hapnet.ext.solids.rigid_contacts`): at a step's onset
+all strains and depths are set back to the true ones, times one common s that E_c can pay for. E_c gets what dampers and
+friction dissipate. It is full at the start: this much the body may give out, and it is part of what is stored then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import Any
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.errors import InvalidParameter
+from hapnet.ext.engines.observed_world import compliance_of
+from hapnet.ext.soft.soft_body import Body
+from hapnet.ext.soft.soft_linear import Indices, conjugate_gradients, one_thread
+from hapnet.ext.soft.soft_planes import planes_at
+from hapnet.ext.soft.soft_solids import Solids
+from hapnet.ext.soft.soft_touch import Touch, block_diagonal
+from hapnet.ext.solids.rigid_contacts import Solid, padded
+from hapnet.mechanics.contacts import Inverse, Surroundings
+from hapnet.mechanics.plane import Plane
+
+RESERVOIR_J = 0.01
+"""The ceiling of E_c."""
+
+TOLERANCE = 0.01
+"""Of the linear solve."""
+
+_SOLVES = 5
+_FAR_M = 1e-3
+"""If a node goes by so much farther than expected, the body's turns are computed again."""
+
+_NEAR_M, _MOST, _MOST_LYING = 3e-3, 150, 300
+"""A point may touch if it is nearer to the ball's way than this, and than what it goes itself; the most that touch the
+ball, and the most that touch solids."""
+
+_FREE = 1e3
+"""So compliant is what nothing holds [m/N]."""
+
+_SETTLING_S, _SETTLES, _SETTLED_MPS = (0.01, 0.1), 20, 1e-4
+"""The first steps are short: in a long one a body would tilt over an edge before that pushes back."""
+
+_SUNK = 0.5
+"""A point may be so far behind the ball's centre, as a cosine: a ball that has sunk in by more than its radius touches
+what is beside it too."""
+
+_STAYS_S = 0.5
+"""Time constant with which the shape without the ball is followed: a body that is held has about that of its rest, and
+what follows from one step's motion alone is rough."""
+
+
+@dataclass(frozen=True)
+class Skin:
+    """How a body meets the ball: k [N/m], b [Ns/m] and mu of each of its points; the ball's radius [m]."""
+
+    stiffness: float = 500.0
+    damping: float = 0.5
+    friction: float = 0.3
+    radius: float = 0.01
+
+
+class SoftContacts(Surroundings):
+    """The `Surroundings` of a ball, one body and solids. dof : the ball's axes; the body always has three.
+
+    A contact is a row: the first `points` are those of the body's surface with the ball, then come those of the
+    surface's nodes with each solid, and at last those of the ball with each solid. nodes, weights (C, 3): where a row
+    is in the body. by_ball (C,) : 1 where the ball moves there, else 0. stiffness, damping (C,) [N/m], [Ns/m].
+
+    Attributes: scale, s of the last step; discarded_J, in total; rounds, of the last step's solve, all passes; q (C,)
+    [m] and forces (C, 3) [N], of the rows; still: where they would be without the ball (C, 3) [m], None: not known, as
+    nothing holds the body.
+
+    More than twenty attributes: what is known of the rows is an array for each quantity.
+    """
+
+    def __init__(
+        self, body: Body, skin: Skin, dof: int, tolerance: float = TOLERANCE, solids: Sequence[Solid] = ()
+    ) -> None:
+        one_thread()
+        self.body, self.skin, self._dof, self.tolerance = body, skin, dof, tolerance
+        nodes, weights = surface_points(body.surface)
+        self.points, corners, many = len(nodes), len(np.unique(body.surface)), len(solids)
+        self.solids = Solids(solids, corners, skin.radius)
+        self.nodes: Indices = np.concatenate([nodes, *[nodes[:corners]] * many, np.zeros((many, 3), dtype=np.int64)])
+        self.weights: Array = np.concatenate([weights, *[weights[:corners]] * many, np.zeros((many, 3))])
+        self.reservoir_J, self.discarded_J = RESERVOIR_J, 0.0
+        self.scale, self.rounds = 1.0, 0
+        count = len(self.nodes)
+        self.by_ball: Array = np.ones(count)
+        self.stiffness: Array = np.full(count, skin.stiffness)
+        self.damping: Array = np.full(count, skin.damping)
+        if many:
+            self.by_ball[self.points : -many] = 0.0
+            self.stiffness[-many:] = [solid.stiffness for solid in solids]
+            self.damping[-many:] = [solid.damping for solid in solids]
+        self.q: Array = np.zeros(count)
+        self.drag: Array = np.zeros(count)  # c_t
+        self.forces: Array = np.zeros((count, 3))  # on the points [N]
+        self.centre: Array = np.zeros(3)  # of the ball, after the last step
+        self.rest, self.outward_at_rest = self.places(body.x), self.outward()
+        self._outward = self.outward_at_rest
+        self._falling = float((np.linalg.norm(body.weight, axis=1) / body.mass).max())  # [m/s2]
+        self.still = self.rest.copy() if body.free < len(body.x) else None
+
+    @property
+    def dof(self) -> int:
+        return self._dof
+
+    # -- geometry -----------------------------------------------------------------------------------------------------
+
+    def places(self, x: Array) -> Array:
+        """Where all rows are in the body (C, 3), with the nodes at x (N, 3)."""
+        found: Array = np.einsum("pk,pki->pi", self.weights, x[self.nodes])
+        return found
+
+    def outward(self) -> Array:
+        """The body's normals at all rows (C, 3), about of unit length."""
+        return self.places(self.body.turned_normals())
+
+    def turn_of(self, point: int) -> Array:
+        """How a point of the surface is turned (3, 3)."""
+        return np.asarray(self.weights[point] @ self.body.nodal[self.nodes[point]].reshape(3, 9)).reshape(3, 3)
+
+    def compliance(self, points: Indices) -> Array:
+        """The static one of points (k,): how they give way to forces on one another (3k, 3k) [m/N].
+
+        What lies on solids is held by the springs of its contacts, and across them too where there is friction.
+        """
+        resting = np.flatnonzero((self.q > 0.0) & (self.by_ball == 0.0))
+        to_points, held = self.from_nodes(np.concatenate([points, resting]))
+        cut = 3 * len(points)
+        of_nodes = self.body.factor.static * self.body.factor.columns(held, held)
+        whole = to_points @ (to_points @ of_nodes.T).T
+        springs = block_diagonal(self._held_by(resting))
+        found: Array = whole[:cut, :cut] - whole[:cut, cut:] @ np.linalg.solve(
+            whole[cut:, cut:] + springs, whole[cut:, :cut]
+        )
+        return found
+
+    def _held_by(self, rows: Indices) -> Array:
+        """How the contacts of nodes with solids give way (k, 3, 3) [m/N]."""
+        places, gives = self.places(self.body.x)[rows], 1.0 / self.stiffness[rows, None, None]
+        _, normals = self.solids.tangents(rows - self.points, places)
+        along = normals[:, :, None] * normals[:, None, :]
+        across = np.where(self.friction(rows, places)[:, None, None] > 0.0, gives, _FREE)
+        found: Array = gives * along + across * (np.eye(3) - along)
+        return found
+
+    def from_nodes(self, points: Indices) -> tuple[Any, Indices]:
+        """The sparse matrix (3k, 3m) from the frames of free nodes (m,) to rows (k,), and these nodes."""
+        from scipy import sparse
+
+        nodes, weights, body = self.nodes[points], self.weights[points], self.body
+        held = np.unique(nodes[weights > 0.0])
+        held = held[held < body.free]
+        row, of = np.nonzero((weights > 0.0) & (nodes < body.free))
+        node = nodes[row, of]
+        blocks = weights[row, of][:, None, None] * body.nodal[node]
+        until = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(points)))])
+        shape = (3 * len(points), 3 * len(held))
+        return sparse.bsr_array((blocks, np.searchsorted(held, node), until), shape, blocksize=(3, 3)), held
+
+    def gaps(self, points: Array, centre: Array, which: Any = slice(None)) -> tuple[Array, Array]:
+        """Depth (k,) [m] of points (k, 3) in the ball, and the unit normals (k, 3) from the ball into the body.
+
+        which : the rows' numbers, none of a solid.
+
+        The ball is in front of a point's surface, or has sunk in beside it. If its centre is behind that of the nearest
+        point, it has gone through: then this point is deeper than the radius.
+        """
+        apart = points - centre
+        sizes = np.linalg.norm(apart, axis=1)
+        outside = (apart * self._outward[which]).sum(axis=1) < _SUNK * sizes
+        depths = np.where(outside, self.skin.radius - sizes, -np.inf)
+        normals = apart / np.maximum(sizes, 1e-12)[:, None]
+        nearest = int(sizes.argmin()) if len(sizes) else -1
+        if nearest >= 0 and not outside[nearest]:
+            depths[nearest] = self.skin.radius + sizes[nearest]
+            normals[nearest] *= -1.0
+        return depths, normals
+
+    # -- what it is to the mass ---------------------------------------------------------------------------------------
+
+    def require_outside(self, position: Sequence[float]) -> None:
+        if (depth := self.penetration(position)) > 0.0:
+            allowed = f"a place for a ball of {self.skin.radius:g} m outside the body (it is {depth:.3g} m deep)"
+            raise InvalidParameter("start", tuple(position), allowed)
+
+    def penetration(self, position: Sequence[float]) -> float:
+        """How deep the ball at `position` is in the point where it is deepest [m]."""
+        centre, ball = np.array(padded(position)), slice(0, self.points)
+        depths, _ = self.gaps(self.places(self.body.x)[ball], centre, ball)
+        others, _ = self.solids.tangents(*self._balls(centre))
+        return float(np.concatenate([[0.0], depths, others]).max())
+
+    def _balls(self, centre: Array) -> tuple[Indices, Array]:
+        """The solids' rows of the ball, and where it is for them."""
+        rows = np.arange(self.solids.balls, self.solids.rows)
+        return rows, np.tile(centre, (len(rows), 1))
+
+    def depths(self, points: Array, centre: Array, way: Array) -> Array:
+        """Of all rows (C,) [m]: how deep they are, each of which may go so far (C,) [m]."""
+        ball, middle = slice(0, self.points), slice(self.points, self.points + self.solids.balls)
+        corners = slice(0, self.solids.count)
+        found, _ = self.gaps(points[ball], centre, ball)
+        others = self.solids.depths(points[corners], way[middle])
+        return np.concatenate([found, others, self.solids.tangents(*self._balls(centre))[0]])
+
+    def friction(self, rows: Indices, places: Array) -> Array:
+        """mu of rows (k,) at places (k, 3): of a node and a solid the larger one of both."""
+        found, first = np.full(len(rows), self.skin.friction), int(np.searchsorted(rows, self.points))
+        mu = self.solids.friction(rows[first:] - self.points, places[first:])
+        found[first:] = np.where(self.by_ball[rows[first:]] > 0.0, mu, np.maximum(mu, found[first:]))
+        return found
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
+        return planes_at(self, np.array(padded(position)), reach_m)
+
+    def stored_J(self, position: Sequence[float]) -> float:
+        return self.body.moving_J + self._held_J() + self.reservoir_J
+
+    def _held_J(self) -> float:
+        return self.body.strained_J + 0.5 * float(self.stiffness @ (self.q * self.q))
+
+    # -- a step -------------------------------------------------------------------------------------------------------
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Sequence[float], list[float]]:
+        n, place, free = self._dof, np.array(padded(position)), np.array(padded(velocity))
+        compliance = np.zeros((3, 3))
+        compliance[:n, :n] = compliance_of(inverse, n)
+        points, way = self.places(self.body.x), self._way(dt, free)
+        depths = self.depths(points, place, way)
+        force, ball = self._advance(dt, points, depths, way, place, free, compliance)
+        self.centre = place + dt * ball
+        return tuple((-force)[:n].tolist()), ball[:n].tolist()
+
+    def settle(self) -> float:
+        """Let the body come to rest under gravity and on the solids, without the ball. Returns the last speed [m/s]."""
+        body, speed, none = self.body, 0.0, np.zeros(3)
+        first, longest = _SETTLING_S
+        for turn in range(_SETTLES):
+            dt = min(first * 2.0**turn, longest)
+            points, way = self.places(body.x), self._way(dt, none)
+            depths = np.full(len(points), -np.inf)
+            nodes = points[: self.solids.count]
+            depths[self.points : self.points + self.solids.balls] = self.solids.depths(
+                nodes, way[self.points : self.points + self.solids.balls]
+            )
+            self.reservoir_J = inf
+            self._advance(dt, points, depths, way, none, none, np.zeros((3, 3)))
+            body.v[:] = 0.0
+            speed = float(np.abs(body.mean).max())
+            if speed < _SETTLED_MPS:
+                break
+        body.strains[:] = body.true_strains()
+        body.mean[:] = 0.0
+        self.still = None if self.still is None else self.places(body.x)
+        self.reservoir_J, self.discarded_J = RESERVOIR_J, 0.0
+        return speed
+
+    def _way(self, dt: float, free: Array) -> Array:
+        """How far each row may go [m]: what ball and body go, and what the body falls."""
+        gone = np.linalg.norm(self.places(self.body.mean), axis=1) + self.by_ball * np.linalg.norm(free)
+        found: Array = dt * (gone + (1.0 - self.by_ball) * dt * self._falling)
+        return found
+
+    def _advance(
+        self, dt: float, points: Array, depths: Array, way: Array, place: Array, free: Array, compliance: Array
+    ) -> tuple[Array, Array]:
+        """One step. The ball's force on all (3,) [N], and its velocity (3,) [m/s]."""
+        body = self.body
+        self._anchor(depths)
+        b = body.push(dt, body.mean)
+        self._outward = self.outward()
+        touch = Touch(self, dt, self._near(depths, points, way, place, dt * free), free, compliance)
+        touch.place(points, depths, place)
+        mean, forces, self.rounds = body.mean, self.forces[touch.points], 0
+        expected, is_far = mean, False
+        for turn in range(_SOLVES):
+            settled = touch.settle(mean, forces)
+            if turn and (is_far := dt * float(np.abs(mean - expected).max()) > _FAR_M):
+                b = body.push(dt, mean)
+            if settled is None and not is_far:
+                break
+            expected, guess = mean, mean if settled is None else mean + touch.spread(settled - forces)
+            mean, rounds = conjugate_gradients(touch.apply, touch.precondition, b + touch.load, guess, self.tolerance)
+            ball = touch.ball(mean)
+            rho = touch.rho(ball, mean)
+            forces = touch.forces(rho)
+            self.rounds += rounds
+        self._finish(dt, touch, mean, rho, forces)
+        return touch.on_ball(forces), ball
+
+    def _near(self, depths: Array, points: Array, way: Array, place: Array, going: Array) -> Indices:
+        """The rows that may touch in this step: those that do, and those that may come to.
+
+        way : how far each may go (C,) [m]. going : the ball's way from `place` on (3,) [m].
+        """
+        apart = points - place
+        share = np.clip(apart @ going / max(float(going @ going), 1e-12), 0.0, 1.0)
+        passing = self.skin.radius - np.linalg.norm(apart - share[:, None] * going, axis=1)
+        by_ball = (np.arange(len(depths)) < self.points) & (depths > -np.inf)
+        ahead = np.where(by_ball, np.maximum(depths, passing), depths)
+        near = np.flatnonzero(ahead > -(way - by_ball * np.linalg.norm(going) + _NEAR_M))
+        first = int(np.searchsorted(near, self.points))
+        return np.concatenate([_deepest(near[:first], ahead, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
+
+    def _finish(self, dt: float, touch: Touch, mean: Array, rho: Array, forces: Array) -> None:
+        """Body and springs at the step's end, and what was dissipated."""
+        body = self.body
+        along = (touch.normals * rho).sum(axis=1)
+        slip = (rho * rho).sum(axis=1) - along * along
+        dissipated = dt * (
+            body.beta_s * float((mean * body.stiffness(mean)).sum())
+            + float((self.damping[touch.points] * touch.theta) @ (along * along))
+            + float(touch.drag @ slip)
+        )
+        self.q[touch.points] += dt * touch.theta * along
+        for kept, new in ((self.forces, forces), (self.drag, touch.next_drag(rho, forces))):
+            kept[:] = 0.0
+            kept[touch.points] = new
+        body.advance(dt, mean)
+        if self.still is not None:
+            shape = self.places(body.x + body.beta_s * mean - touch.given_way(forces))
+            self.still += dt / (_STAYS_S + dt) * (shape - self.still)
+        whole = self.reservoir_J + dissipated
+        self.reservoir_J = min(whole, RESERVOIR_J)
+        self.discarded_J += whole - self.reservoir_J
+
+    def _anchor(self, depths: Array) -> None:
+        """Set strains and depths back to the true ones; `depths` (C,) [m]."""
+        body = self.body
+        held = self._held_J()
+        body.strains[:] = body.true_strains()
+        self.q = np.maximum(depths, 0.0)
+        true, at_hand = self._held_J(), held + self.reservoir_J
+        self.scale = 1.0
+        if true > at_hand:
+            self.scale = sqrt(at_hand / true)
+            body.strains *= self.scale
+            self.q *= self.scale
+            self.reservoir_J = max(0.0, at_hand - self._held_J())
+        else:
+            self.reservoir_J = min(at_hand - true, RESERVOIR_J)
+            self.discarded_J += at_hand - true - self.reservoir_J
+
+
+def _deepest(rows: Indices, depths: Array, most: int) -> Indices:
+    """The deepest of these rows, in order."""
+    return rows if len(rows) <= most else np.sort(rows[np.argsort(-depths[rows])[:most]])
+
+
+def surface_points(surface: Indices) -> tuple[Indices, Array]:
+    """The points of a surface that can touch: its nodes, and the middles of its edges. As nodes and weights (P, 3)."""
+    nodes = np.unique(surface)
+    edges = np.unique(
+        np.sort(np.concatenate([surface[:, [0, 1]], surface[:, [1, 2]], surface[:, [2, 0]]]), axis=1), axis=0
+    )
+    corners = np.concatenate([np.repeat(nodes[:, None], 3, axis=1), edges[:, [0, 1, 1]]])
+    weights = np.concatenate([np.tile((1.0, 0.0, 0.0), (len(nodes), 1)), np.tile((0.5, 0.5, 0.0), (len(edges), 1))])
+    return corners, weights

@@ -1,0 +1,1 @@
+"""Rigid solids, meshes, fields and voxels, as worlds."""

@@ -1,0 +1,242 @@
+"""The parts of a mesh as one solid: each turned the right way out, and those that overlap joined.
+
+CAD programs write assemblies: parts that overlap or touch, screws inside of blocks, sometimes a part whose triangles
+face inwards. Where parts overlap no triangle says what is inside. So they are told apart by their edges; a part inside
+of another one that faces the other way is a cavity and stays; manifold3d makes the union.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hapnet.checks import Array
+from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.ext.solids.mesh_surface import Triangles, directed, fans_of, require_closed
+from hapnet.extras import require
+from hapnet.records.vectors import added
+
+_SAMPLES = 40
+"""Vertices of a part that are tried to see if it lies inside another one."""
+
+_EMPTY = 1e-9
+"""A part with less volume, as a share of the cube around it, is none."""
+
+_ROUNDING = 1e-9
+
+
+class Part(NamedTuple):
+    vertices: Array
+    triangles: Triangles
+    volume: float  #: [m^3]; below 0: it faces inwards
+    low: Array  #: the corners of its extent
+    high: Array
+
+    @classmethod
+    def of(cls, vertices: Array, triangles: Triangles) -> Part:
+        used, numbers = np.unique(triangles, return_inverse=True)
+        own = vertices[used]
+        low, high = own.min(axis=0), own.max(axis=0)
+        corners = own[numbers.reshape(-1, 3)] - 0.5 * (low + high)
+        six = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+        return cls(own, numbers.reshape(-1, 3), float(six) / 6.0, low, high)
+
+    @property
+    def pieces(self) -> int:
+        """Of its surface: more than one with cavities."""
+        return int(import_module("igl").facet_components(self.triangles)[0])
+
+    def turned(self) -> Part:
+        return self._replace(triangles=self.triangles[:, ::-1], volume=-self.volume)
+
+    def holds(self, other: Part) -> bool:
+        """Does `other` lie inside?"""
+        if np.any(other.low < self.low) or np.any(other.high > self.high):
+            return False
+        corners = self.vertices[self.triangles]
+        return all(abs(_turns(x, corners)) > 0.5 for x in other.vertices[:: len(other.vertices) // _SAMPLES + 1])
+
+    def meets(self, other: Part) -> bool:
+        """Do their extents overlap?"""
+        return bool(np.all(self.low <= other.high) and np.all(other.low <= self.high))
+
+
+def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str]:
+    """Vertices and triangles of a mesh that may have parts, as one solid; and what was done, in words.
+
+    Raises InvalidParameter: it is not closed, has no volume, or cannot be joined. MissingLibrary: there are parts to
+    be joined, and manifold3d is not installed; or libigl is not.
+    """
+    vertices, triangles = _apart(vertices, triangles)
+    require_closed(triangles)
+    require("mesh", "a scene with a mesh")
+    igl: Any = import_module("igl")
+    count, part_of = igl.facet_components(triangles)
+    every = [Part.of(vertices, triangles[part_of == i]) for i in range(count)]
+    parts = [part for part in every if abs(part.volume) > _EMPTY * float(np.prod(part.high - part.low))]
+    if not parts:
+        raise InvalidParameter("mesh", f"{count} parts without volume", "a solid")
+    solids, turned, cavities = _oriented(parts)
+    made, before, after = _united(solids)
+    said = [
+        f"{len(every) - len(parts)} without volume left out" * (len(parts) < len(every)),
+        f"{turned} turned, inside out in the file" * (turned > 0),
+        f"{before} that overlap or touch joined into {after}" * (before > 0),
+        f"{cavities} kept as a cavity" * (cavities > 0),
+    ]
+    done = "; ".join(filter(None, said))
+    if not (turned or before or len(parts) < len(every)):
+        return vertices, triangles, ""
+    start = np.cumsum([0, *[len(part.vertices) for part in made]])
+    return (
+        np.concatenate([part.vertices for part in made]),
+        np.concatenate([part.triangles + first for part, first in zip(made, start, strict=False)]),
+        f"of {count} part{'s' * (count > 1)}: {done}",
+    )
+
+
+def _oriented(parts: Sequence[Part]) -> tuple[list[Part], int, int]:
+    """Each solid together with its cavities; and how many parts were turned, how many are cavities.
+
+    A part is what the outermost one around it is, a solid, unless it faces the other way.
+    """
+    around = [[j for j, other in enumerate(parts) if j != i and other.holds(part)] for i, part in enumerate(parts)]
+    outermost = [min(inside, key=lambda j: len(around[j]), default=i) for i, inside in enumerate(around)]
+    hollow = [parts[i].volume * parts[j].volume < 0.0 for i, j in enumerate(outermost)]
+    groups = {i: [part] for i, part in enumerate(parts) if not hollow[i]}
+    for i, part in enumerate(parts):
+        if hollow[i]:
+            groups[min((j for j in around[i] if not hollow[j]), key=lambda j: abs(parts[j].volume))].append(part)
+    turned = 0
+    solids = []
+    for first, *others in groups.values():
+        if first.volume < 0.0:
+            turned += 1 + len(others)
+            first, others = first.turned(), [other.turned() for other in others]
+        solids.append(_together([first, *others]))
+    return solids, turned, hollow.count(True)
+
+
+def _united(solids: Sequence[Part]) -> tuple[list[Part], int, int]:
+    """Those that overlap, or have a piece of face in common, as one; how many these were, and how many they are now."""
+    made: list[Part] = []
+    before = after = 0
+    left = list(solids)
+    while left:
+        cluster = [left.pop()]
+        for one in cluster:  # it grows
+            near = [other for other in left if one.meets(other)]
+            left = [other for other in left if not one.meets(other)]
+            cluster += near
+        if len(cluster) > 1:
+            union = _union(cluster)
+            cavities = added([part.pieces - 1 for part in cluster])
+            if union.pieces < len(cluster) + cavities or union.volume < (1.0 - _ROUNDING) * added(
+                [part.volume for part in cluster]
+            ):
+                before, after = before + len(cluster), after + max(1, union.pieces - int(cavities))
+                cluster = [union]
+        made += cluster
+    return made, before, after
+
+
+def _union(parts: Sequence[Part]) -> Part:
+    try:
+        manifold: Any = import_module("manifold3d")
+    except ImportError:
+        raise MissingLibrary("a mesh with parts that overlap", "manifold3d", "mesh") from None
+    solids = [manifold.Manifold(manifold.Mesh64(part.vertices, part.triangles.astype(np.uint64))) for part in parts]
+    union = manifold.Manifold.batch_boolean(solids, manifold.OpType.Add)
+    if union.status() != manifold.Error.NoError or union.is_empty():
+        raise InvalidParameter("mesh", f"{len(parts)} parts ({union.status().name})", "parts that can be joined")
+    mesh = union.to_mesh64()
+    return Part.of(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
+
+
+def _together(parts: Sequence[Part]) -> Part:
+    start = np.cumsum([0, *[len(part.vertices) for part in parts]])
+    return Part(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.triangles + first for part, first in zip(parts, start, strict=False)]),
+        added([part.volume for part in parts]), parts[0].low, parts[0].high,
+    )  # fmt: skip
+
+
+def _turns(x: Array, corners: Array) -> float:
+    """How often a closed mesh winds around x (van Oosterom, Strackee 1983)."""
+    a, b, c = (corners[:, i] - x for i in range(3))
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+    return float(np.arctan2(triple, below).sum() / (2.0 * np.pi))
+
+
+def _apart(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
+    """Parts that touch along edges or at corners have vertices of their own afterwards."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    one, other = directed(triangles)
+    order = np.lexsort((np.maximum(one, other), np.minimum(one, other)))
+    ends = np.stack([np.minimum(one, other)[order], np.maximum(one, other)[order]], axis=1)
+    starts = np.flatnonzero(np.r_[True, np.any(ends[1:] != ends[:-1], axis=1)])
+    sizes = np.diff(np.r_[starts, len(ends)])
+    if np.all(sizes == 2) or np.any(sizes % 2):
+        return vertices, triangles
+    count = len(triangles)
+    beside = np.empty_like(order)
+    pairs = order[np.repeat(sizes == 2, sizes)].reshape(-1, 2)
+    beside[pairs] = pairs[:, ::-1]
+    joints = (np.ones(len(pairs), np.int8), (pairs[:, 0] % count, pairs[:, 1] % count))
+    _, part_of = connected_components(coo_matrix(joints, (count, count)), False)
+    for start, size in zip(starts[sizes > 2].tolist(), sizes[sizes > 2].tolist(), strict=True):
+        edges = order[start : start + size].tolist()
+        a, b = vertices[ends[start]]
+        forward = {edge: bool(one[edge] < other[edge]) for edge in edges}
+        parts = [[edge for edge in edges if part_of[edge % count] == i] for i in {part_of[e % count] for e in edges}]
+        if not all(_balanced(part, forward) for part in parts):
+            parts = [edges]
+            if not _balanced(edges, forward):
+                return vertices, triangles
+        for part in parts:
+            away = {edge: vertices[triangles[edge % count, edge // count - 1]] - a for edge in part}
+            for edge, mate in _mates(away, forward, b - a):
+                beside[edge], beside[mate] = mate, edge
+    by_edge = (beside % count).reshape(3, -1).T
+    fans, fan_of = fans_of(triangles, np.roll(by_edge, -1, axis=1), np.zeros_like(triangles))
+    first_of = np.empty(fans, dtype=np.int64)
+    first_of[fan_of] = triangles.reshape(-1)
+    return vertices[first_of], fan_of.reshape(-1, 3).astype(np.int64)
+
+
+def _balanced(edges: Sequence[int], forward: Mapping[int, bool]) -> bool:
+    return 2 * [forward[edge] for edge in edges].count(True) == len(edges)
+
+
+def _mates(away: Mapping[int, Array], forward: Mapping[int, bool], axis: Array) -> Iterator[tuple[int, int]]:
+    """The pairs of triangles around one edge that have solid between them.
+
+    away : for each triangle's edge where the triangle lies. forward : does it run along `axis`, the direction of all?
+    """
+    axis = axis / np.linalg.norm(axis)
+    first = next(iter(away.values()))
+    first = first - axis * (axis @ first)
+    second = np.cross(axis, first)
+    row = sorted(  # solid lies behind one that runs backwards, up to one that runs forwards
+        (round(float(np.arctan2(second @ out, first @ out)), 9), not forward[edge], edge) for edge, out in away.items()
+    )
+    waiting: list[int] = []
+    done: set[int] = set()
+    for _, backward, edge in row * 2:
+        if edge in done:
+            continue
+        if not backward and waiting:
+            mate = waiting.pop()
+            done |= {edge, mate}
+            yield edge, mate
+        elif backward and edge not in waiting:
+            waiting.append(edge)

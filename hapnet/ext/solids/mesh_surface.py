@@ -1,0 +1,191 @@
+"""What is known of a mesh's surface once it is loaded: who is beside whom, sharp edges, normals, and how it bends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapnet.checks import Array
+from hapnet.errors import InvalidParameter
+
+Triangles = NDArray[np.int64]
+
+SHARP_DEG = 40.0
+"""Triangles that meet at a larger angle meet at an edge of the solid; at a smaller one they stand for a curved surface.
+The sides of an octagon meet at 45 degrees."""
+
+_SMALL = 0.3
+"""A triangle of a smaller share of the largest one around a corner does not count there: a flat face stays flat beside
+a narrow fillet or chamfer."""
+
+_KEY = 1 << 31
+_FLAT = 1e-6
+"""Normals that differ by less are the same."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A closed mesh, for each triangle and its corners; see `hapnet.ext.solids.mesh_walk.follow`."""
+
+    vertices: Array  #: (V, 3) [m]
+    triangles: Triangles  #: (F, 3)
+    across: Triangles  #: (F, 3): the triangle behind the edge that lies across from each corner
+    facets: Array  #: (F, 3): the triangles' unit normals; 0 where there is no area
+    normals: Array  #: (F, 3, 3): the unit normals at the corners; the same around a vertex, but for sharp edges
+    pseudonormals: Array  #: (V, 3): of all triangles around each vertex, weighted by the angles
+    rims: Triangles  #: (F, 3): is that edge sharp? 1: convex, -1: concave, 2: neither
+    pointed: Triangles  #: (V,): does a sharp edge end there?
+    flat: Triangles  #: (F,): are the normals at the corners all that of the triangle?
+    first: Triangles  #: (V + 1,) see `ring`
+    ring: Triangles  #: the triangles around the vertex v: ring[first[v]:first[v + 1]]
+    bends: Array  #: (F, 3, 3): how the normal turns along a direction [1/m]
+
+    @classmethod
+    def of(cls, vertices: Array, triangles: Triangles, sharp_deg: float) -> Surface:
+        """Raises InvalidParameter: the mesh is empty or not closed."""
+        require_closed(triangles)
+        corners = vertices[triangles]
+        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        sizes = np.linalg.norm(doubled, axis=1)
+        facets = doubled / np.where(sizes, sizes, 1.0)[:, None]
+        across = _across(triangles)
+        rims = _rims(corners, facets, across, sharp_deg)
+        angles = _angles(corners)
+        weighted = (angles[:, :, None] * facets[:, None]).reshape(-1, 3)
+        fans, fan_of = fans_of(triangles, across, rims)
+        largest = np.zeros(fans)
+        np.maximum.at(largest, fan_of, sizes.repeat(3))
+        counts = sizes[:, None] > _SMALL * largest[fan_of].reshape(-1, 3)
+        turned = (np.where(counts, angles, 0.0)[:, :, None] * facets[:, None]).reshape(-1, 3)
+        normals = _unit(_total(turned, fan_of, fans))[fan_of].reshape(-1, 3, 3)
+        pointed = np.zeros(len(vertices), dtype=np.int64)
+        for k in range(3):
+            at = rims[:, k] != 0
+            pointed[triangles[at, k - 1]] = pointed[triangles[at, k - 2]] = 1
+        around = np.argsort(triangles.reshape(-1), kind="stable")
+        count = np.bincount(triangles.reshape(-1), minlength=len(vertices))
+        flat = np.all(np.abs(normals - facets[:, None]) < _FLAT, axis=(1, 2))
+        normals[flat] = facets[flat][:, None]
+        bends = _bends(corners, facets, normals, sizes).reshape(-1, 9)
+        shares = np.where(flat, 0.0, sizes).repeat(3)
+        mean = _total(shares[:, None] * bends.repeat(3, axis=0), fan_of, fans)
+        mean /= np.maximum(np.bincount(fan_of, shares, fans), np.finfo(float).tiny)[:, None]
+        bends = np.where(flat[:, None], 0.0, mean[fan_of].reshape(-1, 3, 9).mean(axis=1))
+        return cls(
+            vertices, triangles, across, facets, normals,
+            _total(weighted, triangles.reshape(-1), len(vertices)), rims, pointed, flat.astype(np.int64),
+            np.concatenate([[0], np.cumsum(count)]), around // 3, bends.reshape(-1, 3, 3),
+        )  # fmt: skip
+
+
+def require_closed(triangles: Triangles) -> None:
+    """Raise InvalidParameter unless every edge belongs to two triangles that pass along it in opposite directions."""
+    if not len(triangles):
+        raise InvalidParameter("mesh", "no triangles", "one triangle or more")
+    if len(triangles) >= _KEY // 4:
+        raise InvalidParameter("mesh", f"{len(triangles)} triangles", "fewer")
+    one, other = directed(triangles)
+    keys, back = np.sort(one * _KEY + other), np.sort(other * _KEY + one)
+    twice = int((keys[1:] == keys[:-1]).sum())
+    if twice or not np.array_equal(keys, back):
+        open_edges = len(np.setxor1d(keys, back)) // 2 + twice
+        allowed = "a closed mesh: two triangles at each edge, both anticlockwise as seen from outside"
+        raise InvalidParameter("mesh", f"{open_edges} edges that do not fit", allowed)
+
+
+def volume(vertices: Array, triangles: Triangles) -> float:
+    """The volume that a closed mesh encloses [m^3]; below 0: it is inside out."""
+    a, b, c = (vertices[triangles[:, i]] - vertices.mean(axis=0) for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def directed(triangles: Triangles) -> tuple[Triangles, Triangles]:
+    """From and to: the first edges of all triangles, then the second ones, then the third ones."""
+    return triangles.T.reshape(-1), np.roll(triangles, -1, axis=1).T.reshape(-1)
+
+
+def _across(triangles: Triangles) -> Triangles:
+    one, other = directed(triangles)
+    order = np.argsort(np.minimum(one, other) * _KEY + np.maximum(one, other), kind="stable")
+    pairs = order.reshape(-1, 2)  # the mesh is closed: each edge is there twice
+    beside = np.empty_like(order)
+    beside[pairs] = pairs[:, ::-1] % len(triangles)
+    by_edge = beside.reshape(3, -1).T  # behind the edges from corners 0, 1 and 2
+    return np.ascontiguousarray(np.roll(by_edge, -1, axis=1))
+
+
+def _rims(corners: Array, facets: Array, across: Triangles, sharp_deg: float) -> Triangles:
+    beside = facets[across]
+    has_area = np.array(facets.any(axis=1))
+    sharp = np.einsum("fj,fkj->fk", facets, beside) < np.cos(np.radians(sharp_deg))
+    sharp |= ~has_area[:, None] | ~has_area[across]
+    rising = np.empty(across.shape)
+    for k in range(3):  # is the middle of the neighbour in front of the triangle?
+        away = corners[across[:, k]].mean(axis=1) - corners[:, k - 1]
+        rising[:, k] = np.einsum("ij,ij->i", away, facets)
+    found: Triangles = np.where(sharp, np.where(rising < 0.0, 1, np.where(rising > 0.0, -1, 2)), 0)
+    return found
+
+
+def _angles(corners: Array) -> Array:
+    """(F, 3)"""
+    found = np.empty(corners.shape[:2])
+    for i in range(3):
+        one, other = corners[:, i - 1] - corners[:, i], corners[:, i - 2] - corners[:, i]
+        sizes = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+        cosines = np.einsum("ij,ij->i", one, other) / np.where(sizes, sizes, 1.0)
+        found[:, i] = np.arccos(np.clip(cosines, -1.0, 1.0))
+    return found
+
+
+def fans_of(triangles: Triangles, across: Triangles, rims: Triangles) -> tuple[int, Triangles]:
+    """Corners (3F,) around a vertex that no sharp edge parts are one fan: how many there are, and which is whose."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    face, k = np.nonzero(rims == 0)
+    beside = across[face, k]
+    joined = []
+    for end in (k - 1, k - 2):
+        vertex = triangles[face, end]
+        there = np.argmax(triangles[beside] == vertex[:, None], axis=1)
+        joined.append((3 * face + end % 3, 3 * beside + there))
+    one, other = (np.concatenate(part) for part in zip(*joined, strict=True))
+    count: Any = 3 * len(triangles)
+    fans, fan_of = connected_components(coo_matrix((np.ones(len(one), np.int8), (one, other)), (count, count)), False)
+    return int(fans), fan_of
+
+
+def _bends(corners: Array, facets: Array, normals: Array, sizes: Array) -> Array:
+    """(F, 3, 3): the symmetric map that takes the edges to the differences of the normals (Rusinkiewicz 2004)."""
+    edges = corners[:, [1, 2, 0]] - corners
+    turns = normals[:, [1, 2, 0]] - normals
+    lengths = np.linalg.norm(edges[:, 0], axis=1)
+    e = edges[:, 0] / np.where(lengths, lengths, 1.0)[:, None]
+    frame = np.stack([e, np.cross(facets, e)], axis=1)
+    flat, turned = np.einsum("fkj,faj->fka", edges, frame), np.einsum("fkj,faj->fka", turns, frame)
+    zero = np.zeros(flat.shape[:2])
+    rows = np.concatenate([
+        np.stack([flat[..., 0], flat[..., 1], zero], -1), np.stack([zero, flat[..., 0], flat[..., 1]], -1)
+    ], axis=1)  # fmt: skip
+    right = np.concatenate([turned[..., 0], turned[..., 1]], axis=1)
+    squares, given = np.einsum("fka,fkb->fab", rows, rows), np.einsum("fka,fk->fa", rows, right)
+    scale = np.trace(squares, axis1=1, axis2=2)
+    good = (sizes > 0.0) & (np.linalg.det(squares) > 1e-9 * scale**3)
+    squares[~good] = np.eye(3)
+    a, b, c = np.where(good[:, None], np.linalg.solve(squares, given[..., None])[..., 0], 0.0).T
+    found: Array = np.einsum("fai,fab,fbj->fij", frame, np.stack([a, b, b, c], -1).reshape(-1, 2, 2), frame)
+    return found
+
+
+def _total(values: Array, of: Triangles, count: int) -> Array:
+    """The sums (count, n) of rows (m, n) that belong together."""
+    return np.stack([np.bincount(of, column, count) for column in values.T], axis=1)
+
+
+def _unit(vectors: Array) -> Array:
+    sizes = np.linalg.norm(vectors, axis=1)
+    return vectors / np.where(sizes, sizes, 1.0)[:, None]

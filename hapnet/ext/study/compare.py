@@ -1,0 +1,266 @@
+"""Comparisons of couplings: the same links, hands and seeds for each, and the measures over all of these."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, NamedTuple
+
+from hapnet.errors import InvalidParameter
+from hapnet.ext.metrics import METRICS
+from hapnet.ext.study.case import DEADBAND, Measures
+from hapnet.ext.study.journal import Row
+from hapnet.ext.study.spec import LINK, SEED, Spec, Values
+from hapnet.ext.study.statistics import Spread, spreads
+from hapnet.params import RELAXED_HAND, Params
+from hapnet.summary.verdict import ROUNDING_J
+
+NAME = "compare"
+LIGHT = "@light"
+"""Suffix of an operator's name: it has a relaxed hand. A firm hand damps what a bad coupling does."""
+
+
+def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
+    """The name in ``pspm:rendering=paper``, and the parameters that are set besides; any number may follow.
+
+    Raises InvalidParameter: a parameter is set twice. It names `flag`.
+    """
+    name, *rest = text.split(":")
+    if rest and "=" not in rest[0]:
+        name = f"{name}:{rest.pop(0)}"  # a law of the user's own, module:NAME
+    settings: dict[str, str] = {}
+    for word in rest:
+        parameter, equals, value = (part.strip() for part in word.partition("="))
+        if not equals or parameter in settings:
+            raise InvalidParameter(flag, text, "a name, and PARAMETER=VALUE after each further colon, once each")
+        settings[parameter] = value
+    return name.strip(), settings
+
+
+def hand(operator: str) -> tuple[str, dict[str, object]]:
+    """The operator's name in ``press@light:operator_hand.reach_s=0.5``, and the parameters that go with it.
+
+    Raises InvalidParameter: a parameter is set twice.
+    """
+    name, own = parted(operator, "--operator")
+    relaxed = RELAXED_HAND if name.endswith(LIGHT) else {}
+    return name.removesuffix(LIGHT), {**relaxed, **own}
+
+
+class Variant(NamedTuple):
+    """What is compared: a coupling, with the Weber fraction of its deadband (0: none).
+
+    coupling : its name, and parameters of its own, as `parted` reads them.
+    """
+
+    coupling: str
+    deadband: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.coupling}, deadband {100.0 * self.deadband:g} %" if self.deadband else self.coupling
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: a variant over a link, under an operator and a seed."""
+
+    variant: Variant
+    link: str
+    operator: str
+    seed: int
+    params: Params
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What it is, in columns."""
+        return {**self.variant._asdict(), "link": self.link, "operator": self.operator, "seed": self.seed}
+
+    def __str__(self) -> str:
+        return f"{self.variant} over {self.link}, {self.operator}, seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The measures of a case or, in one line, why it failed."""
+
+    case: Case
+    measures: Measures | None
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to compare.
+
+    params : of all cases, except for what follows.
+    couplings : each as `Variant.coupling`. links : by name, the text of the uplink and of the downlink.
+    operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by parameters of its own (`hand`).
+    deadbands : each coupling is tried with each of them. extra : further variants of these couplings.
+    """
+
+    params: Params
+    couplings: tuple[str, ...]
+    links: Mapping[str, tuple[str, str]]
+    operators: tuple[str, ...]
+    seeds: tuple[int, ...]
+    deadbands: tuple[float, ...] = (0.0,)
+    extra: tuple[Variant, ...] = ()
+
+    @property
+    def variants(self) -> list[Variant]:
+        """All variants in the order of their couplings, the extra ones included."""
+        every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
+        return sorted({*every, *self.extra}, key=lambda one: (self.couplings.index(one.coupling), one.deadband))
+
+    def cases(self) -> list[Case]:
+        """Every case. Cases that differ only in their link are neighbours, as they share a reference run."""
+        alike = [[one for one in self.variants if one.coupling == coupling] for coupling in self.couplings]
+        return [
+            self.case(variant, link, operator, seed)
+            for variants, operator, seed in product(alike, self.operators, self.seeds)
+            for variant, link in product(variants, self.links)
+        ]
+
+    def case(self, variant: Variant, link: str, operator: str, seed: int) -> Case:
+        """One case. Raises InvalidParameter if its parameters do not go together."""
+        values = self._values(variant, link, operator)
+        directions = values.pop(LINK)
+        changes = values | {f"link.{direction}": words for direction, words in directions.items()}
+        return Case(variant, link, operator, seed, self.params.set(changes))
+
+    @property
+    def spec(self) -> Spec:
+        """The same cases as the spec of a sweep: a product for each hand and each set of variants."""
+        alike: dict[str, list[str]] = {}  # couplings by the parameters that are their own
+        for one in self.couplings:
+            alike.setdefault(json.dumps(self._own(one, self.couplings, parted)), []).append(one)
+        sets = [(couplings, list(self.deadbands)) for couplings in alike.values()]
+        sets += [([one.coupling], [one.deadband]) for one in self.extra]
+        hands: dict[str, list[str]] = {}
+        for one in self.operators:
+            hands.setdefault(json.dumps(self._own(one, self.operators, hand)), []).append(one)
+        links = [{"up": up, "down": down} for up, down in self.links.values()]
+        products: tuple[dict[str, list[Any]], ...] = tuple(
+            {
+                "coupling": [parted(one)[0] for one in couplings],
+                DEADBAND: deadbands,
+                "operator": [hand(one)[0] for one in operators],
+                **{name: [value] for name, value in self._own(operators[0], self.operators, hand).items()},
+                **{name: [value] for name, value in self._own(couplings[0], self.couplings, parted).items()},
+                LINK: links,
+                SEED: list(self.seeds),
+            }
+            for couplings, deadbands in sets
+            for operators in hands.values()
+        )
+        varied = {"link.up", "link.down"}.union(*products)
+        fixed = {name: value for name, value in self.params.changes().items() if name not in varied}
+        return Spec(NAME, fixed, products)
+
+    def outcomes(self, rows: Iterable[Row]) -> list[Outcome]:
+        """The outcomes of the cases, in their order, from the journal's rows for `spec`. All must have been run."""
+        spec, found = self.spec, {row.case.key: row for row in rows}
+        digests: dict[tuple[Variant, str, str], str] = {}
+        outcomes = []
+        for case in self.cases():
+            about = case.variant, case.link, case.operator
+            if about not in digests:
+                digests[about] = spec.digest(self._values(*about))
+            row = found[f"{digests[about]}-{case.seed}"]
+            measures = {name: row.measures.get(name) for name in METRICS}  # an older journal does not know all
+            outcomes.append(Outcome(case, measures if row.error is None else None, row.error))
+        return outcomes
+
+    def _values(self, variant: Variant, link: str, operator: str) -> Values:
+        up, down = self.links[link]
+        return {
+            "coupling": parted(variant.coupling)[0],
+            DEADBAND: variant.deadband,
+            "operator": hand(operator)[0],
+            **self._own(operator, self.operators, hand),
+            **self._own(variant.coupling, self.couplings, parted),
+            LINK: {"up": up, "down": down},
+        }
+
+    def _own(self, word: str, every: Sequence[str], read: Callable[[str], tuple[str, Mapping[str, object]]]) -> Values:
+        """The values with this coupling, or operator, of all parameters that are any's own, as `read` finds them.
+
+        Those that neither it nor the comparison sets are left out.
+        """
+        own = read(word)[1]
+        names = dict.fromkeys(name for one in every for name in read(one)[1])
+        return {
+            name: own.get(name, self.params.get(name)) for name in names if name in own or name in self.params.given
+        }
+
+
+@dataclass(frozen=True)
+class Group:
+    """The cases of a variant over a link, with one operator or with all (None).
+
+    `spreads` contains the metrics for which at least one case has a value. `passive` and `hand_passive` : in how many
+    cases the two-port margin, and the margin at the hand's port, were not negative. `lost` : the measures of
+    the cases that were not passive.
+    """
+
+    variant: Variant
+    link: str
+    operator: str | None
+    cases: int
+    failed: int
+    passive: int
+    hand_passive: int
+    spreads: Mapping[str, Spread]
+    lost: Sequence[Measures] = ()
+
+    @property
+    def measured(self) -> int:
+        return self.cases - self.failed
+
+    def median(self, metric: str) -> float | None:
+        spread = self.spreads.get(metric)
+        return None if spread is None else spread.median
+
+
+def by_hand(outcomes: Iterable[Outcome]) -> list[list[Measures]]:
+    """The measures of the cases that did not fail, those of each operator together."""
+    hands: dict[str, list[Measures]] = {}
+    for one in outcomes:
+        if one.measures is not None:
+            hands.setdefault(one.case.operator, []).append(one.measures)
+    return list(hands.values())
+
+
+def groups(plan: Plan, outcomes: Sequence[Outcome]) -> list[Group]:
+    """The groups: for each link and variant one over all operators and, if there are several, one for each operator."""
+    each: tuple[str | None, ...] = plan.operators if len(plan.operators) > 1 else ()
+    return [
+        _group(variant, link, operator, outcomes)
+        for link, variant, operator in product(plan.links, plan.variants, (None, *each))
+    ]
+
+
+def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence[Outcome]) -> Group:
+    ours = [
+        one for one in outcomes
+        if (one.case.variant, one.case.link) == (variant, link) and operator in (None, one.case.operator)
+    ]  # fmt: skip
+    known = [one.measures for one in ours if one.measures is not None]
+    return Group(
+        variant,
+        link,
+        operator,
+        len(ours),
+        len(ours) - len(known),
+        _positive(known, "margin_J"),
+        _positive(known, "hand_margin_J"),
+        dict(spreads(by_hand(ours))),
+        [one for one in known if not _positive([one], "margin_J")],
+    )
+
+
+def _positive(known: Sequence[Measures], margin: str) -> int:
+    """How many of these margins are not negative, up to rounding."""
+    return sum((value := measures[margin]) is not None and value >= -ROUNDING_J for measures in known)

@@ -1,0 +1,166 @@
+"""How stiff and how damped a wall feels at each frequency: a device is moved through a wall, and its force is measured.
+
+The motion is imposed: the hand is so stiff that the device follows its reference, whatever the coupling does. It goes
+10 mm into the wall and then through a multisine of 2 mm, 0.5 to 20 Hz. Only the device's own position and force are
+used, as on hardware. `hapnet.ext.metrics.impedance` has the sources, `hapnet.ext.study.tool_impedance` the motions of a
+tool.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from hapnet.assembly.build import Setup, prepare
+from hapnet.checks import Array, Vector
+from hapnet.couplings.registry import coupling
+from hapnet.couplings.spec import scalar_stiffness
+from hapnet.errors import InvalidParameter
+from hapnet.ext.metrics.impedance import Curve, Line, Quartiles, harmonics_between, multisine, off_hz, transmitted
+from hapnet.ext.metrics.misses import quantile
+from hapnet.params import Params
+from hapnet.plant.operator import Impedance, Operator, minimum_jerk
+from hapnet.plant.worlds.walls import Wall
+from hapnet.recording.samples import Recording
+from hapnet.simulation.simulation import Simulation
+
+MIN_HZ, MOST_HZ, LINES = 0.5, 20.0, 20
+DEPTH_M, AMPLITUDE_M = 0.010, 0.002
+PERIOD_S = 4.0
+IMPOSING = Impedance(0.5, 400.0, 1e5)
+"""A hand that imposes its motion: 1 N moves it by 10 um."""
+
+_APPROACH_S, _REST_S = 1.0, 1.0
+HARMONICS = harmonics_between(MIN_HZ, MOST_HZ, PERIOD_S, LINES)
+
+
+_SIGNAL = multisine(HARMONICS, PERIOD_S, 1.0)
+
+
+def approach(t: float) -> float:
+    """The share of the way in that is gone at t [s]: a minimum-jerk move, then a rest."""
+    return minimum_jerk(t / _APPROACH_S)
+
+
+def swing(t: float) -> float:
+    """The multisine at t [s], at most 1. It grows over its first period; the periods after that are for measuring."""
+    since = t - _APPROACH_S - _REST_S
+    return minimum_jerk(since / PERIOD_S) * _SIGNAL(since) if since > 0.0 else 0.0
+
+
+class Way(NamedTuple):
+    """A motion that is imposed.
+
+    hand : makes it. along : how far the device is on it in a recording (N,) [m or rad], and the force against it
+        (N,) [N or Nm]. truth : the true impedance at a frequency [Hz].
+    """
+
+    hand: Operator
+    along: Callable[[Recording], tuple[Array, Array]]
+    truth: Callable[[float], complex]
+
+
+class Imposed:
+    """A hand that moves along `normal` to `DEPTH_M` inside the wall, and to and fro there."""
+
+    def __init__(self, wall: Wall, start: Vector) -> None:
+        self.impedance = IMPOSING
+        self._start, self._normal = start, wall.normal
+        self._path = DEPTH_M - wall.penetration(start)
+
+    def reference(self, t: float) -> Vector:
+        along = self._path * approach(t) + AMPLITUDE_M * swing(t)
+        return tuple([x + along * n for x, n in zip(self._start, self._normal, strict=True)])
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """The impedance that one run transmitted, the true one at the same frequencies, and where they differ.
+
+    off_3dB_hz : the lowest frequency at which the two are 3 dB apart; None: not up to 20 Hz. turns : is it of
+        a rotation?
+    """
+
+    lines: tuple[Line, ...]
+    truth: tuple[complex, ...]
+    off_3dB_hz: float | None
+    turns: bool = False
+
+
+def true_impedance(params: Params, wall: Wall, frequency_hz: float) -> complex:
+    """What a hand would feel of `wall` at this frequency through the given springs, without delay or mass [N/m].
+
+    As `ideal_stiffness`, with the wall's damper beside its spring: ``K_w + j w B_w``. Raises InvalidParameter if the
+    springs are no scalars.
+    """
+    K, K_world = scalar_stiffness(params), params.world.stiffness
+    solid = wall.stiffness + 2j * math.pi * frequency_hz * wall.damping
+    if not coupling(params.coupling).scaled:
+        return K * solid / (K + solid)
+    if not isinstance(K_world, float):
+        raise InvalidParameter("world.stiffness", K_world, "a number, to compute the true impedance of a wall")
+    return K * solid / (K_world + solid)
+
+
+def transmission(params: Params, seed: int, periods: int = 4, motion: str = "") -> Transmission:
+    """Impose the motion on the first wall of the scene, and estimate the impedance over so many periods.
+
+    The operator and the duration of `params` are not used. Two periods or more also give the estimates' spread.
+    motion : of a tool, a name in `hapnet.ext.study.tool_impedance`; empty: into the wall.
+
+    Raises HapnetError, netem.NetemError: the parameters do not make a run; InvalidParameter if the scene has no wall.
+    """
+    from hapnet.ext.study import tool_impedance
+
+    begin_s = _APPROACH_S + _REST_S + PERIOD_S
+    servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
+    own = {"operator": "rest", "duration_s": begin_s + periods * PERIOD_S + 0.5, "record_hz": params.device.servo_hz}
+    setup = prepare(params.set({**servo, **own}), "sampled")
+    way = tool_impedance.way_of(setup, motion) if motion else _into_the_wall(setup)
+    recording = Simulation(setup.params, seed, replace(setup, hand=way.hand)).run().recording
+    step_s = 1.0 / setup.params.device.servo_hz
+    first = round(begin_s / step_s)
+    measured = slice(first, first + periods * round(PERIOD_S / step_s))
+    along, resistance = way.along(recording)
+    lines = transmitted(along[measured], resistance[measured], step_s, PERIOD_S, HARMONICS)
+    turns = bool(motion) and tool_impedance.turns(motion)
+    truth = tuple(way.truth(line.frequency_hz) for line in lines)
+    return Transmission(tuple(lines), truth, off_hz(lines, way.truth), turns)
+
+
+def _into_the_wall(setup: Setup) -> Way:
+    if not setup.scene.walls:
+        allowed = "one with a wall at rest, to be moved through, or a tool among solids"
+        raise InvalidParameter("scene", setup.params.scene, allowed)
+    wall = setup.scene.walls[0]
+    normal = np.array(wall.normal)
+
+    def along(recording: Recording) -> tuple[Array, Array]:
+        assert recording.device is not None, "a simulated run has both sides"
+        return recording.device["position_m"] @ normal, -(recording.device["force_N"] @ normal)
+
+    return Way(Imposed(wall, setup.scene.start), along, lambda hz: true_impedance(setup.params, wall, hz))
+
+
+def curve(found: Sequence[Transmission]) -> Curve:
+    """Medians and quartiles over these runs, at least one."""
+    lines = list(zip(*(one.lines for one in found), strict=True))
+    return Curve(
+        tuple(at[0].frequency_hz for at in lines),
+        tuple(_quartiles(line.stiffness for line in at) for at in lines),
+        tuple(_quartiles(line.damping for line in at) for at in lines),
+        tuple(_quartiles(abs(line.impedance) for line in at) for at in lines),
+        found[0].truth,
+        _quartiles(inf if one.off_3dB_hz is None else one.off_3dB_hz for one in found),
+        found[0].turns,
+    )
+
+
+def _quartiles(values: Iterable[float]) -> Quartiles:
+    known = list(values)
+    return Quartiles(quantile(known, 0.5), quantile(known, 0.25), quantile(known, 0.75))

@@ -1,0 +1,165 @@
+"""What a comparison compares: a plan from what was asked for, or one for each section of the full set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from hapnet.errors import InvalidParameter
+from hapnet.ext.study.compare import Case, Plan, Variant, hand, parted
+from hapnet.ext.study.sections import FULL, QUICK, Section
+from hapnet.param_sources import COMMAND
+from hapnet.params import Params
+from netem.presets import ALIASES, PRESETS
+from netem.units import format_path
+
+BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0}, COMMAND)
+"""All cases have the sampled servo of real hardware, at 1 kHz. At the end the hand holds still: oscillations show."""
+
+NOTICED = 0.1
+"""The first coupling of the quick set is also tried with this Weber fraction: people notice about a tenth."""
+
+Links = Mapping[str, tuple[str, str]]
+"""Links by name, each with its words for the uplink and for the downlink."""
+
+_OWN = {
+    "coupling": "--coupling",
+    "operator": "--operator",
+    "link.up": "--link",
+    "link.down": "--link",
+    "wire.deadband": "--deadband",
+}
+"""Parameters that a comparison varies, and their flags."""
+
+
+def plans(
+    params: Params = BASE,
+    *,
+    bench: str = "quick",
+    couplings: Sequence[str] | None = None,
+    links: Links | Sequence[str] | None = None,
+    traces: Sequence[str] = (),
+    operators: Sequence[str] | None = None,
+    seeds: Sequence[int] | None = None,
+    deadbands: Sequence[float] | None = None,
+) -> dict[str, Plan]:
+    """The plans of a bench (quick, full, or some of its sections) by their sections' names; that of quick has none.
+
+    What is named counts for all sections, in place of what they have by themselves. As soon as anything is named, the
+    quick set is no more than that: every coupling and every link that are named (all of the set where none is), with
+    its first hand and seed 0 where these are not.
+
+    couplings, operators : as `Plan` has them. links, traces : as `links_of` reads them, or links by name.
+
+    Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed.
+    """
+    if params.duration_s <= 0.0:
+        raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
+    for name, flag in _OWN.items():
+        if params.get(name) != BASE.get(name):
+            raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
+    names = [name.strip() for name in bench.split(",")]
+    asked = [part for part in (couplings, links, traces or None, operators, seeds, deadbands) if part is not None]
+    quick = replace(QUICK, operators=QUICK.operators[:1]) if asked else QUICK
+
+    def plan(section: Section, extra: tuple[Variant, ...] = ()) -> Plan:
+        own = {name: value for name, value in section.changes.items() if params.get(name) == BASE.get(name)}
+        return _checked(
+            Plan(
+                params.set(own),
+                tuple(dict.fromkeys(section.couplings if couplings is None else couplings)),
+                links if isinstance(links, Mapping) else links_of(links or section.links, traces),
+                tuple(dict.fromkeys(section.operators if operators is None else operators)),
+                tuple(section.seeds if seeds is None else seeds),
+                (0.0,) if deadbands is None else tuple(dict.fromkeys(deadbands)),
+                extra,
+            )
+        )
+
+    if names == ["quick"]:
+        return {"": plan(quick, () if asked else (Variant(quick.couplings[0], NOTICED),))}
+    names = list(FULL) if names == ["full"] else names
+    for name in names:
+        if name not in FULL:
+            allowed = f"quick, full, or of its sections {', '.join(FULL)}"
+            raise InvalidParameter("--bench", name, allowed, ("quick", "full", *FULL))
+    return {name: plan(FULL[name]) for name in dict.fromkeys(names)}
+
+
+def _checked(plan: Plan) -> Plan:
+    """The plan, each of whose links and operators can be run."""
+    from hapnet.simulation.simulation import Simulation
+
+    _check_words(plan)
+    first = plan.cases()[0]
+    for link in plan.links:
+        Simulation(plan.case(first.variant, link, first.operator, first.seed).params, first.seed)
+    for operator in plan.operators:
+        Simulation(plan.case(first.variant, first.link, operator, first.seed).params, first.seed)
+    return plan
+
+
+def _check_words(plan: Plan) -> None:
+    """Raises InvalidParameter if a coupling's or an operator's text sets what it may not."""
+    from hapnet.couplings.registry import coupling
+
+    taken: dict[str, str] = dict(_OWN)
+    for flag, words, parts in (("--coupling", plan.couplings, parted), ("--operator", plan.operators, hand)):
+        found: dict[str, str] = {}
+        for word in words:
+            name, own = parts(word)
+            if flag == "--coupling":
+                coupling(name)
+            for parameter in plan.params.typed(own):
+                if parameter in taken:
+                    raise InvalidParameter(flag, word, f"other parameters: {taken[parameter]} sets {parameter}")
+                found[parameter] = flag
+        taken |= found
+
+
+def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Links by name: profiles, ``NAME=WORDS`` or ``NAME=WORDS|WORDS`` (up|down), and recorded ones.
+
+    traces : each ``[NAME=]PATH`` of the delivery opportunities in PATH.up and PATH.down.
+    """
+    links: dict[str, tuple[str, str]] = {}
+
+    def add(flag: str, name: str, up: str, down: str) -> None:
+        if name in links:
+            raise InvalidParameter(flag, name, "a different name for each link")
+        links[name] = up, down
+
+    for text in given:
+        name, equals, words = (part.strip() for part in text.partition("="))
+        if equals and name:
+            up, bar, down = (part.strip() for part in words.partition("|"))
+            add("--link", name, up, down if bar else up)
+        elif (profile := ALIASES.get(name, name)) in PRESETS and not equals:
+            add("--link", name, profile, profile)
+        else:
+            allowed = f"{', '.join(PRESETS)}, or NAME=WORDS such as 'slow=delay 80ms loss 1%'"
+            raise InvalidParameter("--link", text, allowed, (*PRESETS, *ALIASES))
+    for text in traces:
+        name, _, path = text.rpartition("=")
+        up, down = (f"trace {format_path(f'{path}.{direction}')}" for direction in ("up", "down"))
+        add("--trace", name or Path(path).name, up, down)
+    return links
+
+
+def drawn_case(plan: Plan, text: str | None) -> Case:
+    """The case that ``LINK[,OPERATOR[,SEED]]`` names, with the first variant."""
+    from hapnet.assembly.links import link_profile
+
+    def delay_ns(link: str) -> int:
+        return sum(link_profile("--link", words).delay_ns for words in plan.links[link])
+
+    link, operator, seed = max(plan.links, key=delay_ns), plan.operators[-1], str(plan.seeds[0])
+    given = [word.strip() for word in (text or "").split(",")]
+    link, operator, seed = (word or default for word, default in zip([*given, "", ""], (link, operator, seed),
+                                                                     strict=False))  # fmt: skip
+    numbers = {str(number): number for number in plan.seeds}
+    if len(given) > 3 or link not in plan.links or operator not in plan.operators or seed not in numbers:
+        allowed = f"{'|'.join(plan.links)}[,{'|'.join(plan.operators)}[,{'|'.join(numbers)}]]"
+        raise InvalidParameter("--case", text, allowed)
+    return plan.case(plan.variants[0], link, operator, numbers[seed])

@@ -1,0 +1,91 @@
+"""The stiffest wall that stays free of limit cycles: the upper end of the Z-width.
+
+J. E. Colgate and J. M. Brown (Factors affecting the Z-width of a haptic display, 1994) call so the range of impedances
+that a display can render passively. Here it is found as they found it, by trying: a hand presses into the wall and
+holds still, and the force must come to rest (`hapnet.ext.metrics.force.limit_cycles`). The springs and the wall are
+made stiffer together, so that what is felt is; bisection finds the stiffness at which the force does not come to rest
+any more. It supposes that there is one: a softer wall than one without limit cycles has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from math import sqrt
+from typing import NamedTuple
+
+from hapnet.assembly.springs import with_springs
+from hapnet.couplings.registry import ideal_stiffness
+from hapnet.errors import InvalidParameter
+from hapnet.ext.metrics.force import UNTIL_S, limit_cycles
+from hapnet.params import Params
+from hapnet.simulation.simulation import Simulation
+
+SPRINGS = ("device.stiffness", "world.stiffness", "world.wall.stiffness")
+_PRESS: dict[str, object] = {
+    "operator": "press", "operator_hand.wait_s": 0.1, "operator_hand.reach_s": 0.7, "operator_hand.end_hold_s": 0.0
+}  # fmt: skip
+_HELD_S = UNTIL_S + 0.1
+
+
+class ZWidth(NamedTuple):
+    """Between which stiffnesses of the wall that is felt [N/m] limit cycles begin.
+
+    free : the largest one that was tried without a limit cycle; None: the smallest one has one already.
+    cycles : the smallest one that was tried with one; None: the largest one has none.
+    """
+
+    free: float | None
+    cycles: float | None
+
+
+def z_width(
+    params: Params,
+    seeds: Iterable[int],
+    *,
+    least: float = 0.05,
+    most: float = 50.0,
+    ratio: float = 1.05,
+    springs: Sequence[str] = SPRINGS,
+) -> ZWidth:
+    """The stiffest wall for which no seed ends in a limit cycle, within a factor of `ratio`.
+
+    All `springs` are multiplied by the same factor, between `least` and `most`; a stiffness is what would be felt over
+    an ideal link (`ideal_stiffness`). The hand is that of `params` and presses to `operator_hand.goal_m`; its
+    schedule and the duration are set here.
+
+    Raises HapnetError, netem.NetemError: the parameters do not make a run.
+    """
+    timing = {"operator_hand.hold_s": _HELD_S, "duration_s": 0.8 + _HELD_S, "record_hz": params.device.servo_hz}
+    servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
+    pressing, tried = with_springs(params.set({**_PRESS, **timing, **servo})), tuple(seeds)
+
+    def scaled(factor: float) -> Params:
+        return pressing.set({name: factor * pressing.get(name) for name in springs})
+
+    def free(factor: float) -> bool:
+        run = scaled(factor)
+        return not any(limit_cycles(Simulation(run, seed).run().recording) for seed in tried)
+
+    def felt(factor: float | None) -> float | None:
+        return None if factor is None else ideal_stiffness(run := scaled(factor), run.world.wall.stiffness)
+
+    felt(1.0)  # so that springs that are no numbers are refused at once
+    found = maximum(free, least, most, ratio)
+    return ZWidth(felt(found.free), felt(found.cycles))
+
+
+def maximum(free: Callable[[float], bool], least: float, most: float, ratio: float) -> ZWidth:
+    """Bisect, on a log scale, where `free` ends between `least` and `most`, until the two ends are within `ratio`."""
+    if not 0.0 < least < most:
+        raise InvalidParameter("least", least, f"above 0 and below {most:g}, the largest")
+    if not ratio > 1.0:
+        raise InvalidParameter("ratio", ratio, "above 1")
+    if not free(least):
+        return ZWidth(None, least)
+    if free(most):
+        return ZWidth(most, None)
+    low, high = least, most
+    while high > low * ratio:
+        middle = sqrt(low) * sqrt(high)
+        low, high = (middle, high) if free(middle) else (low, middle)
+    return ZWidth(low, high)

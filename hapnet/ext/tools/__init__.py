@@ -1,0 +1,1 @@
+"""Tools: a handle that turns as well as moves, and its contacts."""

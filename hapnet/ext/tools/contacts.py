@@ -1,0 +1,259 @@
+"""Contact of a rigid tool with rigid solids: the secant planes of `rigid_contacts`, one for each point that touches.
+
+Points are those of the tool at solids, and those of solids' edges at the tool (`edges.py`).
+
+A point p of the tool is linear in the pose's coordinates, so its plane is a plane there too, and the anchored energy of
+`hapnet.ext.solids.rigid_contacts` holds as it stands: at an onset the depths are set to the true ones, whose energy
+the planes' energy and a small reservoir E_c must pay for, else all are scaled; what dampers and friction dissipate
+refills E_c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot, sqrt
+
+import numpy as np
+
+from hapnet.checks import MOST_PLANES, Vector
+from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.friction import coefficient, tangential
+from hapnet.ext.solids.mesh_contact import secants_of
+from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.rigid_step import ANCHOR_CEILING_J
+from hapnet.ext.solids.secant import GOOD_MPS, Secant, end_J, onset_J
+from hapnet.ext.solids.shapes import Sphere, triple
+from hapnet.ext.tools.body import MOST, RigidBody, Touched, step
+from hapnet.ext.tools.edges import edge_points
+from hapnet.ext.tools.tool import Tool, place
+from hapnet.mechanics.contacts import Inverse, Surroundings
+from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.pose import AXES, arms, in_world
+from hapnet.records.record import zero
+from hapnet.records.vectors import added, dot
+
+CORRECTIONS = 4
+"""The most rounds in which secants are corrected; 1 is usual."""
+
+
+Met = tuple[Vector, Secant, Vector]
+"""A point of the tool, a solid near it, and where the point is at the step's start [m]."""
+
+
+class State:
+    """Where a body is, so that it can begin again."""
+
+    def __init__(self, body: RigidBody) -> None:
+        self.v = list(body.v)
+        self._rest = list(body.x), list(body.velocity), list(body.spin)
+
+    def restore(self, body: RigidBody) -> None:
+        body.x[:], body.velocity[:], body.spin[:] = self._rest
+        body.v[:] = self.v
+
+
+class ToolContacts(Surroundings):
+    """The surroundings of a tool; they keep the state of one contact, so they belong to one tool.
+
+    tool, solids : what touches what. arm_m : the length of the pose's arms [m].
+    """
+
+    dof: int = AXES
+
+    def __init__(self, tool: Tool, solids: Sequence[Solid], arm_m: float) -> None:
+        self.tool, self.solids, self.arm_m = tool, tuple(solids), arm_m
+        self._planes: Touched = zero(Touched)
+        self._secants: list[tuple[Vector, Secant]] = [
+            (point, secant)
+            for point in tool.points
+            for solid in self.solids
+            if not (tool.closed and isinstance(solid.shape, Sphere))  # it meets faces, edges and corners as one
+            for secant in secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction)
+        ]
+        self._edges = edge_points(tool, self.solids, arm_m)
+        self._rubs = any(solid.friction for solid in self.solids)
+        self.energy_J: float = 0.0
+        """e + E_c after the last step."""
+        self.scale: float = 1.0
+        """s of the last onset; 1: its depths were the true ones."""
+        self.at: Vector = (0.0,) * AXES
+        """The tool's pose after the last step (12,) [m]."""
+
+    def require_outside(self, position: Sequence[float]) -> None:
+        deep = max((-secant.shape.near(x).distance_m for _, secant, x in self._pairs(position)), default=0.0)
+        if deep > 0.0:
+            allowed = f"a pose in which no point of the tool is inside (one is {deep:.3g} m deep)"
+            raise InvalidParameter("start", tuple(position), allowed)
+
+    def _pairs(self, position: Sequence[float]) -> list[Met]:
+        """All that may touch, with the tool at `position` (12,) [m]."""
+        points = [(point, secant, place(position, point, self.arm_m)) for point, secant in self._secants]
+        return points + [(point, edge, x) for edge in self._edges for point, x in [edge.begin(position)]]
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Sequence[float], list[float]]:
+        raise NotImplementedError("a tool is moved by its own mass")
+
+    def stored_J(self, position: Sequence[float]) -> float:
+        """Energy in the planes' springs and in the reservoir after the last step, wherever that ended."""
+        return self.energy_J
+
+    def penetration(self, position: Sequence[float]) -> float:
+        found = 0.0
+        for _, secant, x in self._pairs(position):
+            if not secant.farther_than(0.0, x):
+                found = max(found, -secant.near(x).distance_m)
+        return found
+
+    def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
+        """The deepest planes, in the pose's coordinates: as they act on a body that stays rigid."""
+        made = []
+        for distance, point, normal, secant in self.within(position, reach_m)[:MOST_PLANES]:
+            r = in_world(position, self.arm_m, point)
+            made.append(rigid_plane(position, self.arm_m, r, normal, distance, secant.stiffness, secant.damping))
+        return tuple(made)
+
+    def within(self, position: Sequence[float], reach_m: float) -> list[tuple[float, Vector, Vector, Secant]]:
+        """What of the tool is within `reach_m` of a solid, the deepest first: the distance [m], the point in the tool's
+        axes, the unit normal into the solid, and the solid."""
+        found = []
+        for point, secant, x in self._pairs(position):
+            if secant.farther_than(reach_m, x):
+                continue
+            distance, gradient = secant.near(x)
+            if distance <= reach_m and (size := hypot(*gradient)):
+                found.append((distance / size, point, tuple([-part / size for part in gradient]), secant))
+        return sorted(found, key=lambda one: one[0])
+
+    # -- a step -------------------------------------------------------------------------------------------------------
+
+    def move(self, body: RigidBody, dt: float, ybar: Vector, push: Vector) -> tuple[Vector, float] | None:
+        """Move the body by a step of `dt` [s] on the spring that holds it to `ybar`, under `push`, among the solids.
+
+        Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: the step was not found, and
+        nothing has changed.
+        """
+        state, planes = State(body), self._planes
+        start = self._pairs(body.x)
+        planes.count = 0
+        if not step(body, dt, push, ybar, planes):
+            return None
+        met: list[Met] = []
+        if not self._meet(body, start, met):
+            self.energy_J = min(self.energy_J, ANCHOR_CEILING_J)
+            return _STILL, 0.0
+        self._anchor(met)
+        for left in range(CORRECTIONS, -1, -1):  # a step is the last that is done, with the planes that count
+            if not self._step(body, state, dt, ybar, push, met):
+                state.restore(body)
+                return None
+            if not left:
+                break
+            wrong = False
+            for point, secant, x in met:
+                end = place(body.x, point, self.arm_m)
+                wrong = secant.correct(x, _minus(end, x), end, dt * GOOD_MPS) or wrong
+            if not (self._meet(body, start, met) or wrong):
+                break
+        force, work, held = [0.0] * AXES, 0.0, 0.0
+        for k, (point, secant, x) in enumerate(met):
+            delta = _minus(place(body.x, point, self.arm_m), x)
+            held += end_J(secant, delta)
+            pushed = self._force(k, delta, dt)
+            work += dot(3, pushed, delta)
+            for i in range(3):
+                force[i] += pushed[i]
+                for j in range(3):
+                    force[3 + 3 * j + i] += point[j] / self.arm_m * pushed[i]
+        self.energy_J = min(max(held, self.energy_J - work), held + ANCHOR_CEILING_J)
+        return tuple(force), work
+
+    def _meet(self, body: RigidBody, start: list[Met], met: list[Met]) -> bool:
+        """Which planes does the displacement meet that were not met yet? Is there any?"""
+        before, known = len(met), {id(secant) for _, secant, _ in met}
+        for point, secant, x in start:
+            if id(secant) in known or len(met) == MOST:
+                continue
+            delta = _minus(place(body.x, point, self.arm_m), x)
+            if secant.meets(x, delta, hypot(*delta)):
+                met.append((point, secant, x))
+        return len(met) > before
+
+    def _anchor(self, met: list[Met]) -> None:
+        """Scale the depths down if the energy for them is not there."""
+        true_J = added(onset_J(secant) for _, secant, _ in met)
+        self.scale = 1.0
+        if true_J > self.energy_J:
+            self.scale = sqrt(self.energy_J / true_J)
+            for _, secant, _ in met:
+                if secant.depth > 0.0:
+                    secant.depth *= self.scale
+
+    def _step(self, body: RigidBody, state: State, dt: float, ybar: Vector, push: Vector, met: list[Met]) -> bool:
+        """The step against these planes, first without friction, then with it."""
+        planes = self._planes
+        planes.count = len(met)
+        for k, (point, secant, _) in enumerate(met):
+            planes.places[k][:], planes.normals[k][:] = point, secant.normal
+            planes.depths[k], planes.stiffnesses[k] = secant.depth, secant.stiffness
+            planes.dampings[k], planes.drags[k] = secant.damping, 0.0
+        state.restore(body)
+        if not step(body, dt, push, ybar, planes):
+            return False
+        if not self._rubs:
+            return True
+        resistance = 2.0 * body.mass / dt + body.damping + 0.5 * body.stiffness * dt
+        rubs = False
+        for k, (point, secant, x) in enumerate(met):
+            if planes.pushes[k] == 0.0 or not secant.friction > 0.0:
+                continue
+            normal = triple(planes.normals[k])
+            moved = _minus(place(body.x, point, self.arm_m), x)
+            across = tangential((moved[0] / dt, moved[1] / dt, moved[2] / dt), normal)
+            begun = tangential(place(state.v, point, self.arm_m, home=False), normal)
+            size = hypot(*normal)
+            lever = hypot(*point) / self.arm_m
+            grip = -secant.friction * planes.pushes[k] * size
+            planes.drags[k] = coefficient(grip, hypot(*across), resistance / (1.0 + 0.5 * lever * lever), begun)
+            rubs = rubs or planes.drags[k] > 0.0
+        if not rubs:
+            return True
+        state.restore(body)
+        return step(body, dt, push, ybar, planes)
+
+    def _force(self, k: int, delta: Vector, dt: float) -> Vector:
+        """What a plane did to its point in the step: push along the normal, and drag across [N]."""
+        planes = self._planes
+        n, drag = triple(planes.normals[k]), planes.drags[k]
+        across = tangential(delta, n) if drag else _STILL
+        return (
+            planes.pushes[k] * n[0] - drag * across[0] / dt,
+            planes.pushes[k] * n[1] - drag * across[1] / dt,
+            planes.pushes[k] * n[2] - drag * across[2] / dt,
+        )
+
+
+_STILL: Vector = (0.0,) * AXES
+
+
+def rigid_plane(
+    x: Sequence[float], arm_m: float, r: Sequence[float], normal: Vector, distance: float, stiffness: float,
+    damping: float, speed: float = 0.0,
+) -> Plane:  # fmt: skip
+    """A plane in the coordinates of a pose, as it acts on a body that stays rigid.
+
+    It touches the body at r (3,) from the pose's point, with the unit `normal` n (3,) into the solid, `distance` [m]
+    away. Its gradient there is ``(n, a_j n/l)``; only the part along rigid motions does work:
+    ``(n, (r x n) x P_j/(2 l^2))``. stiffness [N/m], damping [Ns/m], speed [m/s] : along n.
+    """
+    turned = np.cross(np.cross(np.array(r), np.array(normal)), arms(x, arm_m)) / (2.0 * arm_m * arm_m)
+    N = np.concatenate([normal, turned.ravel()])
+    size = float(np.linalg.norm(N))
+    unit = tuple((N / size).tolist())
+    offset = dot(AXES, unit, x) + distance / size
+    return Plane(unit, offset, stiffness * size * size, damping * size * size, speed / size)
+
+
+def _minus(one: Vector, other: Vector) -> Vector:
+    return (one[0] - other[0], one[1] - other[1], one[2] - other[2])

@@ -1,0 +1,163 @@
+"""A handle of six degrees of freedom in a simulated hand: a device of the twelve coordinates of a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from hapnet import checks
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.ext.tools import body as bodies
+from hapnet.ext.tools.body import RigidBody, Touched, kinetic, settle
+from hapnet.mechanics.pose import ARM_M, AXES, OfPose, nearest
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Operator
+from hapnet.records.equation import equation
+from hapnet.records.record import Reals, Record, zero
+from hapnet.records.vectors import copy
+
+MOST_PARTS = 1024
+"""A step that is not found is cut into so many parts at most."""
+
+
+class Handle(Record):
+    """A handle and the hand that holds it.
+
+    period, h : of a tick, and of a step [s]; steps : their number in a tick. The body's damping is B_h + b.
+    hand_share : of the hand's mass in the body's. hand_stiffness [N/m], hand_damping [Ns/m] : K_h, B_h.
+
+    Attributes
+    ----------
+    held : the force that is held (12,) [N]. hand_force : mean in the last step (12,) [N], without that of its mass.
+    unsettled : steps that were not found, in which the handle rested where it was.
+    """
+
+    body: RigidBody
+    steps: int
+    period: float
+    h: float
+    hand_share: float
+    hand_stiffness: float
+    hand_damping: float
+    held: OfPose
+    hand_force: OfPose
+    unsettled: int
+    hand_work: float
+    aim: OfPose
+    push: OfPose
+    begun: OfPose
+    reached: OfPose
+    free: Touched
+
+
+@equation
+def tick(handle: Handle, path: Sequence[Reals]) -> float:
+    """One tick, while the hand's reference goes from path[0] to path[1] [m]. Returns the hand's work [J]."""
+    body, h, K, B, work = handle.body, handle.h, handle.hand_stiffness, handle.hand_damping, 0.0
+    for done in range(handle.steps):
+        share = (done + 0.5) / handle.steps
+        for i in range(AXES):
+            rate = (path[1][i] - path[0][i]) / handle.period
+            handle.aim[i] = path[0][i] + share * (path[1][i] - path[0][i])
+            handle.push[i] = handle.held[i] + B * rate
+            handle.begun[i] = body.x[i]
+        before = kinetic(body)
+        _go_on(handle, h)
+        for i in range(AXES):
+            middle, moved = 0.5 * (handle.begun[i] + body.x[i]), body.x[i] - handle.begun[i]
+            handle.hand_force[i] = handle.push[i] - handle.held[i] + K * (handle.aim[i] - middle) - B * moved / h
+        work += handle.hand_work
+        work -= handle.hand_share * (kinetic(body) - before)
+    return work
+
+
+@equation
+def _go_on(handle: Handle, h: float) -> None:
+    """Move the handle by a step of `h` [s], in parts if it is not found at once, and the hand's work in it."""
+    body, left, part, K, B = handle.body, h, h, handle.hand_stiffness, handle.hand_damping
+    handle.hand_work = 0.0
+    while left > 0.25 * part:
+        copy(AXES, body.x, handle.reached)
+        if bodies.step(body, part, handle.push, handle.aim, handle.free):
+            left -= part
+            for i in range(AXES):
+                pull = handle.push[i] - handle.held[i] + K * (handle.aim[i] - body.middle[i]) - B * body.mean[i]
+                handle.hand_work += pull * (body.x[i] - handle.reached[i])
+        elif part > h / MOST_PARTS:
+            part *= 0.5
+        else:
+            handle.unsettled += 1
+            _rest(body)
+            left = 0.0
+
+
+@equation
+def _rest(body: RigidBody) -> None:
+    """The body stops where it is: a step that cannot be found costs its motion, which never makes energy."""
+    for i in range(3):
+        body.velocity[i] = body.spin[i] = 0.0
+    for i in range(AXES):
+        body.mean[i], body.middle[i] = 0.0, body.x[i]
+    settle(body)
+
+
+class SimulatedHandle(SimulatedDevice):
+    """A handle that a simulated hand holds; it begins at rest at the hand's reference.
+
+    Along all twelve coordinates it has the same mass and own damping, so its inertia is ``2 m l^2`` about every axis,
+    and so is the hand's. The force of a tick is held along the coordinates: its torque turns with the handle.
+
+    arm_m : the length of the pose's arms [m]. The other parameters are those of `SimulatedDevice`.
+
+    Raises InvalidParameter: a value is not allowed.
+    """
+
+    def __init__(self, operator: Operator, *, arm_m: float = ARM_M, **others: Any) -> None:
+        super().__init__(operator, **others)
+        if self.dof != AXES:
+            raise InvalidParameter("operator", f"{self.dof} axes", f"a hand that gives poses, of {AXES} coordinates")
+        self.arm_m = checks.positive("arm_m", arm_m)
+        hand = operator.impedance
+        whole, damping = self.mass + hand.mass, hand.damping + self.damping
+        self.handle = made = zero(Handle)
+        made.body = RigidBody(whole, (2.0 * whole * arm_m * arm_m,) * 3, self.position, arm_m)
+        made.body.hold(hand.stiffness, damping, hand.stiffness, damping)
+        settle(made.body)
+        made.steps, made.period, made.h = self._substeps, self.period, self.period / self._substeps
+        made.hand_share = hand.mass / whole
+        made.hand_stiffness, made.hand_damping = hand.stiffness, hand.damping
+
+    @property
+    def kinetic(self) -> float:
+        return (1.0 - self.handle.hand_share) * self.handle.body.kinetic
+
+    def place(self, position: Vector) -> None:
+        position = nearest(position, self.arm_m)
+        super().place(position)
+        self.handle.body.x[:] = position
+        settle(self.handle.body)
+
+    def apply(self, force: Vector) -> Vector:
+        held = super().apply(force)
+        self.handle.held[:] = held
+        return held
+
+    def couple(
+        self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
+    ) -> None:
+        """Refused: a handle's force is held from tick to tick."""
+        raise InvalidParameter("device.servo", "continuous", "sampled with a pose")
+
+    def _tick(self, begin: Vector, end: Vector) -> float:
+        handle, state = self.handle, self.state
+        work = self._run(begin, end)
+        state.position[:], state.velocity[:] = handle.body.x, handle.body.v
+        state.hand_force[:], state.actuator_force[:] = handle.hand_force, handle.held
+        return work
+
+    def _run(self, begin: Vector, end: Vector) -> float:
+        """A tick of the handle's record; compiled ones have another."""
+        return tick(self.handle, (begin, end))

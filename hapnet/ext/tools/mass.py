@@ -1,0 +1,136 @@
+"""The virtual mass of a pose: a rigid tool on the virtual coupling, for `hapnet.mechanics.contacts.Mass`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hapnet.checks import Vector
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.tools.body import RigidBody, settle
+from hapnet.ext.tools.contacts import ToolContacts
+from hapnet.mechanics.contacts import Mass, Step, Surroundings, doing
+from hapnet.mechanics.pose import AXES, nearest
+from hapnet.records.vectors import added, inner
+
+HALVINGS = 12
+"""A step is cut in half at most so often: then it turns by less than Newton's method asks for."""
+
+
+class ToolMass(Mass):
+    """A tool among its solids, moved by the step of `hapnet.ext.tools.body`, which obeys (13) for any length.
+
+    mass [kg] : a number. damping B' [Ns/m], stiffness K' [N/m] : a number for all coordinates, or one for each: one
+        number for the point's, and one for the arms'. position : the pose (12,) [m] in which it starts at rest.
+
+    Raises InvalidParameter: a value is not allowed.
+    """
+
+    def __init__(
+        self, contacts: ToolContacts, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike, position: Vector
+    ) -> None:
+        self.contacts = contacts
+        (K, K_arms), (B, B_arms) = _pair("stiffness", stiffness), _pair("damping", damping)
+        self._own = K, B, K_arms, B_arms
+        m, tool, arm_m = _number("mass", mass), contacts.tool, contacts.arm_m
+        a, b, c = (length * length for length in tool.size)
+        least = 2.0 * m * arm_m * arm_m
+        inertia = tool.inertia or tuple([max(least, m / 12.0 * moment) for moment in (b + c, a + c, a + b)])
+        self.body = RigidBody(m, inertia, position, arm_m)
+        settle(self.body)
+        self._hold(*self._own)
+
+    def _hold(self, K: float, B: float, K_arms: float, B_arms: float) -> None:
+        """A spring and a damper for the steps from now on."""
+        self._K, self._B = (K,) * 3 + (K_arms,) * 9, (B,) * 3 + (B_arms,) * 9
+        self.body.hold(K, B, K_arms, B_arms)
+
+    @property
+    def position(self) -> Vector:
+        return tuple(self.body.x)
+
+    @property
+    def velocity(self) -> Vector:
+        return tuple(self.body.v)
+
+    @property
+    def kinetic_J(self) -> float:
+        return self.body.kinetic
+
+    def adopt(self, contacts: Surroundings) -> None:
+        contacts.require_outside(self.position)
+
+    def place(self, position: Vector) -> None:
+        position = nearest(position, self.body.arm_m)
+        self.contacts.require_outside(position)
+        body = self.body
+        body.x[:] = position
+        for i in range(3):
+            body.velocity[i] = body.spin[i] = 0.0
+        settle(body)
+
+    def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
+        self._hold(*self._own)
+        return self._made(dt, set_position, (0.0,) * AXES)
+
+    def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
+        """The push is held along the coordinates: its torque turns with the tool."""
+        self._hold(0.0, drag, 0.0, drag)
+        return self._made(dt, self.position, push)
+
+    def _made(self, dt: float, ybar: Vector, push: Vector) -> Step:
+        """A step on the spring and damper that hold it, to `ybar`, and under `push`."""
+        begun, before = self.position, self._potential(ybar)
+        force, work, lost, pull = self._advance(dt, ybar, push, HALVINGS)
+        moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
+        velocity = tuple([part / dt for part in moved])
+        force = doing(work, force, moved)  # of a step that was cut: the mean force that does the same work
+        pull = doing(inner(push, moved) + before - self._potential(ybar) - lost, pull, moved)
+        self.contacts.at = end = self.position
+        return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
+
+    def _potential(self, ybar: Vector) -> float:
+        """phi [J]."""
+        return 0.5 * added([k * (x - y) * (x - y) for k, x, y in zip(self._K, self.body.x, ybar, strict=True)])
+
+    def _advance(self, dt: float, ybar: Vector, push: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
+        """Force of the solids (12,) [N] and its work [J], what the damper dissipated [J], and the coupling's force."""
+        body = self.body
+        found = self.contacts.move(body, dt, ybar, push)
+        if found is None:
+            if not halvings:
+                raise HapnetError(f"a step of {dt:g} s of the tool was not found")
+            first = self._advance(0.5 * dt, ybar, push, halvings - 1)
+            second = self._advance(0.5 * dt, ybar, push, halvings - 1)
+            f, pull = (
+                tuple([0.5 * (a + b) for a, b in zip(first[k], second[k], strict=True)])  # type: ignore[arg-type]
+                for k in (0, 3)
+            )
+            return f, first[1] + second[1], first[2] + second[2], pull
+        mean, middle = body.mean, body.middle
+        damper = [b * v for b, v in zip(self._B, mean, strict=True)]
+        spring = [k * (x - y) for k, x, y in zip(self._K, middle, ybar, strict=True)]
+        pull = tuple([given - a - b for given, a, b in zip(push, damper, spring, strict=True)])
+        return found[0], found[1], dt * inner(damper, mean), pull
+
+
+def _pair(name: str, value: ArrayLike) -> tuple[float, float]:
+    """The number of the point's coordinates, and that of the arms'."""
+    given = np.asarray(value, dtype=float)
+    if given.shape != (AXES,):
+        number = _number(name, value)
+        return number, number
+    first, second = float(given[0]), float(given[3])
+    if (given[:3] != first).any() or (given[3:] != second).any() or not min(first, second) > 0.0:
+        raise InvalidParameter(name, value, "one number above 0 for the point, and one for turning")
+    return first, second
+
+
+def _number(name: str, value: ArrayLike) -> float:
+    given = np.asarray(value, dtype=float)
+    if given.ndim != 0:
+        raise InvalidParameter(name, value, "one number with a pose")
+    number = float(given)
+    if not 0.0 < number < float("inf"):
+        raise InvalidParameter(name, value, "a positive number")
+    return number
