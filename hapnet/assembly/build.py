@@ -304,7 +304,8 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
         end = _end(setup, setup.coupling.world, WorldCoupling, _start(setup, world, position, empty, kinetic))
         return end if setup.scene.robot else setup.ends.steps(end, mass, setup.scene.contacts)
 
-    make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
+    trial = make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
+    mass = setup.ends.mass(trial, mass)
     endpoint.reindexing = reindexing(setup.params, setup.coupling, setup.scene)
     write = writes_on_link(setup.params, write, endpoint.reindexing)
     side = WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)

@@ -176,6 +176,10 @@ class Ends:
         """The world's end, before its first step, which `mass` makes among `contacts`."""
         return steps
 
+    def mass(self, steps: WorldCoupling, mass: Mass) -> Mass:
+        """The mass that takes the place of `mass` once `steps` is made for it."""
+        return mass
+
 
 @equation
 def counted(world: Any, dt: float, x: Reals, kinetic: float, work: float, dissipated: float) -> Update:

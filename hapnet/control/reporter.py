@@ -21,7 +21,7 @@ class Teller:
     """
 
     def __init__(self, position: Vector, predicted: PredictedDevice, reach: float, reach_speed: float) -> None:
-        self._predicted = predicted
+        self.predicted = predicted
         self._reach, self._reach_speed = reach, reach_speed
         self._contacts: Surroundings | None = None
         self._force: Vector = (0.0,) * len(position)
@@ -41,7 +41,7 @@ class Teller:
 
     def look(self, dt: float, x: Vector) -> None:
         """See what is around x [m], `dt` seconds after the last step began; the prediction knows it then too."""
-        predicted = self._predicted
+        predicted = self.predicted
         if self._contacts is not None:
             self._looked_m = reach = min(MOST_REACH_M, self._reach + self._reach_speed * predicted.turn_s)
             reported = self._contacts.planes(x, reach)

@@ -133,8 +133,12 @@ class SampledServo(Record):
         for name in ("held", "commanded", "before", "velocity", "wanted", "pull"):
             setattr(self, name, [0.0] * n)
         self.potential = coupling.potential(position)
+        self.limit_gifts()
+
+    def limit_gifts(self) -> None:
+        """From now on the coupling gives a new peer no more than the force that is held can spare."""
         if self.guard.has_account:
-            coupling.spare = self._spare
+            self.coupling.spare = self._spare
 
     @property
     def force(self) -> Vector:

@@ -7,9 +7,7 @@ from typing import Annotated
 
 from hapnet.ext.arms import motion
 from hapnet.ext.arms.chain import JOINTS
-from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.motion import Arm
-from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Record
 
@@ -32,7 +30,3 @@ def enter(ends: Sequence[ArmEnd]) -> bool:
     """Make a tick. Compiled code is entered by this."""
     tick(ends[0])
     return True
-
-
-class CompiledArm(CompiledTicks, SimulatedArm):
-    """A `SimulatedArm` whose ticks are compiled."""

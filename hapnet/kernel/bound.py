@@ -51,25 +51,55 @@ def read(kind: type[R], place: R, axes: int) -> R:
     return record
 
 
-def bind(place: R, record: R, as_kind: type[Record] | None = None, *, copied: tuple[type[Record], ...] = ()) -> None:
-    """Move a record, and the records in it, to their place; all who know it see it there.
+class Move:
+    """Moves records that know each other to memory: each gets a new record, whose fields lie there, in its place.
 
-    as_kind : the class that it gets, one that adds methods to its own; None: it keeps its own.
+    Whoever is moved later knows the new ones of those that were moved before. Nobody uses the old ones any more.
+
     copied : records of these classes are only copied. Nobody writes into them, but several sides share them.
     """
+
+    def __init__(self, copied: tuple[type[Record], ...] = ()) -> None:
+        self._copied = copied
+        self._moved: dict[int, tuple[Record, Record]] = {}  # with the old ones, so that no other gets their number
+
+    def to(self, place: Any, record: Record, as_kind: type[Record] | None = None) -> Any:
+        """The new record, with new ones in it.
+
+        place : a `memory`, or a field of it. as_kind : its class, one that adds methods to that of `record`; None: the
+        same.
+        """
+        kind: Any = as_kind or type(record)
+        bound = _bound(kind)
+        made = bound.__new__(bound)
+        views, known = SimpleNamespace(), _fields(type(record))
+        for name, (of, shape) in known.items():
+            value = getattr(record, name)
+            if isinstance(value, Record) and not isinstance(value, self._copied):
+                value = self.to(getattr(place, name), value)
+            else:
+                _write(place, name, of, shape, value)
+            setattr(views, name, _view(place, name, of, shape, value))
+        vars(made).update({name: self._new(value) for name, value in vars(record).items() if name not in known})
+        vars(made).update(bound_at=place, bound_views=views)
+        self._moved[id(record)] = record, made
+        return made
+
+    def _new(self, value: Any) -> Any:
+        """The value of another attribute than a field: a record in it, alone or in a tuple, may have been moved."""
+        if type(value) is tuple:
+            return tuple([self._new(one) for one in value])
+        return self._moved.get(id(value), (value, value))[1]
+
+
+def move_on(place: Any, record: Record) -> None:
+    """Move a record that `Move` has made to another place; it has no records in it."""
     views = SimpleNamespace()
     for name, (of, shape) in _fields(type(record)).items():
         value = getattr(record, name)
+        _write(place, name, of, shape, value)
         setattr(views, name, _view(place, name, of, shape, value))
-        if isinstance(value, Record) and not isinstance(value, copied):
-            bind(getattr(place, name), value, copied=copied)
-        else:
-            _write(place, name, of, shape, value)
-    for name in _fields(type(record)):
-        vars(record).pop(name, None)
     vars(record).update(bound_at=place, bound_views=views)
-    kind: Any = as_kind or type(record)
-    record.__class__ = _bound(kind)
 
 
 def _fields(kind: Any, axes: int = AXES) -> dict[str, tuple[Any, tuple[int, ...]]]:

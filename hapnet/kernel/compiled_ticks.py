@@ -1,4 +1,4 @@
-"""A simulated device whose ticks are compiled calls on a record that Python reads and writes as well."""
+"""The compiled ticks of a simulated arm or handle, whose record Python reads and writes as well."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from hapnet.checks import Vector
 
 
 class CompiledTicks:
-    """Comes before a simulated device's class, in place of its `_run`. Its end has `path`, of two rows, and `work`."""
+    """Makes a tick by a compiled call: the `compiled` of a `SimulatedArm` or a `SimulatedHandle`.
 
-    def runs(self, array: Any, end: Any, run: Any) -> None:
-        """array, end : the end's memory. run : the compiled tick."""
-        self._array, self._end, self._compiled = array, end, run
+    array, end : the end's memory, with `path`, of two rows, and `work`. run : the compiled tick.
+    """
 
-    def _run(self, begin: Vector, end: Vector) -> float:
+    def __init__(self, array: Any, end: Any, run: Any) -> None:
+        self._array, self._end, self._run = array, end, run
+
+    def __call__(self, begin: Vector, end: Vector) -> float:
         path, n = self._end.path, len(begin)
         path[0][:n], path[1][:n] = begin, end
-        self._compiled(self._array)
+        self._run(self._array)
         work: float = self._end.work
         return work

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.ext.tools import device as handles
-from hapnet.ext.tools.device import Handle, SimulatedHandle
-from hapnet.kernel.compiled_ticks import CompiledTicks
+from hapnet.ext.tools.device import Handle
 from hapnet.mechanics.pose import AXES
 from hapnet.records.equation import equation
 from hapnet.records.record import FloatRows, Record
@@ -31,7 +30,3 @@ def enter(ends: Sequence[HandleEnd]) -> bool:
     """Make a tick. Compiled code is entered by this."""
     tick(ends[0])
     return True
-
-
-class CompiledHandle(CompiledTicks, SimulatedHandle):
-    """A `SimulatedHandle` whose ticks are compiled."""

@@ -19,8 +19,9 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.kernel import arm_end, bound, handle_end, progress, servo_end, sources, world_end
-from hapnet.kernel.arm_end import ArmEnd, CompiledArm
-from hapnet.kernel.handle_end import CompiledHandle, HandleEnd
+from hapnet.kernel.arm_end import ArmEnd
+from hapnet.kernel.compiled_ticks import CompiledTicks
+from hapnet.kernel.handle_end import HandleEnd
 from hapnet.kernel.kinds import OF_SET_POSITIONS
 from hapnet.kernel.servo_end import CompiledServo, ServoEnd
 from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
@@ -92,10 +93,8 @@ def ends() -> Ends:
     return CompiledEnds() if machine_code.no_compiler() is None else Ends()
 
 
-_DEVICES: dict[type, tuple[str, Any]] = {
-    SimulatedArm: (ARM, CompiledArm), SimulatedHandle: (HANDLE, CompiledHandle)
-}  # fmt: skip
-"""The simulated devices whose ticks are compiled by themselves, by their record's name in their end."""
+_DEVICES: dict[type, str] = {SimulatedArm: ARM, SimulatedHandle: HANDLE}
+"""The simulated devices whose ticks are compiled by themselves, with their record's name in them and in their end."""
 
 
 class CompiledDevices(Ends):
@@ -103,13 +102,11 @@ class CompiledDevices(Ends):
 
     def simulated(self, device: Made) -> Made:
         """The same device; if it is such a one, its ticks are compiled from now on."""
-        if type(device) in _DEVICES:
-            name, compiled = _DEVICES[type(device)]
+        if (name := _DEVICES.get(type(device))) is not None:
             made: Any = device
             array, end = bound.memory(_COMPILED[name][1])
-            bound.bind(getattr(end, name), getattr(made, name))
-            made.__class__ = compiled
-            made.runs(array, end, make_ready(name))
+            setattr(made, name, bound.Move().to(getattr(end, name), getattr(made, name)))
+            made.compiled = CompiledTicks(array, end, make_ready(name))
         return device
 
 
@@ -117,24 +114,25 @@ class CompiledEnds(CompiledDevices):
     """Makes ends of set-positions into compiled ones too; those of other laws stay Python's."""
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
-        """The same servo, whose ticks are compiled from now on, if that is possible."""
+        """A servo in its place, whose ticks are compiled, if that is possible; `servo` is not used any more then."""
         if type(servo) is not SampledServo or not _is_covered(servo.coupling):
             return servo
         model = servo.coupling.source
         if model is not servo.model or type(model) not in (ContactModel, type(None)):
             return servo
         array, end = bound.memory(ServoEnd, room_for(servo.n))
-        bound.bind(end.coupling, servo.coupling, copied=(Spring,))
+        move = bound.Move(copied=(Spring,))
         if servo.model is not None:
-            bound.bind(end.model, servo.model)
-        bound.bind(end.servo, servo, CompiledServo)
-        compiled: Any = servo
-        assert isinstance(compiled, CompiledServo)
-        compiled.runs(array, end, make_ready(named(SERVO, servo.n)))
-        return servo
+            move.to(end.model, servo.model)
+        move.to(end.coupling, servo.coupling)
+        made: CompiledServo = move.to(end.servo, servo, CompiledServo)
+        made.runs(array, end, make_ready(named(SERVO, servo.n)))
+        return made
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
-        """The same end, whose steps are compiled, if that is possible; those of the mass too, if it is among walls."""
+        """An end in its place whose steps are compiled, if that is possible; those of the mass too, if it is among
+        walls: see `mass`. What was given is not used any more then, but for a mass that such an end has moved before.
+        """
         if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling):
             return steps
         source, n = steps.coupling.source, len(steps.coupling.y)
@@ -142,22 +140,37 @@ class CompiledEnds(CompiledDevices):
             return steps
         array, end = bound.memory(WorldEnd, room_for(n))
         run, end.n = make_ready(named(WORLD, n)), n
-        coupling: Any = steps.coupling
-        bound.bind(end.coupling, coupling, CompiledCoupling, copied=(Spring,))
-        coupling.runs(array, end, run)
+        move = bound.Move(copied=(Spring,))
         if source is not None:
             source.predictor.make_room(n)
-            bound.bind(end.predicted, source)
+            predicted = move.to(end.predicted, source)
+            if steps.reporter is not None:
+                steps.reporter.predicted = predicted
+        coupling = move.to(end.coupling, steps.coupling, CompiledCoupling)
+        coupling.runs(array, end, run)
         made = CompiledSteps(coupling, steps.reporter, array, end, run)
         if (type(mass) is PassiveIntegrator or isinstance(mass, CompiledMass)) and _are_walls(contacts):
-            end.kinetic = kinetic(mass)
             assert isinstance(contacts, Contacts)
             bound.copy(end.contacts, contacts)
-            bound.bind(end.mass, mass, CompiledMass)
-            assert isinstance(mass, CompiledMass)
-            mass.belongs(end)
-            made.mass, made.contacts = mass, contacts
+            made.mass, made.contacts = _moved(mass, end), contacts
         return made
+
+    def mass(self, steps: WorldCoupling, mass: Mass) -> Mass:
+        """The mass that `steps` moves by compiled calls; `mass` if it moves any."""
+        moved = steps.mass if isinstance(steps, CompiledSteps) else None
+        return mass if moved is None else moved
+
+
+def _moved(mass: PassiveIntegrator, end: Any) -> CompiledMass:
+    """The mass in this end's memory, out of that of another end, or as a compiled one for the first time."""
+    end.kinetic = kinetic(mass)
+    if isinstance(mass, CompiledMass):
+        moved = mass
+        bound.move_on(end.mass, moved)
+    else:
+        moved = bound.Move().to(end.mass, mass, CompiledMass)
+    moved.belongs(end)
+    return moved
 
 
 def _is_covered(coupling: SetPositionCoupling) -> bool:

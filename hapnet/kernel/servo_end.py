@@ -53,6 +53,7 @@ class CompiledServo(SampledServo):
     def runs(self, array: Any, end: Any, run: Any) -> None:
         """array, end : the end's memory. run : the compiled tick."""
         self._array, self._end, self._run = array, end, run
+        self.limit_gifts()
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         if release or self.is_late(dt):

@@ -22,8 +22,9 @@ from hapnet.ext.bench.plants import PairedDevice
 from hapnet.ext.bench.recovery import credit_times
 from hapnet.ext.bench.registry import ROWS
 from hapnet.ext.bench.row import Options, Row
+from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.kernel import real_time
-from hapnet.kernel.handle_end import CompiledHandle
+from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.kernel.servo_end import CompiledServo
 from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.records.machine_code import no_compiler
@@ -111,7 +112,8 @@ def test_a_side_whose_ticks_are_timed_is_paired_and_compiled() -> None:
         paired.tick()
     servo = paired.side.servo
     assert isinstance(servo, CompiledServo)
-    assert isinstance(paired.side.device, CompiledHandle)
+    assert isinstance(paired.side.device, SimulatedHandle)
+    assert isinstance(paired.side.device.compiled, CompiledTicks)
     assert paired.side.ticks > 150
     assert servo.model.has_earlier  # the world has answered
     assert any(servo.model.earlier)  # and moves

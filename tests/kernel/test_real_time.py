@@ -152,7 +152,8 @@ def test_a_compiled_servo_gives_the_same_bits(case: str) -> None:
 def world_of(setup: Setup, ends: Ends) -> tuple[WorldCoupling, Any]:
     mass = virtual_mass(setup)
     made = setup.coupling.world(start_of(setup, setup.params.world, mass.position))
-    return ends.steps(made, mass, setup.scene.contacts), mass
+    steps = ends.steps(made, mass, setup.scene.contacts)
+    return steps, ends.mass(steps, mass)
 
 
 class Stops(Scene):

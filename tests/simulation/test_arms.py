@@ -11,7 +11,7 @@ from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.omni import omni
 from hapnet.ext.arms.parameters import real_time_warnings
 from hapnet.ext.bench.plants import seven_joints
-from hapnet.kernel import real_time
+from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.kernel.real_time import CompiledDevices
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine
@@ -94,7 +94,7 @@ def test_compiled_ticks_are_pythons() -> None:
         pytest.skip("nothing can be compiled here")
     plain, compiled = (SimulatedArm(omni(), Sine(3, Impedance(), 0.2, 1.0, start_s=0.3), substeps=2) for _ in range(2))
     CompiledDevices().simulated(compiled)
-    assert type(compiled) is real_time.CompiledArm
+    assert isinstance(compiled.compiled, CompiledTicks)
     for k in range(400):
         force = (4.0 * (-1.0) ** (k // 50), 2.0, -3.0)
         plain.apply(force)

@@ -7,7 +7,7 @@ from hapnet.control.pspm import SetPositionModulator
 from hapnet.errors import InvalidParameter
 from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.ext.tools.hand import TurningHand, turned
-from hapnet.kernel.handle_end import CompiledHandle
+from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.kernel.real_time import CompiledDevices
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
@@ -128,7 +128,7 @@ def test_a_handles_compiled_ticks_have_the_same_bits() -> None:
     rng = np.random.default_rng(6)
     plain, compiled = (SimulatedHandle(TurningHand(Sine(3, Impedance()), 0.5, 0.7), damping=0.3) for _ in range(2))
     assert CompiledDevices().simulated(compiled) is compiled
-    assert type(compiled) is CompiledHandle
+    assert isinstance(compiled.compiled, CompiledTicks)
     for k in range(300):
         if k % 30 == 0:
             force = tuple(rng.normal(0.0, 0.3, AXES).tolist())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -59,6 +61,8 @@ class SimulatedArm(SimulatedDevice):
         # at the tip no axis errs by more than half a resolution
         self._per_count = resolution if by_joints else resolution / added(table.reaches)
         self._require_strength()
+        self.compiled: Callable[[Vector, Vector], float] | None = None
+        """Makes the ticks of `arm` in place of Python, for the hand's reference at a tick's begin and end."""
         self.place(self.position)
 
     def _require_strength(self) -> None:
@@ -139,8 +143,8 @@ class SimulatedArm(SimulatedDevice):
         return work
 
     def _run(self, begin: Vector, end: Vector) -> float:
-        """A tick of the arm's record; compiled ones have another."""
-        return motion.tick(self.arm, (begin, end), 0)
+        """A tick of the arm's record. Returns the hand's work in it [J]."""
+        return motion.tick(self.arm, (begin, end), 0) if self.compiled is None else self.compiled(begin, end)
 
 
 def turned(table: ArmTable, position: Vector) -> list[float]:
