@@ -57,12 +57,14 @@ def sections() -> Mapping[str, type[Any]]:
 
 
 def sections_of(*names: str) -> Mapping[str, type[Any]]:
-    """The same of these laws, where they are not hapnet's own: a published one's name, or ``module:NAME``.
+    """The same of these laws: hapnet's own, a published one's name, or ``module:NAME``.
 
     Raises InvalidParameter: there is no such law, or it cannot be loaded.
     """
-    own = [name for name in names if name not in COUPLING_NAMES]
-    return _sections(import_module("hapnet.couplings.registry").coupling(name) for name in own)
+    return _sections(
+        built_in(name) if name in COUPLING_NAMES else import_module("hapnet.couplings.registry").coupling(name)
+        for name in names
+    )
 
 
 def _sections(laws: Iterable[Any]) -> Mapping[str, type[Any]]:

@@ -61,6 +61,7 @@ Permits = Callable[[str, str], None]
 
 _permits: Permits | None = None
 _LONGEST = 400
+_DRIVERS = ("hapnet.ext.devices.", "hapnet.ext.robots.")
 
 
 @contextmanager
@@ -74,7 +75,7 @@ def permitting(permits: Permits) -> Iterator[None]:
     before = _permits
 
     def unless_installed(parameter: str, name: str) -> None:
-        driver = parameter in ("hardware", "follower.robot") and name.startswith("hapnet.devices.")
+        driver = parameter in ("hardware", "follower.robot") and name.startswith(_DRIVERS)
         if not driver and not any(name == value for value, _ in _all_published()):
             permits(parameter, name)
 

@@ -81,6 +81,16 @@ def is_simulated(hardware: str) -> bool:
     return hardware == "simulated" or is_arm(hardware)
 
 
+def follows(params: Params) -> bool:
+    """Does a robot stand in the virtual mass's place?"""
+    return params.follower.robot != "none"
+
+
+def is_real_robot(params: Params) -> bool:
+    """Is that robot a driver's?"""
+    return params.follower.robot not in ("none", "simulated")
+
+
 def known_damping(params: Params) -> float:
     """What is known of the device's own damping [Ns/m]: a simulated one's, or the lower bound that a real one's user
     trusts."""
@@ -333,6 +343,9 @@ class Params(Section):
 
     def changes(self) -> dict[str, Any]:
         """What is set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is `params` again."""
+        core = {name: value for name, value, _ in leaves(self) if name in self.given}
+        if len(core) == len(self.given):  # else a law's are among them
+            return core
         return {name: value for name, value, _ in self.leaves() if name in self.given}
 
     def flat(self) -> dict[str, Any]:
@@ -340,7 +353,12 @@ class Params(Section):
         return {name: value for name, value, _ in self.leaves()}
 
     def as_dict(self) -> dict[str, Any]:
-        return nested(self) | {name: nested(section) for name, section in self.law_sections().items()}
+        """What a recording has: nested by sections; of the laws' own those of `coupling`, and what was set."""
+        found: Mapping[str, type[Any]] = {}
+        with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
+            found = sections_of(self.coupling)
+        own = {name: kind() for name, kind in found.items()} | dict(self.laws)
+        return nested(self) | {name: nested(section) for name, section in own.items()}
 
     def described(self) -> Iterator[tuple[str, str, str]]:
         """Dotted name, value as TOML has it, and meaning with unit of every parameter."""

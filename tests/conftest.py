@@ -21,8 +21,8 @@ from hapnet.couplings.registry import coupling
 from hapnet.kernel import real_time, sources
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
-from hapnet.records.machine_code import directory
-from hapnet.simulation.compiled.coverage import kind_of, no_compiler
+from hapnet.records.machine_code import directory, no_compiler
+from hapnet.simulation.compiled.coverage import kind_of
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"

@@ -10,10 +10,13 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from hapnet.assembly.follower import Follower, follower_of
+from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
 from hapnet.assembly.resolved import resolved
+from hapnet.assembly.simulated_device import description, simulated_device
 from hapnet.assembly.units import check_units
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
@@ -29,25 +32,11 @@ from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.parameters import description, simulated_device
-from hapnet.ext.robots import following as followers
-from hapnet.ext.robots.following import (
-    arms_of,
-    is_held,
-    leaders_stiffness,
-    on_link,
-    reindexing,
-    seen,
-    writes_on_link,
-)
-from hapnet.ext.robots.leading import clutch_of, let_lead
-from hapnet.ext.solids.rigid import RigidScene
-from hapnet.ext.tools.hand import TurningHand
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.live_hand import led_in
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
@@ -106,6 +95,11 @@ class Setup:
         return description(self.params)
 
     @property
+    def follower(self) -> Follower:
+        """What stands in the virtual mass's place."""
+        return follower_of(self.params)
+
+    @property
     def tuned(self) -> dict[str, Any]:
         """The tuning by its fields' names, as recordings and summaries contain it."""
         return dataclasses.asdict(self.tuning)
@@ -117,7 +111,7 @@ class Setup:
         if known is None and "stiffness" in scene_parameters(self.params.scene):
             known = (self.params.world.wall.stiffness,)
         stiffest = max(known or (), default=None)
-        params = seen(self.params)
+        params = self.follower.seen(self.params)
         return felt(self.coupling.springs(params, self.tuning), stiffest)
 
 
@@ -178,11 +172,11 @@ def _prepared(params: Params, default_servo: str) -> Setup:
         found = held_torque.check(dataclasses.replace(device, own_damping=known_damping(params)), harvest, scene.dof)
         if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
             warnings.extend(found)
-    warnings.extend(followers.warnings(params, spec, scene.dof))
+    warnings.extend(follower_of(params).warnings(params, spec, scene.dof))
     up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
-    tuning = spec.tune(seen(params), delays(up, down, params.link.path_s))
+    tuning = spec.tune(follower_of(params).seen(params), delays(up, down, params.link.path_s))
     warnings.extend(spec.warn(params, tuning))
-    if isinstance(scene, RigidScene) and scene.has_effects and not spec.staged(params):
+    if scene.has_effects and not spec.staged(params):
         warnings.append(
             f"{params.coupling} with rendering {params.rendering} has no contact model: effects are not felt"
         )
@@ -232,9 +226,7 @@ def device_side(
         side = led = SampledDeviceSide(endpoint, simulated, hold, driven)
         led.clutch = clutch_of(setup.params, setup.units, simulated)
         let_lead(setup.params, setup.units, led)
-    moved = hand.hand if isinstance(hand, TurningHand) else hand
-    if isinstance(moved, LiveHand):
-        side.live_hand = moved
+    side.live_hand = led_in(hand)
     return side
 
 
@@ -292,12 +284,12 @@ def virtual_mass(setup: Setup) -> Mass:
 
 def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, write: Write) -> WorldSide:
     """The virtual mass in its scene, for an endpoint or its control half."""
-    endpoint.deadband, endpoint.arms = deadband(setup.params, "world"), arms_of(setup.params)
+    endpoint.deadband, endpoint.arms = deadband(setup.params, "world"), setup.follower.arms(setup.params)
     world = setup.params.world
     mass = virtual_mass(setup)
 
     def make_coupling(position: Vector, kinetic: float, empty: bool = False) -> WorldCoupling:
-        if is_held(setup.params, setup.coupling):
+        if setup.follower.is_held(setup.params, setup.coupling):
             period_s = 1.0 / setup.params.follower.servo_hz
             watchdog_s = servo_of(setup.params).watchdog_s or math.inf
             return HeldSteps(follower_servo(setup, position, empty), period_s, watchdog_s)
@@ -306,8 +298,8 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
 
     trial = make_coupling(mass.position, 0.0)  # so that an error shows now and not at pairing
     mass = setup.ends.mass(trial, mass)
-    endpoint.reindexing = reindexing(setup.params, setup.coupling, setup.scene)
-    write = writes_on_link(setup.params, write, endpoint.reindexing)
+    endpoint.reindexing = setup.follower.reindexing(setup.params, setup.coupling, setup.scene)
+    write = setup.follower.writes_on_link(setup.params, write, endpoint.reindexing)
     side = WorldSide(endpoint, mass, setup.scene, make_coupling, rng=rng, write=write, name=setup.params.scene)
     side.releases = setup.params.follower.on_stop == "release"
     return side
@@ -315,14 +307,14 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
 
 def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo:
     """The servo of the robot that follows, at rest at `position` [m] in the leader's units."""
-    params, make = seen(setup.params), setup.coupling.follower
+    params, make = setup.follower.seen(setup.params), setup.coupling.follower
     assert make is not None, "refused by prepare"
     energy = 0.0 if empty else params.world.ceiling_J
     at_robot = dataclasses.replace(params, device=servo_of(params))
     servo = _end(setup, make, DeviceCoupling, CouplingStart(at_robot, setup.tuning, position, energy, 0.0, "measured"))
     if params.follower.feedback == "force":
         share = 1.0 if servo.reporter is None else untold_share(params)
-        servo.said = reflected(tuple([share * one for one in leaders_stiffness(params, setup.dof)]))
+        servo.said = reflected(tuple([share * one for one in setup.follower.leaders_stiffness(params, setup.dof)]))
     return servo
 
 
@@ -331,7 +323,7 @@ def _start(
 ) -> CouplingStart[Any]:
     """What an end of the coupling is made from; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
-    return CouplingStart(on_link(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
+    return CouplingStart(setup.follower.on_link(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
 
 
 def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:

@@ -14,8 +14,7 @@ from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.ext.tools.hand import TurningHand
-from hapnet.ext.tools.scene import seen_by_the_hand
+from hapnet.extensions import extension
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.generated_hand import GeneratedHand
 from hapnet.plant.live_hand import LiveHand
@@ -40,8 +39,11 @@ _BLEND_S = 1.0
 def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene; one of the user's own, or recorded, turns a tool itself. Raises InvalidParameter."""
     if scene.units == POSE and not (is_recording(params.operator) or ":" in params.operator):
-        motion = params.operator_hand
-        return TurningHand(operator(params, seen_by_the_hand(scene)), motion.turn_rad, motion.turn_hz)
+        motion, tools = params.operator_hand, extension("tools")
+        turning: Operator = tools.TurningHand(
+            operator(params, tools.seen_by_the_hand(scene)), motion.turn_rad, motion.turn_hz
+        )
+        return turning
     hand = _intending(params, scene)
     amplitude = params.operator_hand.tremor_m
     return Tremor(hand, amplitude) if amplitude and not isinstance(hand, LiveHand) else hand

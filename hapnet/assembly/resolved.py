@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from hapnet.assembly.device_class import servo_rate
+from hapnet.assembly.follower import follower_of
 from hapnet.assembly.scenes import scene_of, with_scene
+from hapnet.assembly.simulated_device import with_own_device
 from hapnet.assembly.springs import with_springs
 from hapnet.assembly.units import with_units
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.parameters import with_arm
-from hapnet.ext.robots.following import with_follower
 from hapnet.param_sources import DEVICE, RULE
 from hapnet.params import Params, is_simulated
 from hapnet.plant.worlds.protocol import World
@@ -37,14 +37,14 @@ def resolved(params: Params) -> Resolved:
     Raises InvalidParameter: names the parameter that cannot be used as it was set.
     """
     _refuse_simulated_only(params)
-    params = with_scene(with_arm(params))
+    params = with_scene(with_own_device(params))
     scene = scene_of(params)
     before, params = params, with_units(params, scene)
     if params != before:  # radians have other defaults, also for the scene's walls
         scene = scene_of(params)
     spec = coupling(params.coupling)
     params = _with_stages(with_springs(_with_rate(params)), spec)
-    params, scene = with_follower(params, spec, scene)
+    params, scene = follower_of(params).place(params, spec, scene)
     return Resolved(params, scene, spec)
 
 

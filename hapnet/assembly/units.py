@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from hapnet.assembly.simulated_device import unit_of
 from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.parameters import by_joints
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.param_sources import SCENE
 from hapnet.params import Params, is_arm, is_simulated
@@ -48,7 +48,7 @@ def with_units(params: Params, scene: World) -> Params:
     of_world = one_text(scene.units, scene.dof, f"the units of the scene {params.scene}")
     if params.units != "auto" and one_text(params.units, scene.dof) != of_world:
         raise InvalidParameter("units", params.units, f"auto or {of_world}: the scene {params.scene} sets its own")
-    if is_arm(params.hardware) and (unit := RADIANS if by_joints(params.hardware) else METRES) != of_world:
+    if is_arm(params.hardware) and (unit := unit_of(params.hardware)) != of_world:
         need = f"one whose axes are in {of_world}, as those of the scene {params.scene}"
         raise InvalidParameter("hardware", params.hardware, f"{need}; this one's are in {unit}")
     if of_world == METRES:

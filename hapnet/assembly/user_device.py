@@ -22,7 +22,7 @@ from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.ext.tools.posed import Posed
+from hapnet.extensions import extension
 from hapnet.loading import failure
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.actuator_check import ActuatorCheck
@@ -96,13 +96,14 @@ class UserDevice:
         self.dof: int = dof
         make = load_class(name)
         try:
-            self.device: Device = Posed(make(dof=3), name) if units == POSE else make(dof=dof)
+            self.device: Device = extension("tools").Posed(make(dof=3), name) if units == POSE else make(dof=dof)
         except HapnetError as error:  # the driver says what is wrong
             if isinstance(error, InvalidParameter) and error.name == "hardware":
                 raise
             raise HapnetError(f"the device {name} cannot be made: {error}") from error
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
+        self._is_posed = units == POSE
         self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
         self._reports_interval, self._reports_contact = self._can("interval"), self._can("contact_force")
         self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
@@ -358,7 +359,7 @@ class UserDevice:
             peak=math.inf if self.force_limit is None else self.force_limit,
             continuous=self.continuous_force,
             thermal_s=self.thermal_s,
-            rendered=3 if isinstance(self.device, Posed) and not self.device.gives_torque else None,
+            rendered=3 if self._is_posed and not getattr(self.device, "gives_torque", True) else None,
         )
 
     def check(self, params: DeviceParams) -> ActuatorCheck | None:
@@ -368,7 +369,7 @@ class UserDevice:
         """
         limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
         # along a pose's coordinates nobody knows how heavy a handle is
-        if not params.self_test_N or isinstance(self.device, Posed):
+        if not params.self_test_N or self._is_posed:
             return None
         mass = checks.vector("device.known_mass_kg", cast(ArrayLike, params.known_mass_kg))
         if len(mass) not in (1, self.dof):

@@ -16,13 +16,13 @@ from typing import cast, get_args
 from hapnet import checks
 from hapnet.assembly.build import prepare
 from hapnet.assembly.operators import LIVE
+from hapnet.assembly.simulated_device import real_time_warnings
 from hapnet.commands import known_devices, output
 from hapnet.commands.console import run_console
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.arms.parameters import real_time_warnings
 from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter

@@ -6,7 +6,7 @@ from math import exp
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.plant.operator import Impedance
+from hapnet.plant.operator import Impedance, Operator
 from hapnet.units import POSE_AXES
 
 
@@ -56,3 +56,15 @@ class LiveHand:
             velocity.append((v - slope * h * rate) * decay)
         self._position, self._velocity = tuple(position), tuple(velocity)
         return self._position
+
+
+class HeldAround:
+    """A hand that moves as `hand` does, and does something besides."""
+
+    hand: Operator
+
+
+def led_in(hand: Operator) -> LiveHand | None:
+    """The hand that the user guides, where this is one or moves as one does."""
+    moving = hand.hand if isinstance(hand, HeldAround) else hand
+    return moving if isinstance(moving, LiveHand) else None

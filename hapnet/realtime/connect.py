@@ -15,10 +15,10 @@ from hapnet import checks
 from hapnet.assembly import device_class
 from hapnet.assembly.build import prepare
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.engines.own_worlds import is_world
 from hapnet.loading import lent
 from hapnet.params import Params, as_params
 from hapnet.plant.device import Device
+from hapnet.plant.worlds.completed import is_world
 from hapnet.plant.worlds.protocol import World
 from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld
 from hapnet.realtime.runner import RealtimeSide

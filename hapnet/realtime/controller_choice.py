@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, world_session
-from hapnet.ext.robots.following import is_real
 from hapnet.kernel import real_time
+from hapnet.params import is_real_robot
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_process import ServoProcess
@@ -30,7 +30,7 @@ def control_of(
     """The side's control, not started yet. `steps` seeds the random lengths of a world's steps."""
     if role == "world":
         session = world_session(setup, incarnation, secret=secret)
-        if is_real(setup.params):
+        if is_real_robot(setup.params):
             return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
     session = device_session(setup, incarnation, secret=secret)

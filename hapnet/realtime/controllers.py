@@ -11,7 +11,7 @@ import numpy as np
 from hapnet.assembly.build import Setup, device_side, world_side
 from hapnet.assembly.device_class import is_blocking
 from hapnet.checks import Vector
-from hapnet.ext.robots.robot_side import robot_side
+from hapnet.extensions import extension
 from hapnet.kernel.real_time import ends
 from hapnet.processes.thread_time import ThreadTime
 from hapnet.realtime.servo import Servo
@@ -98,7 +98,7 @@ class ThreadedDevice:
         self.side: DeviceSide
         self._thread_time = ThreadTime()
         if follows:
-            self.side = robot_side(setup, endpoint, clock, callbacks.write)
+            self.side = extension("driven robots").robot_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.follower.robot, params.follower.servo_hz
         else:
             self.side = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)

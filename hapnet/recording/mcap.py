@@ -29,7 +29,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
-from hapnet.ext.arms.picture import ArmPicture
+from hapnet.extensions import extension
 from hapnet.extras import require
 from hapnet.file_content import open_plain, read_json
 from hapnet.loading import cause
@@ -87,7 +87,7 @@ class RecordingWriter:
         require("record", "a recording")
         self._path = Path(path)
         self._channels: dict[str, tuple[int, Callable[[Any], bytes]]] = {}
-        self._meta, self._arm = meta, ArmPicture.of(meta)
+        self._meta, self._arm = meta, extension("arms").picture(meta) if "arm" in meta else None
         self._utc_ns = utc_less_clock_ns(meta)
         self._shown_ns: dict[type[Sample], int] = {}
         self._flushed_ns: int | None = None

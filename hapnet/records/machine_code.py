@@ -9,7 +9,21 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+
+
+class NotCompiledError(Exception):
+    """The run does something that only plain Python can do, such as leaving the range that messages can carry."""
+
+
+class WholeRun(Protocol):
+    """A run that compiled code goes on with."""
+
+    def run_until(self, until_ns: int) -> None:
+        """Run all events before `until_ns`. Raises NotCompiledError: only plain Python can run it on."""
+
+    def write_back(self) -> None:
+        """Give the simulation's own objects the state at the end."""
 
 
 def directory() -> Path:

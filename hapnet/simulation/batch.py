@@ -10,12 +10,13 @@ from hapnet.assembly.build import Setup, prepare
 from hapnet.assembly.memory import require_room
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.extensions import extension
 from hapnet.params import Params, as_params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.processes.pool import Progress, dealt
+from hapnet.records.machine_code import no_compiler
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.run import Summary
 
@@ -85,7 +86,9 @@ def simulate_batch(
         require_room("seeds", seeds, len(chosen) * len(seeds), RUN_BYTES, "runs")
     seed_list = [checks.whole("seeds", seed, at_least=0) for seed in seeds]
     cases = [(one, seed) for one in chosen for seed in seed_list]
-    coverage.compile_for((one, len(seed_list) * one.duration_s * one.device.servo_hz) for one in chosen)
+    if no_compiler() is None:
+        ticks = ((one, len(seed_list) * one.duration_s * one.device.servo_hz) for one in chosen)
+        extension("compiled").compile_for(ticks)
     workers = min(workers, len(cases))
     if workers <= 1:
         return _simulate(cases, progress or (lambda share: None))

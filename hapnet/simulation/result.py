@@ -7,8 +7,7 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from hapnet.control.two_port import TwoPort
-from hapnet.ext.pictures.run import figure
-from hapnet.ext.pictures.style import also_to
+from hapnet.extensions import extension
 from hapnet.recording.samples import Recording
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
@@ -43,9 +42,7 @@ class Result:
         return f"Result({verdict(self.summary)}; seed {seed}, {duration_s:g} s; {self.recording})"
 
     def _repr_html_(self) -> str:
-        from hapnet.ext.pictures.notebook import html
-
-        return html(replace(self.recording, summary=self.summary))
+        return str(extension("pictures").html(replace(self.recording, summary=self.summary)))
 
     def to_pandas(self, side: str = "device") -> DataFrame:
         """The samples of the device or the world as a table of pandas; see `hapnet.recording.frames.to_pandas`."""
@@ -53,4 +50,6 @@ class Result:
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
         """The run's figure, as matplotlib has it; it is written to `file` (.png, .pdf, .svg), if that is given."""
-        return also_to(figure(self.recording), file)
+        pictures = extension("pictures")
+        drawn: Figure = pictures.also_to(pictures.figure(self.recording), file)
+        return drawn

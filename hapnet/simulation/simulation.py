@@ -8,7 +8,7 @@ step, the device's tick. In each of the first two the device's side comes before
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import cast
 
 import numpy as np
 
@@ -19,26 +19,23 @@ from hapnet.assembly.operators import LIVE
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.robots.following import is_real
-from hapnet.params import Params, as_params, is_simulated
+from hapnet.extensions import extension
+from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
+from hapnet.records.machine_code import NotCompiledError, WholeRun, no_compiler
 from hapnet.side.device import DeviceSide, Write
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.side.world import WorldSide
-from hapnet.simulation.compiled import coverage
-from hapnet.simulation.compiled.coverage import NotCompiledError
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
 from hapnet.summary.from_samples import START_S, motion
 from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
+from hapnet.units import POSE
 from netem import Link
-
-if TYPE_CHECKING:
-    from hapnet.simulation.compiled.run import CompiledRun
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
@@ -81,17 +78,23 @@ class Simulation:
         if not is_simulated(params.hardware):
             allowed = "simulated, omni or arm:FILE.urdf: a real device does not run in virtual time"
             raise InvalidParameter("hardware", params.hardware, allowed)
-        if is_real(params):
+        if is_real_robot(params):
             raise InvalidParameter("follower.robot", params.follower.robot, "none or simulated in virtual time")
         self.seed = seed
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
-        self.setup: Setup = coverage.with_device(setup or prepare(params, "continuous"))
+        self.setup: Setup = setup or prepare(params, "continuous")
+        why_not = no_compiler()
+        if why_not is None and (is_arm(params.hardware) or self.setup.params.units == POSE):
+            self.setup = extension("compiled").with_device(self.setup)
         self._motion_only = motion_only
         self._begin()
         watched = type(self) is not Simulation and "_run" in vars(type(self))
-        self.not_compiled = coverage.chosen(self.setup, kernel, type(self).__name__ if watched else None)
-        """Why the compiled kernel does not run it; None: it does."""
+        if kernel is False or watched:
+            why_not = f"{type(self).__name__} runs the events itself" if kernel is not False else "it is switched off"
+        elif why_not is None:
+            why_not = extension("compiled").chosen(self.setup, kernel)
+        self.not_compiled: str | None = why_not  #: why compiled code does not run it; None: it does
 
     def _begin(self) -> None:
         """Make both sides and both links, at the time 0."""
@@ -184,7 +187,7 @@ class Simulation:
         summary["motion"] = motion(recording)
         return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand)
 
-    def _on_kernel(self, end_ns: int) -> CompiledRun | None:
+    def _on_kernel(self, end_ns: int) -> WholeRun | None:
         """Complete the handshake, and hand the rest over to the kernel; None: the run's end comes before."""
         while self.now_ns < end_ns:
             self._until(min(end_ns, self.now_ns + _LOOK * self.period_ns))
@@ -192,11 +195,9 @@ class Simulation:
                 return self.compiled(end_ns)
         return None
 
-    def compiled(self, end_ns: int) -> CompiledRun:
+    def compiled(self, end_ns: int) -> WholeRun:
         """The rest of the run up to `end_ns`, on the kernel; the simulation is `quiet`."""
-        from hapnet.simulation.compiled.run import CompiledRun  # here, since it loads numba
-
-        return CompiledRun(self, self._recorder, end_ns)
+        return cast(WholeRun, extension("compiled runs").CompiledRun(self, self._recorder, end_ns))
 
     @property
     def quiet(self) -> bool:

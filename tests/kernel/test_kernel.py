@@ -31,7 +31,7 @@ LEAVES = "it leaves the range that messages can carry"
 
 def test_numba_is_there() -> None:
     """It is in extra `test`; without it the tests of this file would compare the reference with itself."""
-    assert coverage.no_compiler() is None
+    assert machine_code.no_compiler() is None
 
 
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])

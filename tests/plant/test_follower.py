@@ -8,11 +8,11 @@ import pytest
 
 from hapnet import simulate
 from hapnet.assembly.build import prepare
+from hapnet.assembly.follower import follower_of
 from hapnet.checks import Array, Vector
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
 from hapnet.ext.robots.follower import LeadersPicture, Robot, RobotContacts
-from hapnet.ext.robots.following import on_link
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
@@ -253,9 +253,9 @@ def test_the_leader_knows_a_scaled_tools_spring(a: float, b: float) -> None:
     scales = {"follower.motion_scale": a, "follower.force_scale": b, "world.stiffness": (400.0, turning)}
     params = prepare(as_params({**FOLLOWS, **scales, "scene": "tool:box"})).params
     along = [400.0 * a * b] * 3 + [600.0 * b / a] * 9
-    np.testing.assert_allclose(on_link(params).world.stiffness, np.diag(along))
+    np.testing.assert_allclose(follower_of(params).on_link(params).world.stiffness, np.diag(along))
     plain = params.set({"follower.motion_scale": 1.0, "follower.force_scale": 1.0})
-    assert on_link(plain).world.stiffness == plain.world.stiffness
+    assert follower_of(plain).on_link(plain).world.stiffness == plain.world.stiffness
 
 
 @pytest.mark.parametrize(

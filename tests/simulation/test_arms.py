@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from hapnet.assembly.build import prepare
+from hapnet.assembly.simulated_device import real_time_warnings
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.parameters import real_time_warnings
 from hapnet.ext.bench.plants import seven_joints
 from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.kernel.real_time import CompiledDevices

@@ -6,6 +6,7 @@ With ``?axes=joints`` an arm is coupled joint by joint, in rad and Nm.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +17,15 @@ from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import TIP_AXES, SimulatedArm
 from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.picture import described
+from hapnet.ext.arms.picture import ArmPicture, described
 from hapnet.ext.arms.table import ArmTable, apparent_masses, at_home, felt_damping
 from hapnet.ext.arms.urdf import table_from
-from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.file_content import read_text
 from hapnet.param_sources import DEVICE
 from hapnet.params import Params, arm_file, is_arm, is_tool
-from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
-from hapnet.plant.worlds.protocol import World
-from hapnet.recording.hand import fingerprint
 from hapnet.records.machine_code import no_compiler
-from hapnet.units import POSE
+from hapnet.units import METRES, RADIANS
 
 AXES = ("tip", "joints")
 """What hand and coupling hold: the tip in three axes in metres, or each joint in radians."""
@@ -70,12 +67,10 @@ def _options(hardware: str) -> dict[str, str]:
 
 
 def with_arm(params: Params) -> Params:
-    """The parameters as an arm needs them, if the device is one: its axes, and what it weighs and damps at home.
+    """The parameters as an arm needs them: its axes, and what it weighs and damps at home.
 
     Raises InvalidParameter: a parameter does not go with an arm.
     """
-    if not is_arm(params.hardware):
-        return params
     if is_tool(params.scene):
         raise InvalidParameter("hardware", params.hardware, "simulated, or a device that turns, in a scene with a tool")
     table, device = table_of(params.hardware), params.device
@@ -97,37 +92,35 @@ def with_arm(params: Params) -> Params:
     return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}}, DEVICE)
 
 
+def unit_of(hardware: str) -> str:
+    """The unit of the arm's axes. Raises InvalidParameter: as `table_of`."""
+    return RADIANS if by_joints(hardware) else METRES
+
+
 def description(params: Params) -> dict[str, Any]:
-    """What a recording says of the device: what its file was, and an arm's frames, for pictures of it."""
-    found = {"hardware_sha256": fingerprint(arm_file(params.hardware))}
-    if not is_arm(params.hardware):
-        return found
-    return {**found, "arm": described(table_of(params.hardware), by_joints(params.hardware))}
+    """The arm's frames, for pictures of it."""
+    return {"arm": described(table_of(params.hardware), by_joints(params.hardware))}
 
 
-def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:
-    """The simulated device of these parameters in a hand: a mass, an arm, or a handle that turns, as the scene's tool.
-
-    Raises InvalidParameter.
-    """
+def simulated_arm(params: Params, hand: Operator) -> SimulatedArm:
+    """The arm of these parameters in a hand. Raises InvalidParameter."""
     device = params.device
-    period, limit = 1.0 / device.servo_hz, device.force_limit_N or None
-    if not is_arm(params.hardware):
-        kind = SimulatedHandle if scene.units == POSE else SimulatedDevice
-        return kind(
-            hand, mass=device.mass, damping=device.own_damping, period=period, substeps=device.substeps,
-            resolution=device.resolution_m, force_limit=limit,
-        )  # fmt: skip
     with named_section("device"):
         return SimulatedArm(
-            table_of(params.hardware), hand, period=period, substeps=device.substeps, resolution=device.resolution_m,
-            force_limit=limit, by_joints=by_joints(params.hardware),
+            table_of(params.hardware), hand, period=1.0 / device.servo_hz, substeps=device.substeps,
+            resolution=device.resolution_m, force_limit=device.force_limit_N or None,
+            by_joints=by_joints(params.hardware),
         )  # fmt: skip
 
 
 def real_time_warnings(params: Params) -> tuple[str, ...]:
-    """What the user of a device's side is told before control starts."""
+    """What the user of an arm is told before control starts."""
     why = no_compiler()
-    if why is None or not is_arm(params.hardware) or params.device.substeps == 1:
+    if why is None or params.device.substeps == 1:
         return ()
     return (f"{why}: at 1 kHz an arm needs the extra fast, or --set device.substeps=1",)
+
+
+def picture(meta: Mapping[str, Any]) -> ArmPicture | None:
+    """The picture of the arm that a recording's description has; None: it has none."""
+    return ArmPicture.of(meta)

@@ -35,13 +35,13 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Array, Signal, Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.engines.completed import Completed, lacking
 from hapnet.ext.engines.engine import CoupledEngine, Engine
 from hapnet.ext.engines.engine_account import EngineAccount, EngineFailed
 from hapnet.ext.engines.observed_world import contact_planes
 from hapnet.ext.solids.shapes_picture import ShapesPicture
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.completed import Completed, lacking
 from hapnet.plant.worlds.picture import Picture
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene

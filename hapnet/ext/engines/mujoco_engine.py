@@ -3,6 +3,8 @@ all forces, contacts and energies of its end."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import isfinite
 
 import numpy as np
@@ -13,7 +15,7 @@ from hapnet.checks import Array, Signal, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine import Engine
 from hapnet.ext.engines.engine_world import EngineWorld
-from hapnet.ext.engines.mujoco_model import Model, asked, load, warnings
+from hapnet.ext.engines.mujoco_model import PREFIX, Model, asked, load, warnings
 from hapnet.ext.engines.mujoco_picture import ModelPicture
 from hapnet.ext.engines.mujoco_planes import SpherePlanes
 from hapnet.mechanics.plane import Plane
@@ -28,6 +30,15 @@ _LONGEST_PROOF_S = 60.0
 
 _SMALLEST_MASS = 0.02
 """Of the sphere, until the parameter is known [kg]."""
+
+
+FIRST_WORDS = ()
+"""Of texts that describe such a world; a model has a prefix."""
+
+
+def builder(text: str) -> Callable[..., EngineWorld] | None:
+    """A function that makes the world of the model that `text` names; None: it names none."""
+    return partial(mujoco_world, text) if text.startswith(PREFIX) else None
 
 
 def mujoco_world(

@@ -18,13 +18,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import isfinite
-from typing import Any, Protocol, TypeGuard, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from hapnet.checks import Array, Signal, Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.engines.completed import Completed, lacking
 from hapnet.ext.engines.engine_account import EngineFailed
 from hapnet.ext.engines.engine_world import EngineWorld
 from hapnet.ext.engines.force_world import ForceWorld
@@ -34,6 +33,7 @@ from hapnet.ext.solids.field_picture import StillPicture, surface
 from hapnet.loading import failure, load
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
+from hapnet.plant.worlds.completed import Completed, is_world, lacking
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
 
@@ -101,11 +101,6 @@ def made(build: Callable[..., object], name: str, parameters: Mapping[str, objec
         raise HapnetError(f"the scene {name} failed: its contacts have no {', '.join(missing)}")
     whole = isinstance(scene, World) and isinstance(scene.contacts, Surroundings)
     return scene if whole else cast(World, _OwnWorld(scene))
-
-
-def is_world(part: object) -> TypeGuard[World]:
-    """Has `part` all that a world must have? A class that makes worlds is none."""
-    return not isinstance(part, type) and not lacking(part, World.__abstractmethods__)
 
 
 class _OwnWorld(Completed):

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.assembly.contact_force import require_contact_force
 from hapnet.assembly.device_class import servo_rate
+from hapnet.assembly.follower import Follower
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
 from hapnet.couplings.rendering import largest
@@ -21,102 +22,150 @@ from hapnet.ext.engines.engine_world import EngineMass
 from hapnet.ext.robots.follower import Robot, RobotScene
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
-from hapnet.mechanics.pose import ARM_M
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
 from hapnet.param_sources import DEVICE, RULE
-from hapnet.params import DeviceParams, Params
+from hapnet.params import DeviceParams, Params, is_real_robot
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.samples import WorldSample
-from hapnet.side.content import NANO
 from hapnet.side.device import Write
 from hapnet.side.reindexing import Reindexing
 from hapnet.units import POSE, POSE_AXES
 
 
-def follows(params: Params) -> bool:
-    """Is there a robot in the virtual mass's place?"""
-    return params.follower.robot != "none"
+class RobotFollower(Follower):
+    """A robot follows: simulated, or a driver's."""
 
-
-def is_real(params: Params) -> bool:
-    """Is the robot a driver's?"""
-    return params.follower.robot not in ("none", "simulated")
-
-
-def is_held(params: Params, spec: CouplingSpec[Any]) -> bool:
-    """Is the robot's force held from tick to tick?"""
-    return follows(params) and params.follower.servo != "continuous" and spec.follower is not None
-
-
-def with_follower(params: Params, spec: CouplingSpec[Any], scene: World) -> tuple[Params, World]:
-    """The parameters with what follows from the robot's servo, and the scene in which it stands.
-
-    Raises InvalidParameter: what does not fit a follower.
-    """
-    robot = params.follower
-    if not follows(params):
-        return params, scene
-    if robot.servo == "sampled" and spec.follower is None:
-        allowed = f"continuous with the coupling {params.coupling}: it is not known how it holds a force there"
-        raise InvalidParameter("follower.servo", robot.servo, allowed)
-    held = is_held(params, spec)
-    if scene.moves_proxy and not held:
-        raise InvalidParameter("follower.servo", robot.servo, f"sampled in the scene {params.scene}, with pspm or zoh")
-    if scene.units == POSE and not held:
-        allowed = f"sampled in the scene {params.scene}, with pspm or zoh: a tool is moved by a held force"
-        raise InvalidParameter("follower.servo", robot.servo, allowed)
-    if robot.resolution_m and not held:
-        raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")
-    if robot.feedback == "force" and not held:
-        raise InvalidParameter("follower.feedback", robot.feedback, "position or planes with a continuous servo")
-    if robot.feedback == "planes" and not spec.staged(params):
-        allowed = "position or force: without the stages of rendering hapnet no planes are sent"
-        raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-    if robot.fixtures and not is_real(params):
-        raise InvalidParameter("follower.fixtures", robot.fixtures, "no with a robot that meets the scene itself")
-    if is_real(params):
-        if not held:
-            allowed = f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"
-            raise InvalidParameter("follower.robot", robot.robot, allowed)
-        if robot.feedback == "planes":
-            allowed = "position or force with a robot whose surroundings nobody knows"
+    def place(self, params: Params, spec: CouplingSpec[Any], scene: World) -> tuple[Params, World]:
+        robot = params.follower
+        if robot.servo == "sampled" and spec.follower is None:
+            allowed = f"continuous with the coupling {params.coupling}: it is not known how it holds a force there"
+            raise InvalidParameter("follower.servo", robot.servo, allowed)
+        held = self.is_held(params, spec)
+        if scene.moves_proxy and not held:
+            raise InvalidParameter(
+                "follower.servo", robot.servo, f"sampled in the scene {params.scene}, with pspm or zoh"
+            )
+        if scene.units == POSE and not held:
+            allowed = f"sampled in the scene {params.scene}, with pspm or zoh: a tool is moved by a held force"
+            raise InvalidParameter("follower.servo", robot.servo, allowed)
+        if robot.resolution_m and not held:
+            raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")
+        if robot.feedback == "force" and not held:
+            raise InvalidParameter("follower.feedback", robot.feedback, "position or planes with a continuous servo")
+        if robot.feedback == "planes" and not spec.staged(params):
+            allowed = "position or force: without the stages of rendering hapnet no planes are sent"
             raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-        if robot.feedback == "force":
-            if scene.units == POSE:
-                allowed = f"position in the scene {params.scene}: no driver says which torque its tool meets"
+        if robot.fixtures and not is_real_robot(params):
+            raise InvalidParameter("follower.fixtures", robot.fixtures, "no with a robot that meets the scene itself")
+        if is_real_robot(params):
+            if not held:
+                allowed = (
+                    f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"
+                )
+                raise InvalidParameter("follower.robot", robot.robot, allowed)
+            if robot.feedback == "planes":
+                allowed = "position or force with a robot whose surroundings nobody knows"
                 raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-            require_contact_force(robot.robot)
-        at_most = robot.servo_hz
-        with suppress(InvalidParameter):  # the driver may be on the other host only
-            at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
-        if at_most < robot.servo_hz:
-            params.require("follower.servo_hz", at_most, f"at most {at_most:g}, as the robot {robot.robot}")
-            params = params.set({"follower.servo_hz": at_most}, DEVICE)
-    period_s = 1.0 / params.follower.servo_hz
-    steps = dict.fromkeys(("world.step_min_s", "world.step_max_s"), period_s)
-    for name in steps:
-        params.require(name, period_s, f"left out with a follower: its steps are those of its servo, {period_s:g} s")
-    params = params.set(steps, RULE)
+            if robot.feedback == "force":
+                if scene.units == POSE:
+                    allowed = f"position in the scene {params.scene}: no driver says which torque its tool meets"
+                    raise InvalidParameter("follower.feedback", robot.feedback, allowed)
+                require_contact_force(robot.robot)
+            at_most = robot.servo_hz
+            with suppress(InvalidParameter):  # the driver may be on the other host only
+                at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
+            if at_most < robot.servo_hz:
+                params.require("follower.servo_hz", at_most, f"at most {at_most:g}, as the robot {robot.robot}")
+                params = params.set({"follower.servo_hz": at_most}, DEVICE)
+        period_s = 1.0 / params.follower.servo_hz
+        steps = dict.fromkeys(("world.step_min_s", "world.step_max_s"), period_s)
+        for name in steps:
+            params.require(
+                name, period_s, f"left out with a follower: its steps are those of its servo, {period_s:g} s"
+            )
+        params = params.set(steps, RULE)
 
-    def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
-        body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
-        if body is None:
-            body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
-        engine = isinstance(body, EngineMass)  # it knows its own damping
-        return Robot(
-            body,
-            scene.contacts,
-            frame_of(params, scene.units, scene.dof),
-            robot.own_damping if held and not engine else 0.0,
-            robot.resolution_m,
-            held=held,
-            engine=engine,
-            here=robot.start == "here",
-        )
+        def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
+            body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
+            if body is None:
+                body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
+            engine = isinstance(body, EngineMass)  # it knows its own damping
+            return Robot(
+                body,
+                scene.contacts,
+                frame_of(params, scene.units, scene.dof),
+                robot.own_damping if held and not engine else 0.0,
+                robot.resolution_m,
+                held=held,
+                engine=engine,
+                here=robot.start == "here",
+            )
 
-    frame = frame_of(params, scene.units, scene.dof)
-    return params, RobotScene(scene, made, period_s, frame, sees=robot.feedback == "planes")
+        frame = frame_of(params, scene.units, scene.dof)
+        return params, RobotScene(scene, made, period_s, frame, sees=robot.feedback == "planes")
+
+    def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
+        if not self.is_held(params, spec) or not spec.limited or is_real_robot(params):
+            return []
+        return [one for one in held_warnings(servo_of(params), dof) if one.startswith("world.damping")]
+
+    def is_held(self, params: Params, spec: CouplingSpec[Any]) -> bool:
+        return params.follower.servo != "continuous" and spec.follower is not None
+
+    def seen(self, params: Params) -> Params:
+        robot, world = params.follower, params.world
+        a, b = robot.motion_scale, robot.force_scale
+        if a == b == 1.0:
+            return params
+        return params.set({
+            "world.stiffness": _times(a * b, world.stiffness),
+            "world.damping": _times(a * b, world.damping),
+            "world.step_limit_N": b * world.step_limit_N,
+            "follower.mass": a * b * robot.mass,
+            "follower.own_damping": a * b * robot.own_damping,
+            "follower.resolution_m": robot.resolution_m / a,
+            "follower.force_limit_N": b * robot.force_limit_N,
+            "follower.step_limit_N": b * robot.step_limit_N,
+            "follower.greatest_speed": robot.greatest_speed / a,
+        })  # fmt: skip
+
+    def on_link(self, params: Params) -> Params:
+        found, arms = self.seen(params), self.arms(params)
+        if arms is None:
+            return found
+        K = checks.spd("world.stiffness", found.world.stiffness, POSE_AXES)
+        for _ in range(2):  # rows, then columns
+            K = np.array([arms.force(tuple(row)) for row in K.T.tolist()])
+        return found.set({"world.stiffness": K.tolist()})
+
+    def arms(self, params: Params) -> Arms | None:
+        a = params.follower.motion_scale
+        return Arms(a) if params.units == POSE and a != 1.0 else None
+
+    def meets_here(self, params: Params) -> bool:
+        return params.follower.start == "here"
+
+    def leaders_stiffness(self, params: Params, dof: int) -> Vector:
+        K, arms = (largest(params.device.stiffness),) * dof, self.arms(params)
+        return K if arms is None else arms.back.force(arms.back.force(K))
+
+    def writes_on_link(self, params: Params, write: Write, moved: Reindexing | None = None) -> Write:
+        arms = self.arms(params)
+        if arms is None and moved is None:
+            return write
+
+        def changed(sample: Any) -> None:
+            if moved is not None:
+                sample = moved.recorded(sample)
+            if arms is not None and isinstance(sample, WorldSample):
+                sample = sample.moved(arms.place, arms.place, arms.force)
+            write(sample)
+
+        return changed
+
+
+ROBOT = RobotFollower()
 
 
 def frame_of(params: Params, units: str, dof: int) -> Frame:
@@ -127,89 +176,10 @@ def frame_of(params: Params, units: str, dof: int) -> Frame:
     return Frame(robot.motion_scale, robot.force_scale, (0.0,) * dof)
 
 
-def warnings(params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
-    """What somebody should know who runs a simulated follower, or means to."""
-    if not follows(params):
-        found = [name for name, _ in params.sources if name.startswith("follower.") and params.asked(name)]
-        return [f"{name} is set, but nothing follows: --follower" for name in found if name != "follower.robot"]
-    if not is_held(params, spec) or not spec.limited or is_real(params):
-        return []
-    return [one for one in held_warnings(servo_of(params), dof) if one.startswith("world.damping")]
-
-
 def held_warnings(servo: DeviceParams, dof: int) -> list[str]:
     """`hapnet.couplings.held_torque.check` of a robot's servo, in the words of its parameters."""
     found = held_torque.check(servo, "measured", dof)
     return [one.replace("device.", "world.").replace("this device", "this robot") for one in found]
-
-
-def seen(params: Params) -> Params:
-    """The parameters with the robot's in the leader's units (`hapnet.mechanics.frame`)."""
-    robot, world = params.follower, params.world
-    a, b = robot.motion_scale, robot.force_scale
-    if not follows(params) or a == b == 1.0:
-        return params
-    return params.set({
-        "world.stiffness": _times(a * b, world.stiffness),
-        "world.damping": _times(a * b, world.damping),
-        "world.step_limit_N": b * world.step_limit_N,
-        "follower.mass": a * b * robot.mass,
-        "follower.own_damping": a * b * robot.own_damping,
-        "follower.resolution_m": robot.resolution_m / a,
-        "follower.force_limit_N": b * robot.force_limit_N,
-        "follower.step_limit_N": b * robot.step_limit_N,
-        "follower.greatest_speed": robot.greatest_speed / a,
-    })  # fmt: skip
-
-
-def reindexing(params: Params, spec: CouplingSpec[Any], scene: World) -> Reindexing | None:
-    """How the robot of this world meets a leader that was away; None: there is no robot that could."""
-    here = params.follower.start == "here" or not follows(params)
-    if not scene.robot or "world" not in spec.set_positions:
-        return None
-    arms = arms_of(params)
-    length = ARM_M if arms is None else ARM_M * arms.back.times
-    frame = PoseFrame(1.0, 1.0, length) if scene.units == POSE else Frame(1.0, 1.0, (0.0,) * scene.dof)
-    return Reindexing(frame, round(params.world.silence_after_s / NANO), meets=here)
-
-
-def arms_of(params: Params) -> Arms | None:
-    """From a tool's pose as its servo has it to that on the link (`hapnet.mechanics.pose_frame`); None: the same."""
-    a = params.follower.motion_scale
-    return Arms(a) if follows(params) and params.units == POSE and a != 1.0 else None
-
-
-def on_link(params: Params) -> Params:
-    """As `seen`, with the spring of a tool along the coordinates of the link."""
-    found, arms = seen(params), arms_of(params)
-    if arms is None:
-        return found
-    K = checks.spd("world.stiffness", found.world.stiffness, POSE_AXES)
-    for _ in range(2):  # rows, then columns
-        K = np.array([arms.force(tuple(row)) for row in K.T.tolist()])
-    return found.set({"world.stiffness": K.tolist()})
-
-
-def leaders_stiffness(params: Params, dof: int) -> Vector:
-    """The largest of `device.stiffness` along each of the servo's coordinates [N/m]."""
-    K, arms = (largest(params.device.stiffness),) * dof, arms_of(params)
-    return K if arms is None else arms.back.force(arms.back.force(K))
-
-
-def writes_on_link(params: Params, write: Write, moved: Reindexing | None = None) -> Write:
-    """Writes a robot's samples along the coordinates of the link, in which its leader is."""
-    arms = arms_of(params)
-    if arms is None and moved is None:
-        return write
-
-    def changed(sample: Any) -> None:
-        if moved is not None:
-            sample = moved.recorded(sample)
-        if arms is not None and isinstance(sample, WorldSample):
-            sample = sample.moved(arms.place, arms.place, arms.force)
-        write(sample)
-
-    return changed
 
 
 def _times(factor: float, value: ArrayLike) -> Any:

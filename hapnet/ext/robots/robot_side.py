@@ -13,7 +13,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
-from hapnet.ext.robots.following import arms_of, frame_of, held_warnings, reindexing, seen, writes_on_link
+from hapnet.ext.robots.following import frame_of, held_warnings
 from hapnet.ext.robots.robot import RobotSide
 from hapnet.params import DeviceParams
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample
@@ -65,7 +65,7 @@ def _following(
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
 
     if setup.coupling.limited:
-        for common, params_in in ((False, leads.params), (True, seen(leads.params))):
+        for common, params_in in ((False, leads.params), (True, setup.follower.seen(leads.params))):
             for warning in held_warnings(servo_of(params_in), setup.dof):
                 if warning.startswith("world.ceiling_J") == common:  # joules are the leader's, all else is its own
                     write(Event(clock(), "warning", warning, "warning"))
@@ -80,8 +80,10 @@ def _following(
         hold((0.0,) * setup.dof, False)
     period_s = 1.0 / robot.servo_hz
     nothing = (0.0,) * setup.dof
-    endpoint.arms, endpoint.reindexing = arms_of(params), reindexing(params, setup.coupling, setup.scene)
-    on_link = writes_on_link(params, write, endpoint.reindexing)
+    follower = setup.follower
+    endpoint.arms = follower.arms(params)
+    endpoint.reindexing = follower.reindexing(params, setup.coupling, setup.scene)
+    on_link = follower.writes_on_link(params, write, endpoint.reindexing)
 
     def record(sample: Sample) -> None:
         felt = nothing if sensor is None else frame.coupled_force(sensor.force)

@@ -32,6 +32,8 @@ from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 
 WORD = "soft"
+FIRST_WORDS = (WORD,)
+"""Of texts that describe such a world."""
 WORDS = (
     "unit=mm (of a file), size=60mm,60mm,60mm, nodes=1000 (about), young=20000 (Pa), poisson=0.4, density=1000, "
     "beta=0.01 (damping [s]), lump=TIMES, lump_at=X,Y,Z, lump_radius=10mm, pin=+x (-x, +y, ...; none), "

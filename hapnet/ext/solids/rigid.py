@@ -350,3 +350,6 @@ KINDS: dict[str, Kind] = {
 """The kinds of solids by name."""
 
 FROM_FILES = ("mesh", "heights", "sdf")
+
+FIRST_WORDS = tuple(KINDS)
+"""Of texts that describe such a world."""

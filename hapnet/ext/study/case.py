@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+from hapnet.assembly.simulated_device import with_own_device
 from hapnet.assembly.springs import with_springs
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.parameters import with_arm
 from hapnet.ext.metrics import METRICS, Measures as Measures
 from hapnet.ext.metrics.measured import Measured as Measured
 from hapnet.ext.metrics.obstacles import rubs
@@ -75,7 +75,9 @@ def simulated(params: Params, seed: int) -> Measured:
 def _studied(params: Params) -> Params:
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
-    return with_springs(with_arm(params.set({"device.servo": "sampled"}) if params.device.servo == "auto" else params))
+    return with_springs(
+        with_own_device(params.set({"device.servo": "sampled"}) if params.device.servo == "auto" else params)
+    )
 
 
 @lru_cache(maxsize=_REFERENCES)

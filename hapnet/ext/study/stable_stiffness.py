@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hapnet.assembly.build import Setup
+from hapnet.assembly.simulated_device import with_own_device
 from hapnet.couplings.default_stiffness import colgate_bound
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.parameters import with_arm
 from hapnet.ext.metrics.force import limit_cycles
 from hapnet.ext.pictures.impedance import Springs, stable_springs
 from hapnet.ext.study.z_width import ZWidth, maximum
@@ -88,7 +88,7 @@ def cases(params: Params) -> list[Case]:
 
     Raises InvalidParameter: the device's B is not a number, so that there is no bound.
     """
-    device = with_arm(params).device
+    device = with_own_device(params).device
     dampings = {device.own_damping} if is_arm(params.hardware) else {*OWN_DAMPING, device.own_damping}
     bound(1.0, 1.0, device.damping)
     return [

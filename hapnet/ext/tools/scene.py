@@ -31,6 +31,8 @@ from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
 from hapnet.units import POSE
 
 KIND = "tool"
+FIRST_WORDS = (KIND,)
+"""Of texts that describe such a world."""
 
 _HALVINGS = 12
 

@@ -41,6 +41,11 @@ class WorldDefaults(Protocol):
     leads from where it then is."""
 
     @property
+    def has_effects(self) -> bool:
+        """Has a surface effects (drag, grain, snap), which only a contact model at the device renders?"""
+        return False
+
+    @property
     def units(self) -> str:
         """Of its axes: ``m``, ``rad``, or one for each as in ``m,m,rad`` (`hapnet.units`)."""
         return METRES

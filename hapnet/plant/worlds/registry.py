@@ -21,12 +21,7 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.ext.engines import own_worlds
-from hapnet.ext.engines.mujoco_engine import mujoco_world
-from hapnet.ext.engines.mujoco_model import PREFIX as MUJOCO
-from hapnet.ext.soft import soft
-from hapnet.ext.solids import rigid
-from hapnet.ext.tools import scene as tools
+from hapnet.extensions import WORLDS, world_kind
 from hapnet.loading import published
 from hapnet.plant.scenes import SCENES as SCENES
 from hapnet.plant.worlds.protocol import World
@@ -76,23 +71,34 @@ def make_scene(name: str, **parameters: object) -> World:
             raise InvalidParameter("scene", name, allowed) from None
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
-    if not is_own(name) or name.startswith(MUJOCO) or tools.builder(name) or soft.builder(name) or rigid.builder(name):
-        world: World = builder(**parameters)
-        return world
-    return own_worlds.made(builder, name, parameters)
+    made: World
+    if not is_own(name) or _described(name) is not None:
+        made = builder(**parameters)
+    else:
+        made = world_kind("own").made(builder, name, parameters)
+    return made
 
 
 def _builder(name: str) -> Callable[..., Any]:
     plain, _, words = name.partition("?")
     if plain in SCENES:
         return partial(SCENES[plain], **named_parameters(name)) if words else SCENES[plain]
-    if name.startswith(MUJOCO):
-        return partial(mujoco_world, name)
-    if (from_words := tools.builder(name) or soft.builder(name) or rigid.builder(name)) is not None:
-        return from_words
-    names = (*SCENES, *rigid.KINDS, tools.KIND, soft.WORD, *published(GROUP))
+    if (described := _described(name)) is not None:
+        return described
+    kinds = [one for kind in _DESCRIBED for one in world_kind(kind).FIRST_WORDS]
+    names = (*SCENES, *kinds, *published(GROUP))
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
-    return own_worlds.builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
+    own: Callable[..., Any] = world_kind("own").builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
+    return own
+
+
+_DESCRIBED = [kind for kind in WORLDS if kind != "own"]
+
+
+def _described(name: str) -> Callable[..., Any] | None:
+    """What makes the world that the text `name` describes; None: it describes none of an extension's kind."""
+    found = (world_kind(kind).builder(name) for kind in _DESCRIBED)
+    return next((build for build in found if build is not None), None)
 
 
 def _given(name: str, spec: str, world: Callable[..., World]) -> dict[str, object]:

@@ -8,27 +8,20 @@ from dataclasses import replace
 
 from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
-from hapnet.ext.robots.following import follows
 from hapnet.ext.solids.rigid import RigidScene, describes
 from hapnet.kernel import sources
 from hapnet.kernel.kinds import Kind
-from hapnet.params import Params, is_arm
+from hapnet.params import Params, follows
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import MOST, Contacts
-from hapnet.records.machine_code import no_compiler
 from hapnet.records.record import AXES
-from hapnet.units import POSE
 from netem import LinkProfile
 
 _MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ, and over a step of the admission, they must fit 63 bits
 
 
 OUT_OF_RANGE = "it leaves the range that messages can carry"
-
-
-class NotCompiledError(Exception):
-    """The run does something that only the reference can do, such as leaving the range that messages can carry."""
 
 
 _WORTH_TICKS = 200_000
@@ -60,8 +53,6 @@ def unavailable(setup: Setup, kind: Kind) -> str | None:
 
     As long as it is not compiled, a process first runs some on the reference, which gives the same bits.
     """
-    if (why := no_compiler()) is not None:
-        return why
     if sources.are_compiled(kind.name):
         return None
     _ticks[kind.name] += round(setup.params.duration_s * setup.params.device.servo_hz)
@@ -73,8 +64,6 @@ def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
 
     runs : their parameters, and how many ticks they have.
     """
-    if no_compiler() is not None:
-        return
     ticks = Counter[Kind]()
     for params, count in runs:
         if (kind := kind_of(params)) is not None:
@@ -91,8 +80,6 @@ def with_device(setup: Setup) -> Setup:
     The rest of such a run is the reference's.
     """
     params = setup.params
-    if not (is_arm(params.hardware) or params.units == POSE) or no_compiler() is not None:
-        return setup
     from hapnet.kernel import real_time  # here, since it imports every end
 
     ticks = round(params.duration_s * params.device.servo_hz)
@@ -103,20 +90,15 @@ def with_device(setup: Setup) -> Setup:
     return replace(setup, ends=real_time.CompiledDevices()) if compiles else setup
 
 
-def chosen(setup: Setup, kernel: bool | None, watcher: str | None) -> str | None:
+def chosen(setup: Setup, kernel: bool | None) -> str | None:
     """Why the kernel does not run this; None: it does.
 
-    setup : its walls have met the virtual mass. kernel : must it? None: where it is there. watcher : the class that
-        wants to see every event, if one does.
+    setup : its walls have met the virtual mass. kernel : must it? None: where it is there.
     """
-    if kernel is False:
-        return "it is switched off"
-    if watcher is not None:
-        return f"{watcher} runs the events itself"
     why, kind = why_not(setup), kind_of(setup.params, setup.scene)
     if why is not None or kind is None:
         return why
-    return unavailable(setup, kind) if kernel is None else no_compiler()
+    return unavailable(setup, kind) if kernel is None else None
 
 
 def why_not(setup: Setup) -> str | None:

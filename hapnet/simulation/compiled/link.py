@@ -14,9 +14,10 @@ from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
 from hapnet.kernel.memory import fill, plain
 from hapnet.mechanics.curvature import Bends
 from hapnet.mechanics.plane import Plane
+from hapnet.records.machine_code import NotCompiledError
 from hapnet.records.record import fields
 from hapnet.side.packet import Packet
-from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
+from hapnet.simulation.compiled.coverage import OUT_OF_RANGE
 from hapnet.simulation.compiled.wire import put_proxy
 from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import Energy, Motion, Port, Position, Proxy, Wave, decode, encode

@@ -32,10 +32,11 @@ from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
+from hapnet.records.machine_code import NotCompiledError
 from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.compiled import coverage, device, wire, world
-from hapnet.simulation.compiled.coverage import OUT_OF_RANGE, NotCompiledError
+from hapnet.simulation.compiled.coverage import OUT_OF_RANGE
 from hapnet.simulation.compiled.link import CompiledLink
 
 if TYPE_CHECKING:

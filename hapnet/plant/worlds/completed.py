@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeGuard
+
+from hapnet.plant.worlds.protocol import World
 
 
 def lacking(part: object, names: Iterable[str]) -> list[str]:
     """Those of the attributes `names` that `part` has not."""
     return sorted(name for name in names if not hasattr(part, name))
+
+
+def is_world(part: object) -> TypeGuard[World]:
+    """Has `part` all that a world must have? A class that makes worlds is none."""
+    return not isinstance(part, type) and not lacking(part, World.__abstractmethods__)
 
 
 class Completed:

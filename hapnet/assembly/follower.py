@@ -1,0 +1,89 @@
+"""A robot in the virtual mass's place, as the rest of a run sees it; here of a run without one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.checks import Vector
+from hapnet.couplings.rendering import largest
+from hapnet.couplings.spec import CouplingSpec
+from hapnet.extensions import extension
+from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.pose import ARM_M
+from hapnet.mechanics.pose_frame import Arms, PoseFrame
+from hapnet.params import Params, follows
+from hapnet.plant.worlds.protocol import World
+from hapnet.side.content import NANO
+from hapnet.side.device import Write
+from hapnet.side.reindexing import Reindexing
+from hapnet.units import POSE
+
+
+class Follower:
+    """No robot follows: the parameters are used as they are, in the device's own units.
+
+    `hapnet.ext.robots.following.RobotFollower` is one with a robot.
+    """
+
+    def place(self, params: Params, spec: CouplingSpec[Any], scene: World) -> tuple[Params, World]:
+        """The parameters with what follows from the robot's servo, and the scene in which it stands.
+
+        Raises InvalidParameter: what does not fit a follower.
+        """
+        return params, scene
+
+    def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
+        """What somebody should know who runs a simulated follower, or means to."""
+        found = [name for name, _ in params.sources if name.startswith("follower.") and params.asked(name)]
+        return [f"{name} is set, but nothing follows: --follower" for name in found if name != "follower.robot"]
+
+    def is_held(self, params: Params, spec: CouplingSpec[Any]) -> bool:
+        """Is the robot's force held from tick to tick?"""
+        return False
+
+    def seen(self, params: Params) -> Params:
+        """The parameters with the robot's in the leader's units (`hapnet.mechanics.frame`)."""
+        return params
+
+    def on_link(self, params: Params) -> Params:
+        """As `seen`, with the spring of a tool along the coordinates of the link."""
+        return params
+
+    def arms(self, params: Params) -> Arms | None:
+        """From a tool's pose as its servo has it to that on the link (`hapnet.mechanics.pose_frame`); None: the
+        same."""
+        return None
+
+    def meets_here(self, params: Params) -> bool:
+        """Does the world's side begin where it stands when a leader comes?"""
+        return True
+
+    def reindexing(self, params: Params, spec: CouplingSpec[Any], scene: World) -> Reindexing | None:
+        """How the robot of this world meets a leader that was away; None: there is no robot that could."""
+        if not scene.robot or "world" not in spec.set_positions:
+            return None
+        arms = self.arms(params)
+        length = ARM_M if arms is None else ARM_M * arms.back.times
+        frame = PoseFrame(1.0, 1.0, length) if scene.units == POSE else Frame(1.0, 1.0, (0.0,) * scene.dof)
+        return Reindexing(frame, round(params.world.silence_after_s / NANO), meets=self.meets_here(params))
+
+    def leaders_stiffness(self, params: Params, dof: int) -> Vector:
+        """The largest of `device.stiffness` along each of the servo's coordinates [N/m]."""
+        return (largest(params.device.stiffness),) * dof
+
+    def writes_on_link(self, params: Params, write: Write, moved: Reindexing | None = None) -> Write:
+        """Writes a robot's samples along the coordinates of the link, in which its leader is."""
+        if moved is None:
+            return write
+        return lambda sample: write(moved.recorded(sample))
+
+
+_NONE = Follower()
+
+
+def follower_of(params: Params) -> Follower:
+    """What stands in the virtual mass's place with these parameters."""
+    if not follows(params):
+        return _NONE
+    robot: Follower = extension("robots").ROBOT
+    return robot

@@ -1,0 +1,55 @@
+"""The simulated device: a mass, or what an extension brings (an arm, a tool's handle)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.extensions import extension
+from hapnet.params import Params, arm_file, is_arm
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.operator import Operator
+from hapnet.plant.worlds.protocol import World
+from hapnet.recording.hand import fingerprint
+from hapnet.units import METRES, POSE
+
+
+def with_own_device(params: Params) -> Params:
+    """The parameters as an arm needs them, if the device is one: its axes, and what it weighs and damps at home.
+
+    Raises InvalidParameter: a parameter does not go with an arm.
+    """
+    if not is_arm(params.hardware):
+        return params
+    changed: Params = extension("arms").with_arm(params)
+    return changed
+
+
+def unit_of(hardware: str) -> str:
+    """The unit of a simulated device's axes. Raises InvalidParameter: there is no such arm."""
+    return str(extension("arms").unit_of(hardware)) if is_arm(hardware) else METRES
+
+
+def description(params: Params) -> dict[str, Any]:
+    """What a recording says of the device: what its file was, and an arm's frames, for pictures of it."""
+    found = {"hardware_sha256": fingerprint(arm_file(params.hardware))}
+    return {**found, **extension("arms").description(params)} if is_arm(params.hardware) else found
+
+
+def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:
+    """The simulated device of these parameters in a hand. Raises InvalidParameter."""
+    device: SimulatedDevice
+    if is_arm(params.hardware):
+        device = extension("arms").simulated_arm(params, hand)
+        return device
+    kind = extension("tools").SimulatedHandle if scene.units == POSE else SimulatedDevice
+    own = params.device
+    device = kind(
+        hand, mass=own.mass, damping=own.own_damping, period=1.0 / own.servo_hz, substeps=own.substeps,
+        resolution=own.resolution_m, force_limit=own.force_limit_N or None,
+    )  # fmt: skip
+    return device
+
+
+def real_time_warnings(params: Params) -> tuple[str, ...]:
+    """What the user of a device's side is told before control starts."""
+    return tuple(extension("arms").real_time_warnings(params)) if is_arm(params.hardware) else ()

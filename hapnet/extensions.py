@@ -1,0 +1,43 @@
+"""What the core takes from the extensions that come with hapnet: the one table of it.
+
+The core imports no extension. Where a run asks for one (an arm, a tool that turns, a robot that follows, a world that
+is not made of flat walls, a picture), the core takes the extension's module from here, which loads it then. Other
+packages publish theirs as entry points: of `hapnet.couplings`, `hapnet.worlds` and `hapnet.devices`.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+_MODULES = {
+    "arms": "hapnet.ext.arms.parameters",
+    "tools": "hapnet.ext.tools.parameters",
+    "robots": "hapnet.ext.robots.following",
+    "driven robots": "hapnet.ext.robots.robot_side",
+    "compiled": "hapnet.simulation.compiled.coverage",
+    "compiled runs": "hapnet.simulation.compiled.run",
+    "pictures": "hapnet.ext.pictures.result",
+}
+
+WORLDS = {
+    "mujoco": "hapnet.ext.engines.mujoco_engine",
+    "tool": "hapnet.ext.tools.scene",
+    "soft": "hapnet.ext.soft.soft",
+    "solids": "hapnet.ext.solids.rigid",
+    "own": "hapnet.ext.engines.own_worlds",
+}
+"""The kinds of worlds beside those of walls, in the order in which they are asked: `hapnet.plant.worlds.registry`."""
+
+
+@cache
+def extension(name: str) -> Any:
+    """The module with what an extension brings, by the extension's name; see `hapnet.assembly` for what is used."""
+    return import_module(_MODULES[name])
+
+
+@cache
+def world_kind(name: str) -> Any:
+    """The module of one of `WORLDS`."""
+    return import_module(WORLDS[name])

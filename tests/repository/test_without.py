@@ -1,0 +1,16 @@
+"""The core runs alone: a simulation at a flat wall needs no extension."""
+
+import pytest
+
+from tests.measure.without import COMPILED, EXTENSIONS, loaded_without
+
+
+def test_a_flat_wall_needs_no_extension() -> None:
+    assert len(EXTENSIONS) > 10
+    modules, _ = loaded_without("hapnet.ext", *COMPILED)
+    assert modules < 225  # 217 on 28 November 2026; the aim is 100
+
+
+def test_what_a_run_needs_is_missed() -> None:
+    with pytest.raises(RuntimeError, match=r"^ImportError: hapnet\.side is blocked$"):
+        loaded_without("hapnet.side")
