@@ -9,7 +9,18 @@ from collections.abc import Sequence
 ABSENT = "not installed"
 DISTRIBUTION = "hapnet-haptics"
 """The distribution that contains both packages, `hapnet` and `netem`."""
-PACKAGES = ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "cryptography", "mcap", "matplotlib", "viser")
+PACKAGES = (
+    "numpy",
+    "eclipse-zenoh",
+    "msgpack",
+    "msgspec",
+    "typer",
+    "rich",
+    "cryptography",
+    "mcap",
+    "matplotlib",
+    "viser",
+)
 
 
 def installed(package: str) -> str:

@@ -124,10 +124,9 @@ def decode(data: bytes) -> Telemetry:
         case (_, "planes", reported) | (_, "planes", reported, _) | (_, "planes", reported, _, _):
             fields.planes(reported)
             bends, friction = (*frame[3:], None, None)[:2]
-            if bends is not None:
-                fields.curvatures(bends, reported)
-            if friction is not None:
-                fields.friction(friction, reported)
+            about = {fields.CURVATURES: bends, fields.FRICTION: friction}
+            known = {name: each for name, each in about.items() if each is not None}
+            fields.surfaces(fields.checked(known, fields.OfProxy), reported)
             return KnownPlanes(Plane.all_of(reported, bends, friction))
         case (_, "status", dict(reported)):
             return _status(reported)
@@ -198,7 +197,7 @@ def _status(reported: dict[str, Any]) -> Status:
         raise BadMessage("telemetry", f"role of a status is {reported['role']!r:.60}")
     if not (_is_about(reported["about"]) and _is_link(reported["link"]) and _is_path(reported["path"])):
         raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are not valid")
-    fields.account(reported["account"])
+    fields.signals(reported["account"], fields.AccountMap)
     return Status(**reported)
 
 

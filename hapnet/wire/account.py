@@ -8,33 +8,13 @@ too, made after what it answers: so it covers all that was before, though the tw
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import NamedTuple
 
 from hapnet.errors import BadMessage
-from hapnet.wire.fields import U64, AccountMap, Flag, More, Signal
+from hapnet.wire.fields import Signal
+from hapnet.wire.messages import Account
 
 REPEAT_NS = 100_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Account:
-    """The account of the sender's half of a pair with `addressee`, as a summary has it.
-
-    number : counts this incarnation's accounts from 1. heard : the newest of the addressee's that came before the
-    values were made; 0: none. asks : an answer is wanted. final : the sender's control has stopped.
-    """
-
-    KIND: ClassVar[int] = 12
-    CHANNEL: ClassVar[Literal["control"]] = "control"
-    incarnation: U64
-    addressee: U64
-    number: U64
-    heard: U64
-    asks: Flag
-    final: Flag
-    values: AccountMap
-    more: More | None = None
 
 
 class Heard(NamedTuple):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NamedTuple
+
+import msgspec
 
 from hapnet.wire.fields import ANSWERS
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
@@ -109,7 +110,7 @@ class ControlSender:
         if not isinstance(message, Hello):
             return message
         self.hellos += 1
-        return dataclasses.replace(message, number=self.hellos)
+        return msgspec.structs.replace(message, number=self.hellos)
 
     @property
     def next_due_ns(self) -> int | None:

@@ -8,13 +8,10 @@ used twice: each pair has keys of its own, and each direction one.
 from __future__ import annotations
 
 import hmac
-from dataclasses import dataclass
 from struct import Struct
-from typing import ClassVar, Literal
 
 from hapnet.errors import BadMessage
-from hapnet.wire.fields import U64, Ciphertext, More
-from hapnet.wire.stream_frames import VERSION
+from hapnet.wire.messages import VERSION, Encrypted
 
 FIRST_OTHER = 2**63
 """The first number of what is no message of the stream; those have their own numbers, which are below."""
@@ -24,21 +21,6 @@ _BIN = Struct(">BL")
 _NONCE = Struct(">LQ").pack
 _ARRAY_OF_5, _U64, _BIN32 = 0x95, 0xCF, 0xC6
 _BEFORE = _HEAD.size + _BIN.size
-
-
-@dataclass(frozen=True, slots=True)
-class Encrypted:
-    """A whole frame of the sender, encrypted. `number` is its nonce: the message's own, or from 2^63 on.
-
-    content : the frame's bytes, encrypted, and the 16 bytes that show that nobody changed it.
-    """
-
-    KIND: ClassVar[int] = 13
-    CHANNEL: ClassVar[Literal["position"]] = "position"
-    incarnation: U64
-    number: U64
-    content: Ciphertext
-    more: More | None = None
 
 
 class Cipher:

@@ -11,16 +11,30 @@ each proof that a side has one. Without a word two keys in one name show him, or
 from __future__ import annotations
 
 import base64
-import dataclasses
 import hashlib
 import hmac
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple, get_args
 
+import msgspec
+
 from hapnet.errors import BadMessage
-from hapnet.wire.encryption import Cipher, Encrypted
+from hapnet.wire.encryption import Cipher
 from hapnet.wire.fields import ENCRYPTS, KEY, TAG
-from hapnet.wire.messages import Account, Bye, Energy, Hello, Message, Refuse, Signals, Stream, Welcome, decode, encode
+from hapnet.wire.messages import (
+    Account,
+    Bye,
+    Encrypted,
+    Energy,
+    Hello,
+    Message,
+    Refuse,
+    Signals,
+    Stream,
+    Welcome,
+    decode,
+    encode,
+)
 
 TAG_BYTES = 8
 _NO_TAG = bytes(TAG_BYTES)
@@ -92,11 +106,7 @@ class Secret:
 def sealed(message: Sealed, key: bytes) -> bytes:
     """The frame of `message`, with the tag of `key` at its end."""
     more = {**(message.more or {}), TAG: _NO_TAG}
-    if isinstance(message, Energy):
-        data = encode(message._replace(more=more))
-    else:
-        data = encode(dataclasses.replace(message, more=more))
-    signed = data[:-TAG_BYTES]
+    signed = encode(msgspec.structs.replace(message, more=more))[:-TAG_BYTES]
     return signed + _tag(key, signed)
 
 

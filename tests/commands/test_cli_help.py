@@ -35,7 +35,7 @@ COMMANDS = (
     "devices",
     "emulate",
 )
-HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "asyncio")
+HEAVY = ("matplotlib", "zenoh", "mcap", "numpy", "msgpack", "msgspec", "asyncio")
 
 
 # Help
@@ -182,7 +182,7 @@ def test_versions_for_a_bug_report(program: str, main: Callable[[list[str]], int
     assert reported["python"].startswith(platform.python_version())
     assert platform.release() in reported["platform"]
     assert reported["cpus"].startswith(str(os.cpu_count()))
-    for package in ("numpy", "eclipse-zenoh", "msgpack", "typer", "rich", "mcap", "matplotlib"):
+    for package in ("numpy", "eclipse-zenoh", "msgpack", "msgspec", "typer", "rich", "mcap", "matplotlib"):
         assert reported[package] == metadata.version(package)
     assert not err
 

@@ -6,6 +6,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
+from msgspec import structs
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector, wrong_effects
@@ -312,7 +313,7 @@ def test_a_peer_of_before_feels_the_plane_alone() -> None:
     still = (0.0, 0.0, 0.0)
     new, old = (decode(PositionStream(1).proxy(3, still, 4, still, (face(one),))) for one in (ALL, None))
     assert isinstance(new, ProxyMessage)
-    assert new._replace(more=None) == old
+    assert structs.replace(new, more=None) == old
     assert Plane.all_of(new.planes, None, None, new.more["effects"]) == (face(ALL),)
 
 

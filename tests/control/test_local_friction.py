@@ -8,6 +8,7 @@ import msgpack
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from msgspec import structs
 
 from hapnet.checks import Array, Vector
 from hapnet.control.added_damping import AddedDamping
@@ -281,7 +282,7 @@ def test_a_peer_of_before_feels_smooth_planes() -> None:
     new, old = decode(rough), decode(smooth)
     assert isinstance(new, ProxyMessage)
     assert new.more == {"friction": (0.5,)}
-    assert new._replace(more=None) == old
+    assert structs.replace(new, more=None) == old
     assert Plane.all_of(new.planes, None, new.more["friction"]) == (face(0.5),)
     assert rough[1:].startswith(smooth[1:])  # but for the number of elements
     both = decode(

@@ -1,10 +1,10 @@
 """What a decoder must say of any bytes, written from hapnet/wire/README.md, not from the code."""
 
-import dataclasses
 import math
 from typing import Any
 
 import msgpack
+from msgspec import structs
 
 from hapnet.errors import BadMessage
 from hapnet.wire.messages import Message, decode, encode
@@ -247,7 +247,7 @@ def decoded(data: bytes) -> Message | None:
         return None
     if frame is None:
         raise Broken(f"a frame that is not allowed was taken: {message}")
-    fields = tuple(message) if isinstance(message, tuple) else dataclasses.astuple(message)
+    fields = structs.astuple(message)
     fields, further = fields[:-1], fields[-1]
     hold(repr(further or {}) == repr(_tupled(frame[len(fields) + 2 :] or [{}])[0]), "further", further, frame)
     frame = frame[: len(fields) + 2]

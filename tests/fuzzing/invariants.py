@@ -186,7 +186,7 @@ class Watch:
     def _check_stream(
         self, now_ns: int, message: Position | Motion | Port | Wave | Proxy, from_peer: bool, dropped: bool, events: Any
     ) -> None:
-        fits = type(message) is self._expects and len(message[3]) == self.session.identity.dof
+        fits = type(message) is self._expects and len(message.vector) == self.session.identity.dof
         before, word = self.numbers.newest, "doubtful"
         if from_peer and fits:
             word = self.numbers.take(now_ns, message.sequence, message.sent_ns)
@@ -198,7 +198,9 @@ class Watch:
             return
         known: object = SampleReceived(message)
         if isinstance(message, Position):
-            known = PositionReceived(*message[1:4], level=(message.more or {}).get("level"))
+            known = PositionReceived(
+                message.sequence, message.sent_ns, message.position, level=(message.more or {}).get("level")
+            )
         first = events[:1]
         hold(all(0 <= one.took_ns <= 9e10 for one in first), message, "took", first)
         found = tuple([one._replace(took_ns=0) for one in first])

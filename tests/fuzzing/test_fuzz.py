@@ -127,8 +127,7 @@ def found(target: str, count: int = 6000) -> str:
 def test_a_failure_names_seed_frame_and_command(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("hapnet.wire.messages.MAX_COORDINATE", 1e5)
-    monkeypatch.setattr("hapnet.wire.fields.MAX_COORDINATE", 1e5)
+    monkeypatch.setattr("hapnet.wire.messages.MAX_FRAME_BYTES", 100)
     words = found("decoder")
     match = re.search(r"again: python -m tests\.fuzzing (.*)", words)
     assert match

@@ -7,6 +7,7 @@ import msgpack
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from msgspec import structs
 from scipy.optimize import minimize
 
 from hapnet.checks import Vector
@@ -208,7 +209,7 @@ def test_a_peer_of_before_feels_flat_planes() -> None:
     bent, flat = (PositionStream(1).proxy(3, still, 4, still, (one,)) for one in (plane, plane._replace(curvatures=())))
     new, old = decode(bent), decode(flat)
     assert isinstance(new, ProxyMessage)
-    assert new._replace(more=None) == old
+    assert structs.replace(new, more=None) == old
     assert Plane.all_of(new.planes, new.more["curvatures"]) == (plane,)
     assert bent[1:].startswith(flat[1:])  # but for the number of elements
 

@@ -1,11 +1,11 @@
 """Accounts: what each side reports of its half comes over any link, and makes the same summary there as here."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
+from msgspec import structs
 
 from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.simulation.result import Result
@@ -88,8 +88,9 @@ def test_bad_accounts_are_counted_and_dropped() -> None:
     network.run(50 * MS)
     good = Account(2, 1, 7, 0, False, False, {"n": 7})
     kinds = {
-        "stale": replace(good, number=6), "range": replace(good, heard=1), "addressee": replace(good, addressee=9),
-        "rival": replace(good, incarnation=9),
+        "stale": structs.replace(good, number=6), "range": structs.replace(good, heard=1),
+        "addressee": structs.replace(good, addressee=9),
+        "rival": structs.replace(good, incarnation=9),
     }  # fmt: skip
     device.receive(network.now, device.position(network.now, (0.0,)))
     device.receive(network.now, world.position(network.now, (0.0,)))  # it is living

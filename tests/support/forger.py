@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from unittest.mock import patch
 
+from msgspec import structs
+
 from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.params import Params
 from hapnet.side.packet import Packet
@@ -141,7 +143,7 @@ class Attacked(Keyed):
         number, _, seen = (heard.more or {})["sums"]
         number += {"far ahead": 500, "again": 0}.get(lie.style, 1)
         more = None if lie.style == "bare" else {"sums": (number, total_nJ, seen)}
-        packet = Packet("energy", encode(heard._replace(total_nJ=total_nJ, acked_nJ=0, more=more)))
+        packet = Packet("energy", encode(structs.replace(heard, total_nJ=total_nJ, acked_nJ=0, more=more)))
         if lie.style == "late":
             self._kept.append(packet)
         else:

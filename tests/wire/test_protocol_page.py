@@ -120,7 +120,7 @@ def test_the_limits_in_the_text_are_the_codes() -> None:
 def test_the_page_names_the_elements_of_each_frame_in_their_order(message: type[Message]) -> None:
     frames = PAGE.partition("| kind | elements 4 and following |")[2].partition("\n\n")[0]
     (row,) = re.findall(rf"^\| {message.__name__.lower()} \| (.*) \|$", frames, re.MULTILINE)
-    own = [name for name in messages.field_names(message)[1:] if name != "more"]  # every frame may have further entries
+    own = [name for name in message.__struct_fields__[1:] if name != "more"]  # every frame may have further entries
     assert [name for name in re.findall(r"`(\w+)`", re.sub(r"array of `dof`", "", row)) if name in own] == own
     kinds = PAGE.partition("| kind | message |")[2].partition("\n\n")[0]
     assert re.search(rf"^\| {message.KIND} \| {message.__name__.lower()} \| {message.CHANNEL} \|", kinds, re.MULTILINE)

@@ -89,7 +89,7 @@ def python() -> Check:
     return Check("python", OK, f"{words}, threads switch every {sys.getswitchinterval() * 1e3:g} ms (a run sets 0.1)")
 
 
-_NEEDED = ("numpy", "eclipse-zenoh", "msgpack", "cryptography")
+_NEEDED = ("numpy", "eclipse-zenoh", "msgpack", "msgspec", "cryptography")
 _OF_REPORTS = ("mcap", "protobuf", "matplotlib")  # the extra `report`
 
 
