@@ -24,6 +24,19 @@ MOST_DOTS = 10_000
 """A line of a TOML file has at most so many: the time for a dotted name grows with the square of its parts."""
 
 
+MCAP = b"\x89MCAP0\r\n"
+"""The first bytes of a recording."""
+
+
+def begins_with(path: str | PathLike[str], magic: bytes) -> bool:
+    """Whether the file exists and begins with these bytes."""
+    try:
+        with open_plain(path) as file:
+            return file.read(len(magic)) == magic
+    except (OSError, ValueError):
+        return False
+
+
 def open_plain(path: str | PathLike[str], most: int | None = None) -> IO[bytes]:
     """Open a file for reading. A pipe or a device is refused, as reading it may never end.
 

@@ -14,11 +14,10 @@ from hapnet.assembly.follower import Follower, follower_of
 from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
-from hapnet.assembly.own_parts import closed_if_refused, named_failures, named_section, require_parts
+from hapnet.assembly.own_parts import named_failures, named_section, require_parts
 from hapnet.assembly.resolved import resolved
 from hapnet.assembly.simulated_device import description, simulated_device
 from hapnet.assembly.units import check_units
-from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
@@ -34,19 +33,17 @@ from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
-from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import led_in
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
-from hapnet.recording.samples import Event, MotionSample
+from hapnet.recording.samples import MotionSample
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
-from hapnet.side.real_device import RealDeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.units import METRES, POSE, one_text, within
+from hapnet.units import METRES, POSE, one_text
 from hapnet.wire.identity import RESERVOIR, ROBOT, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
@@ -207,7 +204,9 @@ def device_side(
     """
     endpoint.deadband = deadband(setup.params, "device")
     if not is_simulated(setup.params.hardware):
-        return _user_device_side(setup, endpoint, clock, write)
+        from hapnet.assembly.user_side import user_device_side  # here, since a simulated device needs none of it
+
+        return user_device_side(setup, endpoint, clock, write)
     params = setup.params
     hand = setup.hand or operator(params, setup.scene)
     simulated = setup.ends.simulated(simulated_device(params, setup.scene, hand))
@@ -220,11 +219,11 @@ def device_side(
             make(simulated.position, 0.0, False)  # so that an error shows now and not at pairing
         side: DeviceSide = ContinuousDeviceSide(endpoint, simulated, make, driven)
     else:
-        hold = _held(setup)
+        hold = held(setup)
         with named_section("device"):
             hold(simulated.position, False)
         side = led = SampledDeviceSide(endpoint, simulated, hold, driven)
-        led.clutch = clutch_of(setup.params, setup.units, simulated)
+        led.clutch = clutch_of(setup.params, setup.units, simulated, ())
         let_lead(setup.params, setup.units, led)
     side.live_hand = led_in(hand)
     return side
@@ -240,35 +239,6 @@ def drive(setup: Setup, clock: Clock, write: Write) -> Drive:
         record_every=max(1, round(device.servo_hz / setup.params.record_hz)),
         watchdog_ns=round(device.watchdog_s / NANO) or None,
     )
-
-
-def _user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
-    """The side of a user's own device, which only a sampled servo can drive."""
-    params = setup.params
-    device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
-    with closed_if_refused(device):
-        said_by = "device.stiffness_range" if getattr(device.device, "stiffness_range", None) is None else ""
-        unit = within(setup.units, "N/m")
-        device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, unit, said_by)
-        device.check_damping("device.damping", params.device.damping)
-        device.check_set(params)
-        own = device.declares(params.device)
-        if setup.coupling.limited and setup.harvest == "measured":
-            for warning in held_torque.check(own, setup.harvest, setup.dof):
-                write(Event(clock(), "warning", warning, "warning"))
-        hold = _held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
-        with named_section("device"):
-            hold((0.0,) * setup.dof, False)
-        driven = drive(setup, clock, write)
-        if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
-            simulating = SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
-            let_lead(setup.params, setup.units, simulating)
-            return simulating
-        check = device.check(params.device)
-        side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
-        side.clutch = clutch_of(setup.params, setup.units, device)
-        let_lead(setup.params, setup.units, side, has_switch=side.limiter.has_switch)
-        return side
 
 
 def virtual_mass(setup: Setup) -> Mass:
@@ -347,7 +317,8 @@ def _continuous(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo
     return make
 
 
-def _held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
+def held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
+    """Makes the device's end with a sampled servo at a position [m]; without energy if that is `empty`."""
     device = setup.params.device
 
     def make(position: Vector, empty: bool = False) -> DeviceCoupling:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hapnet.assembly.user_device import UserDevice
+from collections.abc import Callable, Sequence
+
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose_frame import PoseFrame
@@ -11,6 +12,9 @@ from hapnet.plant.device import Device
 from hapnet.side.clutch import ALLOWED, ENABLED, Clutch, button, spans
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.units import POSE
+
+Switch = Callable[[float], bool]
+"""Whether it is closed at a time [s]."""
 
 
 def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
@@ -31,8 +35,8 @@ def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch:
         raise InvalidParameter("device.enable", text, allowed)
 
 
-def clutch_of(params: Params, units: str, device: Device) -> Clutch | None:
-    """The clutch of the device; None: it has none. Raises InvalidParameter."""
+def clutch_of(params: Params, units: str, device: Device, buttons: Sequence[Switch]) -> Clutch | None:
+    """The clutch of the device; None: it has none. buttons : that the device has. Raises InvalidParameter."""
     text = params.device.clutch
     if not text:
         return None
@@ -40,9 +44,9 @@ def clutch_of(params: Params, units: str, device: Device) -> Clutch | None:
     if (number := button(text)) is None:
         open_at = spans("device.clutch", text, ALLOWED)
         return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
-    if not isinstance(device, UserDevice) or not number < len(device.buttons()):
+    if not number < len(buttons):
         raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
-    return Clutch(frame, lambda t: device.buttons()[number])
+    return Clutch(frame, buttons[number])
 
 
 def _same(units: str, dof: int) -> Frame:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hapnet.assembly.declared_range import declared_range
 from hapnet.assembly.units import LEVER_M
-from hapnet.assembly.user_device import declared_range
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter

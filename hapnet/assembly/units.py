@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from hapnet.assembly.declared_range import declared_range
 from hapnet.assembly.simulated_device import unit_of
-from hapnet.assembly.user_device import declared_range
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.param_sources import SCENE

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.declared_range import declared_range
 from hapnet.assembly.device_class import allowed, load_class
 from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.checks import Vector
@@ -27,34 +28,11 @@ from hapnet.loading import failure
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device
-from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
+from hapnet.plant.operating_range import OperatingRange
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.units import METRES, POSE, one_text
 
 Section = TypeVar("Section", DeviceParams, FollowerParams)
-
-
-def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
-    """The operating range: what `device` declares, and `params` for the rest.
-
-    Raises InvalidParameter: a number in it is impossible.
-    """
-
-    def declared_or(part: str, name: str, value: object) -> NamedValue:
-        declared = getattr(device, part, None)
-        return (name, value) if declared is None else (part, declared)
-
-    return operating_range(
-        dof,
-        declared_or("workspace", "device.workspace_m", params.workspace_m),
-        declared_or("greatest_speed", "device.greatest_speed", _unless_declared(params.greatest_speed)),
-        declared_or("stiffness_range", "device.stiffness_range", params.stiffness_range),
-    )
-
-
-def _unless_declared(speed: float) -> float:
-    low, high = SPEED_MPS
-    return min(max(10.0 * speed, low), high)
 
 
 _DECLARED = {

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
-from hapnet.file_content import read_bytes
+from hapnet.file_content import MCAP, begins_with, read_bytes
 from hapnet.params import Params, is_simulated
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Followed, Impedance
-from hapnet.recording.mcap import is_mcap, read_recording
 from hapnet.recording.samples import Recording
 from netem.files import read_once
 
@@ -31,7 +30,7 @@ _PAUSED_WITHIN_NS = 200_000_000  # a pause reaches a servo in a process of its o
 
 def is_recording(name: str) -> bool:
     """Is this operator a recording of a run?"""
-    return name.endswith(".mcap") or is_mcap(name)
+    return name.endswith(".mcap") or begins_with(name, MCAP)
 
 
 @read_once
@@ -42,6 +41,8 @@ def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math
 
     Raises RecordingError: the file is not a recording. InvalidParameter: it contains no such motion.
     """
+    from hapnet.recording.mcap import read_recording  # here, since no other hand needs it
+
     recording = read_recording(name)
     if recording.device is None:
         raise InvalidParameter("operator", name, "a recording with the device's side: the world's has no hand")

@@ -31,12 +31,12 @@ from hapnet.checks import Vector
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
 from hapnet.extensions import extension
 from hapnet.extras import require
-from hapnet.file_content import open_plain, read_json
+from hapnet.file_content import read_json
 from hapnet.loading import cause
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.foxglove import PERIOD_NS, Shapes, Shown, bodies, shapes, shown
-from hapnet.recording.mcap_reader import MAGIC, Records
+from hapnet.recording.mcap_reader import Records
 from hapnet.recording.samples import (
     DeviceSample,
     Event,
@@ -210,15 +210,6 @@ class RecordingWriter:
         with suppress(OSError):  # closing flushes again and fails again, but does close the file
             self._file.close()
         raise self._error(error) from error
-
-
-def is_mcap(path: str | os.PathLike[str]) -> bool:
-    """Does the file exist, and does it begin as MCAP files do?"""
-    try:
-        with open_plain(path) as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except (OSError, ValueError):
-        return False
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:

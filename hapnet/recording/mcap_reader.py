@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from hapnet.errors import RecordingError
-from hapnet.file_content import open_plain
+from hapnet.file_content import MCAP, open_plain
 
 if TYPE_CHECKING:
     from mcap.records import Chunk, McapRecord
 
-MAGIC = b"\x89MCAP0\r\n"
 
 LARGEST_CHUNK = 8 << 20
 """No chunk unpacks to more [bytes]."""
@@ -51,7 +50,7 @@ class Records:
         damage = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
         try:
             with open_plain(self._path) as file:
-                if file.read(len(MAGIC)) != MAGIC:
+                if file.read(len(MCAP)) != MCAP:
                     raise RecordingError(f"{self._path} is not a recording: expected an MCAP file written by hapnet")
                 file.seek(0)
                 size = os.fstat(file.fileno()).st_size

@@ -1,0 +1,54 @@
+"""The side of a user's own device."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+from hapnet.assembly.build import Setup, drive, held
+from hapnet.assembly.leading import clutch_of, let_lead
+from hapnet.assembly.own_parts import closed_if_refused, named_section
+from hapnet.assembly.user_device import UserDevice
+from hapnet.couplings import held_torque
+from hapnet.plant.device import SimulatedDevice
+from hapnet.recording.samples import Event
+from hapnet.side.device import Clock, DeviceSide, Write
+from hapnet.side.endpoint import DeviceControl
+from hapnet.side.real_device import RealDeviceSide
+from hapnet.side.sampled_device import SampledDeviceSide
+from hapnet.units import within
+
+
+def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
+    """The side of a user's own device, which only a sampled servo can drive."""
+    params = setup.params
+    device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
+    with closed_if_refused(device):
+        said_by = "device.stiffness_range" if getattr(device.device, "stiffness_range", None) is None else ""
+        unit = within(setup.units, "N/m")
+        device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, unit, said_by)
+        device.check_damping("device.damping", params.device.damping)
+        device.check_set(params)
+        own = device.declares(params.device)
+        if setup.coupling.limited and setup.harvest == "measured":
+            for warning in held_torque.check(own, setup.harvest, setup.dof):
+                write(Event(clock(), "warning", warning, "warning"))
+        hold = held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
+        with named_section("device"):
+            hold((0.0,) * setup.dof, False)
+        driven = drive(setup, clock, write)
+        if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
+            simulating = SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
+            let_lead(setup.params, setup.units, simulating)
+            return simulating
+        check = device.check(params.device)
+        side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
+        buttons = [partial(_pressed, device, number) for number in range(len(device.buttons()))]
+        side.clutch = clutch_of(setup.params, setup.units, device, buttons)
+        let_lead(setup.params, setup.units, side, has_switch=side.limiter.has_switch)
+        return side
+
+
+def _pressed(device: UserDevice, number: int, t: float) -> bool:
+    """Whether the device's button of this number is pressed now; `t` [s] is what other switches go by."""
+    return device.buttons()[number]
