@@ -17,14 +17,15 @@ _MODULES = {
     "robots": "hapnet.ext.robots.following",
     "driven robots": "hapnet.ext.robots.robot_side",
     "compiled": "hapnet.simulation.compiled.coverage",
+    "compiled ends": "hapnet.kernel.real_time",
     "compiled runs": "hapnet.simulation.compiled.run",
     "pictures": "hapnet.ext.pictures.result",
 }
 
 WORLDS = {
     "mujoco": "hapnet.ext.engines.mujoco_engine",
-    "tool": "hapnet.ext.tools.scene",
     "soft": "hapnet.ext.soft.soft",
+    "tool": "hapnet.ext.tools.scene",
     "solids": "hapnet.ext.solids.rigid",
     "own": "hapnet.ext.engines.own_worlds",
 }

@@ -31,6 +31,7 @@ from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
+from hapnet.extensions import extension
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
 from hapnet.plant.integrator import PassiveIntegrator
@@ -39,6 +40,7 @@ from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
 from hapnet.recording.samples import MotionSample
+from hapnet.records.machine_code import no_compiler
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.sampled_device import SampledDeviceSide
@@ -227,6 +229,14 @@ def device_side(
         let_lead(setup.params, setup.units, led)
     side.live_hand = led_in(hand)
     return side
+
+
+def compiled_ends() -> Ends:
+    """What makes compiled ends; where nothing can be compiled, it leaves them as they are."""
+    if no_compiler() is not None:
+        return Ends()
+    ends: Ends = extension("compiled ends").CompiledEnds()
+    return ends
 
 
 def drive(setup: Setup, clock: Clock, write: Write) -> Drive:

@@ -88,11 +88,6 @@ def missing(spec: CouplingSpec[Any], wanted: Iterable[str], axes: int, params: P
     return [name for name in asked if name and not sources.are_compiled(name)]
 
 
-def ends() -> Ends:
-    """What makes compiled ends; where nothing can be compiled, it leaves them as they are."""
-    return CompiledEnds() if machine_code.no_compiler() is None else Ends()
-
-
 _DEVICES: dict[type, str] = {SimulatedArm: ARM, SimulatedHandle: HANDLE}
 """The simulated devices whose ticks are compiled by themselves, with their record's name in them and in their end."""
 

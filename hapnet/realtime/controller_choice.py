@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, world_session
-from hapnet.kernel import real_time
+from hapnet.extensions import extension
 from hapnet.params import is_real_robot
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_process import ServoProcess
+from hapnet.records.machine_code import no_compiler
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
 
@@ -35,7 +36,9 @@ def control_of(
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
     session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():
-        for end in real_time.missing(setup.coupling, (real_time.SERVO,), setup.dof, setup.params):
-            real_time.make_ready(end)  # the servo's process only loads it
+        if no_compiler() is None:
+            compiled = extension("compiled ends")
+            for end in compiled.missing(setup.coupling, (compiled.SERVO,), setup.dof, setup.params):
+                compiled.make_ready(end)  # the servo's process only loads it
         return ServoProcess(setup, session, callbacks)
     return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

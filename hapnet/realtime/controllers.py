@@ -8,11 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hapnet.assembly.build import Setup, device_side, world_side
+from hapnet.assembly.build import Setup, compiled_ends, device_side, world_side
 from hapnet.assembly.device_class import is_blocking
 from hapnet.checks import Vector
 from hapnet.extensions import extension
-from hapnet.kernel.real_time import ends
 from hapnet.processes.thread_time import ThreadTime
 from hapnet.realtime.servo import Servo
 from hapnet.realtime.world_thread import Stepper
@@ -101,7 +100,7 @@ class ThreadedDevice:
             self.side = extension("driven robots").robot_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.follower.robot, params.follower.servo_hz
         else:
-            self.side = device_side(replace(setup, ends=ends()), endpoint, clock, callbacks.write)
+            self.side = device_side(replace(setup, ends=compiled_ends()), endpoint, clock, callbacks.write)
             driver, rate_hz = params.hardware, params.device.servo_hz
         if isinstance(self.side, RealDeviceSide):
             self.side.waited = self._thread_time
@@ -183,7 +182,7 @@ class ThreadedWorld:
     ) -> None:
         endpoint = WorldEndpoint(session)
         self.wire: WireHalf = endpoint
-        self.side: WorldSide = world_side(replace(setup, ends=ends()), endpoint, rng, callbacks.write)
+        self.side: WorldSide = world_side(replace(setup, ends=compiled_ends()), endpoint, rng, callbacks.write)
         self._coupling = setup.params.coupling
         self._send, self._wake = callbacks.send, callbacks.wake
         self._stepper = Stepper(self._step, callbacks.fail, clock)

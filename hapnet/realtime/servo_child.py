@@ -16,11 +16,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from hapnet.assembly.build import device_side, prepare
+from hapnet.assembly.build import compiled_ends, device_side, prepare
 from hapnet.assembly.device_class import is_blocking
 from hapnet.assembly.own_parts import named_failure
 from hapnet.errors import HapnetError
-from hapnet.kernel.real_time import ends
 from hapnet.params import Params
 from hapnet.processes.thread_time import ThreadTime
 from hapnet.realtime.controllers import servo_timing, unsafe
@@ -48,7 +47,7 @@ class ServoChild:
         params = Params().set(setup["params"], setup["sources"])
         self._pipe = pipe
         self._params, self._coupling = params, params.coupling
-        prepared = replace(prepare(params, "sampled"), ends=ends())
+        prepared = replace(prepare(params, "sampled"), ends=compiled_ends())
         waiting = backlog(prepared.coupling.sends("world", params))
         self._control = DeviceControl(PositionStream(setup["incarnation"]), waiting)
         self.side: DeviceSide = device_side(prepared, self._control, time.monotonic_ns, self._write)

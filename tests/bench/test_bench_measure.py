@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
+from hapnet.assembly.build import compiled_ends
 from hapnet.errors import HapnetError
 from hapnet.ext.bench import latency, page, servo, sides, simulation, traffic, watched
 from hapnet.ext.bench.cost import Call, cost
@@ -23,7 +24,6 @@ from hapnet.ext.bench.recovery import credit_times
 from hapnet.ext.bench.registry import ROWS
 from hapnet.ext.bench.row import Options, Row
 from hapnet.ext.tools.device import SimulatedHandle
-from hapnet.kernel import real_time
 from hapnet.kernel.compiled_ticks import CompiledTicks
 from hapnet.kernel.servo_end import CompiledServo
 from hapnet.processes.child import Child, WaitForStart, together
@@ -106,7 +106,7 @@ def test_cost_rows(name: str) -> None:
 
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
 def test_a_side_whose_ticks_are_timed_is_paired_and_compiled() -> None:
-    paired = PairedDevice({"scene": "tool:stick"}, real_time.ends())
+    paired = PairedDevice({"scene": "tool:stick"}, compiled_ends())
     for _ in range(200):
         paired.prepare()
         paired.tick()

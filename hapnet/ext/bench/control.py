@@ -7,6 +7,7 @@ from itertools import cycle
 
 import numpy as np
 
+from hapnet.assembly.build import compiled_ends
 from hapnet.checks import Array, Vector
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
@@ -17,7 +18,6 @@ from hapnet.control.smoothing import Pipeline
 from hapnet.ext.bench.cost import Call, cost
 from hapnet.ext.bench.references import NumpyPspm, PlainPD
 from hapnet.ext.bench.row import Limit, Options, Row
-from hapnet.kernel import real_time
 from hapnet.records.machine_code import no_compiler
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.wire.session import Session
@@ -34,7 +34,7 @@ def device_tick(options: Options) -> Row:
     coupling = SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", _NEVER_S))
     servo = SampledServo(coupling, damping=(_B,) * 3, period=_NEVER_S, position=origin, guard=ForceGuard(limit=3.3))
     endpoint = DeviceEndpoint(Session(role="device", dof=3, name="bench", incarnation=1))
-    endpoint.start(real_time.ends().servo(servo))
+    endpoint.start(compiled_ends().servo(servo))
     plain = PlainPD(_K, _B)
     moving = _circle(1000)
     tick = endpoint.tick_sampled

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from hapnet.assembly.build import device_session, device_side, prepare, world_session, world_side
+from hapnet.assembly.build import compiled_ends, device_session, device_side, prepare, world_session, world_side
 from hapnet.control.coupling import Ends
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.omni import omni
@@ -18,7 +18,6 @@ from hapnet.ext.bench.endpoints import pair
 from hapnet.ext.bench.row import Options, Row
 from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.ext.tools.hand import TurningHand
-from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest, Sine
@@ -108,13 +107,13 @@ class PairedDevice:
 
 
 def _of_a_side(name: str, what: str, changes: Mapping[str, object], options: Options) -> Row:
-    ours, plain = (PairedDevice(changes, ends) for ends in (real_time.ends(), Ends()))
+    ours, plain = (PairedDevice(changes, ends) for ends in (compiled_ends(), Ends()))
     subject, bare = cost(Call(ours.tick, ours.prepare), Call(plain.tick, plain.prepare), options)
     return Row(name, "us", what, subject, "the same in plain Python", bare, panel=False)
 
 
 def _beside_python(name: str, what: str, make: Callable[[], SimulatedDevice], options: Options) -> Row:
-    ours, plain = real_time.ends().simulated(make()), make()
+    ours, plain = compiled_ends().simulated(make()), make()
     for device in (ours, plain):
         device.apply((0.1,) * device.dof)
     subject, bare = cost(Call(ours.advance), Call(plain.advance), options)

@@ -8,13 +8,12 @@ from itertools import cycle
 
 import numpy as np
 
-from hapnet.assembly.build import device_session, prepare, world_session, world_side
+from hapnet.assembly.build import compiled_ends, device_session, prepare, world_session, world_side
 from hapnet.ext.bench.cost import Call, cost
 from hapnet.ext.bench.endpoints import pair
 from hapnet.ext.bench.references import NumpyMidpoint, PenaltyWorld
 from hapnet.ext.bench.row import Limit, Options, Row
 from hapnet.ext.bench.traffic import KILOHERTZ
-from hapnet.kernel import real_time
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
@@ -32,7 +31,7 @@ class PressedWorld:
 
     def __init__(self, own: Mapping[str, object], steps_s: tuple[float, float]) -> None:
         setup = prepare(Params().set({"scene": "wall", "world.wall.position_m": _WALL_M, **own}), "sampled")
-        setup = replace(setup, ends=real_time.ends())
+        setup = replace(setup, ends=compiled_ends())
         self._target = _TARGET[: setup.dof]
         self._device = DeviceEndpoint(device_session(setup, 1))
         self._world = WorldEndpoint(world_session(setup, 2))

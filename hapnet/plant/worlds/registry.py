@@ -85,7 +85,7 @@ def _builder(name: str) -> Callable[..., Any]:
         return partial(SCENES[plain], **named_parameters(name)) if words else SCENES[plain]
     if (described := _described(name)) is not None:
         return described
-    kinds = [one for kind in _DESCRIBED for one in world_kind(kind).FIRST_WORDS]
+    kinds = [one for kind in reversed(_DESCRIBED) for one in world_kind(kind).FIRST_WORDS]
     names = (*SCENES, *kinds, *published(GROUP))
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
     own: Callable[..., Any] = world_kind("own").builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
