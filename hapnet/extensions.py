@@ -16,9 +16,9 @@ _MODULES = {
     "tools": "hapnet.ext.tools.parameters",
     "robots": "hapnet.ext.robots.following",
     "driven robots": "hapnet.ext.robots.robot_side",
-    "compiled": "hapnet.simulation.compiled.coverage",
-    "compiled ends": "hapnet.kernel.real_time",
-    "compiled runs": "hapnet.simulation.compiled.run",
+    "compiled": "hapnet.ext.compiled.whole_runs.coverage",
+    "compiled ends": "hapnet.ext.compiled.real_time",
+    "compiled runs": "hapnet.ext.compiled.whole_runs.run",
     "pictures": "hapnet.ext.pictures.result",
 }
 

@@ -18,11 +18,11 @@ from hypothesis import settings
 
 from hapnet.checks import Array
 from hapnet.couplings.registry import coupling
-from hapnet.kernel import real_time, sources
+from hapnet.ext.compiled import real_time, sources
+from hapnet.ext.compiled.whole_runs.coverage import kind_of
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.records.machine_code import directory, no_compiler
-from hapnet.simulation.compiled.coverage import kind_of
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -38,7 +38,7 @@ _SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 _REAL_TIME = ("hapnet.ext.bench", "hapnet.realtime", "hapnet.transport", "netem.aio", "netem.bench", "netem.relay",
               "netem.zenoh_relay", "tests.faults", "tests.support.processes", "tests.view")  # fmt: skip
 _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
-_WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.kernel.real_time", "hapnet.simulation",
+_WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.ext.compiled.real_time", "hapnet.simulation",
                "hapnet.ext.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
 _VIRTUAL_TIME = ("tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
 
@@ -93,7 +93,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     many = sum(item.get_closest_marker("quick") is None for item in session.items) > 1000
     if not many or session.config.option.collectonly or no_compiler() is not None:
         return
-    from hapnet.simulation.compiled.run import make_ready  # here: it loads numba
+    from hapnet.ext.compiled.whole_runs.run import make_ready  # here: it loads numba
 
     kinds = [kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None]
     kinds += [kind._replace(solid=True) for name in ("pspm", "tdpa") if (kind := kind_of(Params(coupling=name)))]

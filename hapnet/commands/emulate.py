@@ -76,8 +76,8 @@ def make_emulator(device: str, params: Params) -> Emulator:
     from hapnet.assembly.units import with_units
     from hapnet.devices import registry
     from hapnet.ext.arms.device import SimulatedArm
+    from hapnet.ext.compiled.real_time import CompiledDevices
     from hapnet.ext.devices.emulator import ArmHandle, Handle
-    from hapnet.kernel.real_time import CompiledDevices
     from hapnet.plant.device import SimulatedDevice
     from hapnet.plant.worlds.registry import make_scene
     from hapnet.records.machine_code import no_compiler

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from io import UnsupportedOperation
 from typing import TYPE_CHECKING
 
-from hapnet.kernel import progress as compiler
+from hapnet.ext.compiled import progress as compiler
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -56,7 +56,7 @@ def run(
     from hapnet.commands.pair import Pair
     from hapnet.commands.repeats import Repeats
     from hapnet.commands.side import exit_code, held_back
-    from hapnet.kernel import real_time
+    from hapnet.ext.compiled import real_time
     from hapnet.summary.structure import SIDES
     from hapnet.summary.verdict import incomplete
 

@@ -23,7 +23,7 @@ from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.kernel import real_time
+from hapnet.ext.compiled import real_time
 from hapnet.params import Params
 from hapnet.processes.frames import FrameWriter
 from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop, handled

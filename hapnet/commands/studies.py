@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from hapnet.commands import output
 from hapnet.commands.progress import Progress, duration
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.ext.study import backend as backends, run as running
 from hapnet.ext.study.backend import Backend
 from hapnet.ext.study.case import check
@@ -23,7 +24,6 @@ from hapnet.ext.study.task import reason, run_case
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
 from hapnet.records.machine_code import no_compiler
-from hapnet.simulation.compiled import coverage
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -1,8 +1,8 @@
 """Marks the functions that plain Python runs and numba compiles, both from one source.
 
 Such a function takes numbers, records (`hapnet.records.record`) and their vectors, and writes its results into records;
-it calls only functions that are marked too. Nothing is compiled here, and numba is not imported: `hapnet.kernel.twins`
-makes a compiled twin of each when a compiled run begins.
+it calls only functions that are marked too. Nothing is compiled here, and numba is not imported:
+`hapnet.ext.compiled.twins` makes a compiled twin of each when a compiled run begins.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 A record is a class with typed fields: `float`, `int`, an array of a fixed shape, another record, or an array of
 records. Plain Python has it as an object whose vectors are lists. Compiled code has it as a numpy structure
-(`hapnet.kernel.memory`), so that a whole scenario is one pointer. A class may have attributes besides: only what its
-body declares is a field.
+(`hapnet.ext.compiled.memory`), so that a whole scenario is one pointer. A class may have attributes besides: only
+what its body declares is a field.
 
 That was measured: with lists and loops over indices a case takes plain Python as long as with tuples and `map`, with
 numpy's arrays eight times as long. Tuples of arrays made compiling six times as long.

@@ -61,7 +61,7 @@ class Simulation:
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
     motion_only : record of the device only its motion, for metrics (`MotionSample`).
-    kernel : may the compiled kernel run it (see hapnet/kernel)? None: where it covers the run and numba is there.
+    kernel : may the compiled kernel run it (see hapnet/ext/compiled)? None: where it covers the run and numba is there.
 
     Raises InvalidParameter, netem.NetemError: the parameters are not valid for a run.
     """

@@ -23,9 +23,9 @@ from hapnet.ext.bench.plants import PairedDevice
 from hapnet.ext.bench.recovery import credit_times
 from hapnet.ext.bench.registry import ROWS
 from hapnet.ext.bench.row import Options, Row
+from hapnet.ext.compiled.compiled_ticks import CompiledTicks
+from hapnet.ext.compiled.servo_end import CompiledServo
 from hapnet.ext.tools.device import SimulatedHandle
-from hapnet.kernel.compiled_ticks import CompiledTicks
-from hapnet.kernel.servo_end import CompiledServo
 from hapnet.processes.child import Child, WaitForStart, together
 from hapnet.records.machine_code import no_compiler
 from hapnet.transport.config import free_address

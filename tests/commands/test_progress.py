@@ -14,7 +14,7 @@ from rich.console import Console
 
 from hapnet.commands import output
 from hapnet.commands.progress import BAR_AFTER_S, LINE_EVERY_S, Progress
-from hapnet.kernel import progress as compiler
+from hapnet.ext.compiled import progress as compiler
 from tests.conftest import ENVIRONMENT
 
 HIDE, SHOW = b"\x1b[?25l", b"\x1b[?25h"

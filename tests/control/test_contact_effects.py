@@ -15,6 +15,7 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.contact_plane import ContactPlane
 from hapnet.control.coupling import Proxy
 from hapnet.errors import InvalidParameter
+from hapnet.ext.compiled.whole_runs.coverage import why_not
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.ext.solids.shapes import HalfSpace
 from hapnet.mechanics.effects import Effects, Grain
@@ -22,7 +23,6 @@ from hapnet.mechanics.plane import Plane, checked
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params
 from hapnet.realtime.servo_pipe import kind_of, sample_of
-from hapnet.simulation.compiled.coverage import why_not
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream

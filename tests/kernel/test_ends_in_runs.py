@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from hapnet.ext.bench.plants import by_joints, seven_joints
-from hapnet.kernel.compiled_ticks import CompiledTicks
-from hapnet.kernel.servo_end import CompiledServo
+from hapnet.ext.compiled.compiled_ticks import CompiledTicks
+from hapnet.ext.compiled.servo_end import CompiledServo
+from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.records.machine_code import no_compiler
-from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.conftest import mostly_slow
 

@@ -15,10 +15,10 @@ import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.couplings.registry import COUPLINGS
-from hapnet.kernel import memory, samples, sources, twins
+from hapnet.ext.compiled import memory, samples, sources, twins
+from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.records import machine_code, vectors
-from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.support.kernel_cases import LOSSY, differences, kernel_case
 from tests.support.kernel_edges import ONE_AXIS, SEVERAL_AXES
@@ -236,7 +236,7 @@ def test_where_nothing_can_be_kept_nothing_is_written(
 @pytest.mark.slow
 def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
     """And not beside the package. Where nothing can be written it is made for one process."""
-    run = "from hapnet.simulation.compiled.run import Kind, make_ready; make_ready(Kind())"
+    run = "from hapnet.ext.compiled.whole_runs.run import Kind, make_ready; make_ready(Kind())"
     before = set((ROOT / "hapnet").rglob("*.nb?"))
     for place, kept in ((tmp_path / "cache", True), (Path("/proc/nowhere"), False)):
         environment = os.environ | {"XDG_CACHE_HOME": str(place)}
@@ -305,11 +305,14 @@ def test_kinds_share_the_twins_of_all_that_calls_nothing_which_they_choose() -> 
     walls, solids, law, other = (
         twins_of(*one) for one in (("pspm", False), ("pspm", True), ("tdpa", False), ("pd", False))
     )
-    assert twins_of("pspm", False)["hapnet.kernel.simulation"]["_run"] is walls["hapnet.kernel.simulation"]["_run"]
+    assert (
+        twins_of("pspm", False)["hapnet.ext.compiled.simulation"]["_run"]
+        is walls["hapnet.ext.compiled.simulation"]["_run"]
+    )
     for one in (solids, law, other):
         assert one["hapnet.records.vectors"]["dot"] is walls["hapnet.records.vectors"]["dot"]
-        assert one["hapnet.kernel.simulation"]["_run"] is not walls["hapnet.kernel.simulation"]["_run"]
+        assert one["hapnet.ext.compiled.simulation"]["_run"] is not walls["hapnet.ext.compiled.simulation"]["_run"]
     integrator = "hapnet.plant.integrator"  # its mass responds among walls in one way, among solids in another
     assert solids[integrator]["spring_among"] is not walls[integrator]["spring_among"]
     assert solids[integrator]["factored"] is walls[integrator]["factored"]
-    assert law["hapnet.kernel.law_sides"]["step"] is not other["hapnet.kernel.law_sides"]["step"]
+    assert law["hapnet.ext.compiled.law_sides"]["step"] is not other["hapnet.ext.compiled.law_sides"]["step"]

@@ -11,7 +11,7 @@ import pytest
 from numba.core import types
 from numba.core.registry import cpu_target
 
-from hapnet.kernel import nested
+from hapnet.ext.compiled import nested
 
 _NEAR = np.dtype([("at", np.float64, (3,)), ("count", np.int32, (2,))], align=True)
 _WHOLE = np.dtype(

@@ -11,9 +11,9 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, Ends, Position, Proxy, WorldCoupling, counted
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.couplings.spec import CouplingStart
-from hapnet.kernel import real_time
-from hapnet.kernel.servo_end import CompiledServo
-from hapnet.kernel.world_end import CompiledMass, CompiledSteps
+from hapnet.ext.compiled import real_time
+from hapnet.ext.compiled.servo_end import CompiledServo
+from hapnet.ext.compiled.world_end import CompiledMass, CompiledSteps
 from hapnet.mechanics.curvature import Curvature
 from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from hapnet.checks import Vector
+from hapnet.ext.compiled.kinds import Kind
+from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.ext.solids.rigid import RigidScene
 from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.shapes import Near, Sphere
-from hapnet.kernel.kinds import Kind
 from hapnet.params import Params
-from hapnet.simulation.compiled import coverage
 from hapnet.simulation.simulation import Simulation
 from tests.support.kernel_cases import differences
 from tests.support.solids import stair, write_stl

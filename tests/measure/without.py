@@ -11,9 +11,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSIONS = sorted(one.name for one in (ROOT / "hapnet" / "ext").iterdir() if (one / "__init__.py").exists())
-COMPILED = "hapnet.kernel", "hapnet.simulation.compiled"
-"""They will be an extension too."""
-
 _RUN = """
 import importlib.abc, sys
 
@@ -51,7 +48,7 @@ def main() -> int:
     """Print a line for each extension; returns how many the run needs."""
     needed = 0
     cases = [(name, (f"hapnet.ext.{name}",)) for name in EXTENSIONS]
-    for name, packages in [*cases, ("compiled", COMPILED), ("all of them", ("hapnet.ext", *COMPILED))]:
+    for name, packages in [*cases, ("all of them", ("hapnet.ext",))]:
         try:
             modules, lines = loaded_without(*packages)
             print(f"without {name:12} it runs: {modules} modules, {lines:,} lines")

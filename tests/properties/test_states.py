@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from hapnet.control.ledger import Ledger
 from hapnet.control.two_port import TwoPort
-from hapnet.kernel.memory import load, new, store
+from hapnet.ext.compiled.memory import load, new, store
 from hapnet.records.record import Record
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.token_bucket import TokenBucket

@@ -11,8 +11,8 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.omni import omni
 from hapnet.ext.bench.plants import seven_joints
-from hapnet.kernel.compiled_ticks import CompiledTicks
-from hapnet.kernel.real_time import CompiledDevices
+from hapnet.ext.compiled.compiled_ticks import CompiledTicks
+from hapnet.ext.compiled.real_time import CompiledDevices
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine
 from hapnet.records.machine_code import no_compiler

@@ -54,7 +54,7 @@ def test_all_laws_have_the_same_objective_hands_and_links() -> None:
 
 def test_the_page_lists_what_is_searched() -> None:
     text = (
-        (ROOT / "hapnet" / "study" / "comparison.md")
+        (ROOT / "hapnet" / "ext" / "study" / "comparison.md")
         .read_text()
         .partition("| coupling | searched |")[2]
         .partition("\n\n")[0]

@@ -234,7 +234,9 @@ def test_tab(
 
 def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
     found = re.search(
-        r"```toml\n(# study.toml.*?)```", (ROOT / "hapnet" / "study" / "README.md").read_text("utf-8"), re.DOTALL
+        r"```toml\n(# study.toml.*?)```",
+        (ROOT / "hapnet" / "ext" / "study" / "README.md").read_text("utf-8"),
+        re.DOTALL,
     )
     spec_file(directory, found[1])
     assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0

@@ -285,7 +285,7 @@ def test_the_example_is_a_spec(capsys: Capture) -> None:
 
 def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
     found = re.search(
-        r"```toml\n(# pd.toml.*?)```", (ROOT / "hapnet" / "study" / "README.md").read_text("utf-8"), re.DOTALL
+        r"```toml\n(# pd.toml.*?)```", (ROOT / "hapnet" / "ext" / "study" / "README.md").read_text("utf-8"), re.DOTALL
     )
     spec_file(directory, found[1], "pd")
     assert cli.main(["tune", "pd.toml", "--dry-run"]) == 0

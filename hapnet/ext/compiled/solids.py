@@ -9,12 +9,12 @@ from hapnet.checks import MOST_CURVATURE_PER_M
 from hapnet.control import contact_surfaces
 from hapnet.control.contact_plane import ContactPlane, stand_on
 from hapnet.control.prediction import Around
+from hapnet.ext.compiled import endpoint, link, sides
+from hapnet.ext.compiled.endpoint import Endpoint
+from hapnet.ext.compiled.link import Message
 from hapnet.ext.solids import rigid_step, sight
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.ext.solids.shapes import Triple, put_bend, triple
-from hapnet.kernel import endpoint, link, sides
-from hapnet.kernel.endpoint import Endpoint
-from hapnet.kernel.link import Message
 from hapnet.mechanics.curvature import copy_bends
 from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from hapnet.control import coupling, law, set_position_coupling
 from hapnet.control.law import DeviceEnd, WorldEnd
+from hapnet.ext.compiled import law_sides, link, samples, sides, solids
+from hapnet.ext.compiled.simulation import Scenario
 from hapnet.ext.solids.rigid_step import SolidContact
-from hapnet.kernel import law_sides, link, samples, sides, solids
-from hapnet.kernel.simulation import Scenario
 from hapnet.plant import integrator
 from hapnet.plant.tick import held_tick, tick as make_tick
 from hapnet.plant.worlds import walls

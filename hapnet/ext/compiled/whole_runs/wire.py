@@ -6,11 +6,11 @@ from functools import lru_cache
 from typing import Any
 
 from hapnet.control.coupling import Motion, Port, Proxy, Wave, level_of, vector_of
-from hapnet.kernel import endpoint as endpoints
-from hapnet.kernel.endpoint import MOTION, PORT, POSITION, PROXY, WAVE
-from hapnet.kernel.link import Message
-from hapnet.kernel.memory import fill, load, store
-from hapnet.kernel.solids import FLOAT_BYTES
+from hapnet.ext.compiled import endpoint as endpoints
+from hapnet.ext.compiled.endpoint import MOTION, PORT, POSITION, PROXY, WAVE
+from hapnet.ext.compiled.link import Message
+from hapnet.ext.compiled.memory import fill, load, store
+from hapnet.ext.compiled.solids import FLOAT_BYTES
 from hapnet.mechanics.curvature import Bends
 from hapnet.mechanics.plane import Plane
 from hapnet.records.record import Record

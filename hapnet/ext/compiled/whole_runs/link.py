@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import BadMessage
-from hapnet.kernel import link as links
-from hapnet.kernel.endpoint import MOTION, PORT, POSITION, WAVE
-from hapnet.kernel.link import AHEAD, ENERGY, LOST, STREAM, Message
-from hapnet.kernel.memory import fill, plain
+from hapnet.ext.compiled import link as links
+from hapnet.ext.compiled.endpoint import MOTION, PORT, POSITION, WAVE
+from hapnet.ext.compiled.link import AHEAD, ENERGY, LOST, STREAM, Message
+from hapnet.ext.compiled.memory import fill, plain
+from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
+from hapnet.ext.compiled.whole_runs.wire import put_proxy
 from hapnet.mechanics.curvature import Bends
 from hapnet.mechanics.plane import Plane
 from hapnet.records.machine_code import NotCompiledError
 from hapnet.records.record import fields
 from hapnet.side.packet import Packet
-from hapnet.simulation.compiled.coverage import OUT_OF_RANGE
-from hapnet.simulation.compiled.wire import put_proxy
 from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import Energy, Motion, Port, Position, Proxy, Wave, decode, encode
 from hapnet.wire.session import Session

@@ -17,8 +17,8 @@ from hapnet.control.coupling import counted
 from hapnet.control.harvest import by_range
 from hapnet.control.prediction import Around, PredictedDevice
 from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
-from hapnet.kernel.endpoint import PROXY, Wire, finish
-from hapnet.kernel.link import Message
+from hapnet.ext.compiled.endpoint import PROXY, Wire, finish
+from hapnet.ext.compiled.link import Message
 from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator

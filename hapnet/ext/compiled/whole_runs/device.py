@@ -9,7 +9,7 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import LawServo
 from hapnet.control.law import DeviceEnd
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.kernel.memory import load, store
+from hapnet.ext.compiled.memory import load, store
 from hapnet.plant.device import SimulatedDevice
 from hapnet.records.record import Record
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide

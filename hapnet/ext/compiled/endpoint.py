@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from hapnet.kernel import link as links
-from hapnet.kernel.link import ENERGY, STREAM, Link, Message
+from hapnet.ext.compiled import link as links
+from hapnet.ext.compiled.link import ENERGY, STREAM, Link, Message
 from hapnet.records.equation import equation
 from hapnet.records.record import Reals, Record, Wholes
 from hapnet.side.content import energy_nJ, span_ns

@@ -10,11 +10,10 @@ import numpy as np
 
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings.rendering import RenderingTuning
-from hapnet.ext.solids.rigid import RigidScene
-from hapnet.kernel import kinds, progress, sources
-from hapnet.kernel.kinds import Kind, scenario
-from hapnet.kernel.memory import bare, give_back, load, new, plain, store
-from hapnet.kernel.simulation import (
+from hapnet.ext.compiled import kinds, progress, sources
+from hapnet.ext.compiled.kinds import Kind, scenario
+from hapnet.ext.compiled.memory import bare, give_back, load, new, plain, store
+from hapnet.ext.compiled.simulation import (
     DEVICE_TIMER,
     DONE,
     DOWN,
@@ -27,7 +26,11 @@ from hapnet.kernel.simulation import (
     Scenario,
     enter,
 )
-from hapnet.kernel.twins import as_one_unit, entry, reporting
+from hapnet.ext.compiled.twins import as_one_unit, entry, reporting
+from hapnet.ext.compiled.whole_runs import coverage, device, wire, world
+from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
+from hapnet.ext.compiled.whole_runs.link import CompiledLink
+from hapnet.ext.solids.rigid import RigidScene
 from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.hand_path import hand_path
 from hapnet.plant.worlds.scene import Scene
@@ -35,9 +38,6 @@ from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecor
 from hapnet.records.machine_code import NotCompiledError
 from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
-from hapnet.simulation.compiled import coverage, device, wire, world
-from hapnet.simulation.compiled.coverage import OUT_OF_RANGE
-from hapnet.simulation.compiled.link import CompiledLink
 
 if TYPE_CHECKING:
     from hapnet.simulation.simulation import Simulation

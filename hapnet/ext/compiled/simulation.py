@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import Annotated
 
 from hapnet.control.two_port import TwoPort, on_device, on_world
-from hapnet.kernel import link as links, sides
-from hapnet.kernel.endpoint import Wire, has_room, poll, receive
-from hapnet.kernel.link import Link
-from hapnet.kernel.samples import Rows, have_room, record_step, record_tick
-from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.ext.compiled import link as links, sides
+from hapnet.ext.compiled.endpoint import Wire, has_room, poll, receive
+from hapnet.ext.compiled.link import Link
+from hapnet.ext.compiled.samples import Rows, have_room, record_step, record_tick
+from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
 from hapnet.plant.device import Hand
 from hapnet.records.equation import equation
 from hapnet.records.record import Record, Wholes

@@ -19,12 +19,12 @@ from typing import Any, TypeVar
 import numba
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
-from hapnet.kernel.progress import Reported
+from hapnet.ext.compiled.progress import Reported
 from hapnet.records.equation import EQUATIONS
 from hapnet.records.machine_code import kept
 
 with suppress(ImportError):  # numba's inner functions, of another version
-    import hapnet.kernel.nested  # noqa: F401  (arrays in records, in less code)
+    import hapnet.ext.compiled.nested  # noqa: F401  (arrays in records, in less code)
 
 _njit: Any = numba.njit
 

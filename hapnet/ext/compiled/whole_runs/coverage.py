@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
+from hapnet.ext.compiled import sources
+from hapnet.ext.compiled.kinds import Kind
 from hapnet.ext.solids.rigid import RigidScene, describes
-from hapnet.kernel import sources
-from hapnet.kernel.kinds import Kind
 from hapnet.params import Params, follows
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import Scene
@@ -70,7 +70,7 @@ def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
             ticks[kind] += count  # type: ignore[assignment]  # half a tick is as good
     for kind, count in ticks.items():
         if count >= _WORTH_TICKS and not sources.are_compiled(kind.name):
-            from hapnet.simulation.compiled.run import make_ready  # here, since it loads numba
+            from hapnet.ext.compiled.whole_runs.run import make_ready  # here, since it loads numba
 
             make_ready(kind)
 
@@ -80,7 +80,7 @@ def with_device(setup: Setup) -> Setup:
     The rest of such a run is the reference's.
     """
     params = setup.params
-    from hapnet.kernel import real_time  # here, since it imports every end
+    from hapnet.ext.compiled import real_time
 
     ticks = round(params.duration_s * params.device.servo_hz)
     wanted = real_time.SERVO, real_time.WORLD

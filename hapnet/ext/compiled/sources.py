@@ -10,34 +10,24 @@ from pathlib import Path
 
 from hapnet.records.machine_code import directory
 
-_HERE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[2]
 
-_EXTENSIONS = ("ext/laws", "ext/solids", "ext/arms", "ext/tools")
-"""Those with equations that are compiled."""
+_COMPILED = (
+    "records", "control", "couplings", "mechanics", "plant", "recording", "side", "wire",
+    "ext/compiled", "ext/laws", "ext/solids", "ext/arms", "ext/tools",
+)  # fmt: skip
+"""The packages with equations that are compiled, or with constants in them."""
 
 
 def _mark(kind: str) -> Path:
     """The file that has the digest of what a kind's machine code was made from. Packages of two places have two."""
-    return directory() / f"compiled-{kind}-{hashlib.sha256(str(_HERE).encode()).hexdigest()[:16]}"
+    return directory() / f"compiled-{kind}-{hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:16]}"
 
 
 @cache
 def digest() -> str:
     """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
-    packages = [_HERE.parents[1] / "netem"]
-    names = (
-        "kernel",
-        "records",
-        "control",
-        "couplings",
-        "mechanics",
-        "plant",
-        "recording",
-        "side",
-        "wire",
-        *_EXTENSIONS,
-    )
-    packages += [_HERE.parent / name for name in names]
+    packages = [_PACKAGE.parent / "netem", *(_PACKAGE / name for name in _COMPILED)]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         found.update(path.read_bytes())

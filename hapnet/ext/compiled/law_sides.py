@@ -7,10 +7,10 @@ import math
 from hapnet.control import law as laws
 from hapnet.control.coupling import counted
 from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
-from hapnet.kernel.endpoint import Wire, finish
-from hapnet.kernel.link import Message
-from hapnet.kernel.samples import DeviceRow, WorldRow
-from hapnet.kernel.sides import Counts, count_step, note
+from hapnet.ext.compiled.endpoint import Wire, finish
+from hapnet.ext.compiled.link import Message
+from hapnet.ext.compiled.samples import DeviceRow, WorldRow
+from hapnet.ext.compiled.sides import Counts, count_step, note
 from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand
 from hapnet.plant.integrator import PassiveIntegrator

@@ -12,7 +12,7 @@ from hapnet.control.coupling import CouplingSample, Update, counted, level_of, v
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.reporter import Teller
 from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
-from hapnet.kernel.sides import move_among
+from hapnet.ext.compiled.sides import move_among
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator

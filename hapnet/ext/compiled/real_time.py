@@ -17,14 +17,14 @@ from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.ext.arms.device import SimulatedArm
+from hapnet.ext.compiled import arm_end, bound, handle_end, progress, servo_end, sources, world_end
+from hapnet.ext.compiled.arm_end import ArmEnd
+from hapnet.ext.compiled.compiled_ticks import CompiledTicks
+from hapnet.ext.compiled.handle_end import HandleEnd
+from hapnet.ext.compiled.kinds import OF_SET_POSITIONS
+from hapnet.ext.compiled.servo_end import CompiledServo, ServoEnd
+from hapnet.ext.compiled.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.ext.tools.device import SimulatedHandle
-from hapnet.kernel import arm_end, bound, handle_end, progress, servo_end, sources, world_end
-from hapnet.kernel.arm_end import ArmEnd
-from hapnet.kernel.compiled_ticks import CompiledTicks
-from hapnet.kernel.handle_end import HandleEnd
-from hapnet.kernel.kinds import OF_SET_POSITIONS
-from hapnet.kernel.servo_end import CompiledServo, ServoEnd
-from hapnet.kernel.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params, is_arm
@@ -49,7 +49,7 @@ def make_ready(name: str) -> Any:
     """The compiled function of one of them; loads or makes the machine code, once in a process."""
     part, _, axes = name.partition("-")
     module, kind = _COMPILED[part]
-    from hapnet.kernel.twins import as_one_unit, entry, reporting  # here, since it loads numba
+    from hapnet.ext.compiled.twins import as_one_unit, entry, reporting  # here, since it loads numba
 
     run: Any = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES)
     array, _ = bound.memory(kind, int(axes or AXES))

@@ -8,9 +8,9 @@ from hapnet.control.coupling import LawState
 from hapnet.control.law import WorldEnd
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.ext.compiled.memory import load, store
+from hapnet.ext.compiled.sides import Counts
 from hapnet.ext.solids.rigid_contacts import RigidContacts
-from hapnet.kernel.memory import load, store
-from hapnet.kernel.sides import Counts
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.record import Record

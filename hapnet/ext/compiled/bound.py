@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.kernel.memory import layout
+from hapnet.ext.compiled.memory import layout
 from hapnet.records.record import AXES, Record, element, fields
 
 R = TypeVar("R", bound=Record)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 from hapnet.control import contact_equations, set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
-from hapnet.kernel.endpoint import Wire
-from hapnet.kernel.sides import Counts, DeviceSide, WorldSide
+from hapnet.ext.compiled.endpoint import Wire
+from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
 from hapnet.mechanics import spring as springs
 from hapnet.plant.device import Hand
 from hapnet.recording.samples import VECTORS, DeviceSample, WorldSample
