@@ -132,7 +132,7 @@ def _is_number(value: object) -> bool:
 
 
 def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal: Sequence[float]) -> str | None:
-    """What is wrong with the directions and curvatures [1/m] of a surface with this normal; None: nothing."""
+    """Describe the fault in the directions and curvatures [1/m] of a surface with this normal; None: there is none."""
     if len(curvatures) > MOST_CURVATURES:
         return f"{len(curvatures)} curvatures; allowed: up to {MOST_CURVATURES}"
     directions = [tuple(normal)]
@@ -150,8 +150,8 @@ def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal
 
 
 def wrong_effects(effects: Sequence[Any], dof: int) -> str:
-    """What makes these numbers, a viscosity, a sticking, a snap's force and reach, and a grain (None: there is none),
-    not those of a surface's effects with `dof` axes; empty: nothing.
+    """Describe why these numbers, a viscosity, a sticking, a snap's force and reach, and a grain (None: there is none),
+    are not those of a surface's effects with `dof` axes; empty: they are.
     """
     *numbers, grain = effects
     most = (MOST_VISCOSITY, MOST_FRICTION, MOST_SNAP_N, MOST_SNAP_M)

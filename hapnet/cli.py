@@ -58,7 +58,7 @@ class _Commands(TyperGroup):
         return list(commands())
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """What stands for a command in the list."""
+        """Return the entry for a command in the list."""
         return None if (about := _about(cmd_name)) is None else TyperCommand(cmd_name, help=about)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -90,12 +90,12 @@ class Setup:
 
     @property
     def description(self) -> dict[str, Any]:
-        """What a recording says of the device."""
+        """The description of the device for a recording."""
         return description(self.params)
 
     @property
     def follower(self) -> Follower:
-        """What stands in the virtual mass's place."""
+        """The follower in the virtual mass's place."""
         return follower_of(self.params)
 
     @property
@@ -240,7 +240,7 @@ def compiled_ends() -> Ends:
 
 
 def drive(setup: Setup, clock: Clock, write: Write) -> Drive:
-    """What drives a side with the servo that `device` says."""
+    """Return the `Drive` of a side with the servo that `device` chooses."""
     device = setup.params.device
     return Drive(
         period_ns=round(1.0 / device.servo_hz / NANO),
@@ -301,7 +301,7 @@ def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo
 def _start(
     setup: Setup, side: DeviceParams | WorldParams, position: Vector, empty: bool, kinetic: float = 0.0
 ) -> CouplingStart[Any]:
-    """What an end of the coupling is made from; `empty`: the side has restarted, so it begins without energy."""
+    """Return the start of an end of the coupling; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
     return CouplingStart(setup.follower.on_link(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
 

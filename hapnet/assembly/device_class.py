@@ -14,7 +14,7 @@ from hapnet.params import ARMS, Params, is_simulated
 
 
 def allowed() -> str:
-    """What can be given as a device, as text."""
+    """The names and forms that a device can be given as, as text."""
     named = ", ".join(("simulated", *ARMS, *known()))
     return f"{named}, or module:Class with dof, force_limit, resolution, read and apply"
 
@@ -46,10 +46,10 @@ def servo_rate(params: Params) -> float:
 
 
 def is_blocking(hardware: str) -> bool:
-    """Does reading this device wait for its next reading?"""
+    """Whether reading this device waits for its next reading."""
     return not is_simulated(hardware) and bool(declared(load_class(hardware), "blocking"))
 
 
 def declared(made: Callable[..., Any], part: str) -> Any:
-    """What a class, or a function that makes devices, declares before it is called; None: nothing."""
+    """The declaration of a class, or of a function that makes devices, before it is called; None: there is none."""
     return getattr(made.func if isinstance(made, partial) else made, part, None)

@@ -33,12 +33,12 @@ class Follower:
         return params, scene
 
     def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
-        """What somebody should know who runs a simulated follower, or means to."""
+        """Warnings for whoever runs a simulated follower, or means to."""
         found = [name for name, _ in params.sources if name.startswith("follower.") and params.asked(name)]
         return [f"{name} is set, but nothing follows: --follower" for name in found if name != "follower.robot"]
 
     def is_held(self, params: Params, spec: CouplingSpec[Any]) -> bool:
-        """Is the robot's force held from tick to tick?"""
+        """Whether the robot's force is held from tick to tick."""
         return False
 
     def seen(self, params: Params) -> Params:
@@ -55,7 +55,7 @@ class Follower:
         return None
 
     def meets_here(self, params: Params) -> bool:
-        """Does the world's side begin where it stands when a leader comes?"""
+        """Whether the world's side begins where it stands when a leader comes."""
         return True
 
     def reindexing(self, params: Params, spec: CouplingSpec[Any], scene: World) -> Reindexing | None:
@@ -82,7 +82,7 @@ _NONE = Follower()
 
 
 def follower_of(params: Params) -> Follower:
-    """What stands in the virtual mass's place with these parameters."""
+    """Return the follower in the virtual mass's place with these parameters."""
     if not follows(params):
         return _NONE
     robot: Follower = extension("robots").ROBOT

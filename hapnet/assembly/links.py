@@ -26,7 +26,7 @@ def _between_sides(name: str, profile: LinkProfile) -> LinkProfile:
 
 
 def link_timeline(direction: str, params: Params) -> Timeline | None:
-    """What changes the link in a direction while it runs, if anything does; raises as `link_profile` does."""
+    """Return the changes of the link in a direction while it runs, if there are any; raises as `link_profile` does."""
     name = f"link.{direction}_timeline"
     timeline = Timeline.parse(text) if (text := str(params.get(name))) else None
     for entry in () if timeline is None else timeline.entries:

@@ -1,4 +1,4 @@
-"""What a user's own part does wrong is said in one line that names the part, wherever it shows."""
+"""Report a mistake of a user's own part in one line that names the part, wherever it shows."""
 
 from __future__ import annotations
 

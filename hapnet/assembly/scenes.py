@@ -64,7 +64,7 @@ def for_its_scene(params: Params) -> Params:
 
 
 def _unread(params: Params, scene: World) -> list[str]:
-    """What the user set and the scene does not read."""
+    """The parameters that the user set and the scene does not read."""
     known = {*scene_parameters(params.scene), *named_parameters(params.scene)}
     if scene.steps_between(params.world.step_min_s, params.world.step_max_s):
         known |= {"step_min_s", "step_max_s"}

@@ -30,7 +30,7 @@ def unit_of(hardware: str) -> str:
 
 
 def description(params: Params) -> dict[str, Any]:
-    """What a recording says of the device: what its file was, and an arm's frames, for pictures of it."""
+    """The description of the device for a recording: the content of its file, and an arm's frames for pictures."""
     found = {"hardware_sha256": fingerprint(arm_file(params.hardware))}
     return {**found, **extension("arms").description(params)} if is_arm(params.hardware) else found
 
@@ -51,5 +51,5 @@ def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedD
 
 
 def real_time_warnings(params: Params) -> tuple[str, ...]:
-    """What the user of a device's side is told before control starts."""
+    """Warnings for the user of a device's side, shown before control starts."""
     return tuple(extension("arms").real_time_warnings(params)) if is_arm(params.hardware) else ()

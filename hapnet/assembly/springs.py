@@ -87,7 +87,7 @@ def _as_declared(params: Params) -> DeviceParams:
 
 
 def _is_number(value: object) -> bool:
-    """Is it a number above 0? A class may declare a property, or nothing."""
+    """Whether the value is a number above 0. A class may declare a property, or nothing."""
     return isinstance(value, int | float) and value > 0
 
 

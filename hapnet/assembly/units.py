@@ -1,4 +1,4 @@
-"""What the axes are in, with defaults for radians; refuses what only another unit explains, such as millimetres."""
+"""The units of the axes, with defaults for radians; parameters that only another unit explains are refused."""
 
 from __future__ import annotations
 

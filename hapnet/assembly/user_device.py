@@ -219,7 +219,7 @@ class UserDevice:
 
     @property
     def blocks(self) -> bool:
-        """Does `read` wait for its next reading?"""
+        """Whether `read` waits for its next reading."""
         return bool(getattr(self.device, "blocking", False))
 
     def buttons(self) -> tuple[bool, ...]:
@@ -242,7 +242,7 @@ class UserDevice:
             self._call("close")
 
     def _can(self, part: str) -> bool:
-        """Has the driver this optional method? An attribute of its own may have the same name."""
+        """Whether the driver has this optional method. An attribute of its own may have the same name."""
         return callable(getattr(self.device, part, None))
 
     def _call(self, part: str, *given: object) -> Any:
@@ -316,7 +316,7 @@ class UserDevice:
         )
 
     def limiter(self, params: DeviceParams) -> ForceLimiter:
-        """What this device may render, with the run's force ramp and dead-man switch.
+        """The force limiter for this device, with the run's force ramp and dead-man switch.
 
         Raises InvalidParameter: device.dead_man is no button's number.
         """

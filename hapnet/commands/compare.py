@@ -38,7 +38,7 @@ _SHORT_S, _AT_ONCE_S = 5.0, 300.0
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """What is compared, and what is shown."""
+    """Options for the choice of what to compare and what to show."""
 
     bench: Annotated[
         str,

@@ -109,7 +109,7 @@ class LinkOptions:
 
     @property
     def _both(self) -> bool:
-        """Do the flags describe both directions?"""
+        """Whether the flags describe both directions."""
         return any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
 
     def _direction(self, default: str) -> str:
@@ -196,7 +196,7 @@ class ZenohOptions:
 
     @property
     def leave_this_host(self) -> bool:
-        """Is the other side to be reached by an endpoint or a configuration?"""
+        """Whether the other side is to be reached by an endpoint or a configuration."""
         return bool(self.connect or self.listen or self.config)
 
     def words(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""What is left of a run, whatever ended it: one summary of what its sides reported and recorded, and the files."""
+"""The results of a run, however it ended: one summary of its sides' reports and recordings, and the files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every command writes: the summary for people and for machines, recordings and figures in one directory."""
+"""The output of every command: the summary for people and for machines, recordings and figures in one directory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def asker() -> Callable[[str], object] | None:
-    """What asks the user on the terminal; None: there is no terminal, so nobody to ask."""
+    """Return the function that asks the user on the terminal; None: there is no terminal, so nobody to ask."""
     return input if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 

@@ -137,7 +137,7 @@ def run(
 
 
 def _expected(notice: dict[str, Any]) -> bool:
-    """Is the notice part of every run? Both sides wait, are paired once and leave; the summary shows the path."""
+    """Whether the notice is part of every run. Both sides wait, pair once and leave; the summary shows the path."""
     from hapnet.side.notices import OVER
 
     kind, values = notice["kind"], notice.get("values", {})

@@ -164,7 +164,7 @@ def _main(
 
 
 def _in_vain(summary: Summary) -> bool:
-    """Was the device asked for readings, and gave none?"""
+    """Whether the device was asked for readings and gave none."""
     device = summary["device"]
     return device is not None and device["driver"] is not None and bool(device["driver"]["missed"])
 
@@ -233,7 +233,8 @@ def catch(
 
 @contextmanager
 def held_back(caught: list[signal.Signals]) -> Iterator[None]:
-    """What asks the process to end waits for this block, which writes what is left of a run, and is noted in `caught`.
+    """Delay signals to end the process until this block, which writes the results of a run, is done; note them in
+    `caught`.
 
     The same signal once more ends it at once, as without the block; but for SIGHUP, see `catch`.
     """

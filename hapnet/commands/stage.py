@@ -1,4 +1,4 @@
-"""What runs behind the page of `hapnet play`: pairs of processes, one after another."""
+"""The processes behind the page of `hapnet play`: pairs, one after another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `hapnet sweep`, `hapnet compare` and `hapnet tune` share: bars of progress, checks, estimates, flags."""
+"""Parts that `hapnet sweep`, `hapnet compare` and `hapnet tune` share: bars of progress, checks, estimates, flags."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def journal_of(
 
 
 def about(console: Console, ran: Ran) -> dict[str, Any]:
-    """What a study's JSON says of how it ran; prints how fast it was."""
+    """Return how a study ran, for its JSON; print how fast it was."""
     new = ran.done - ran.before
     if new:
         console.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
@@ -84,7 +84,8 @@ def stop(ran: Ran, how_to_go_on: str) -> int:
 
 
 def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
-    """What makes, for so many cases, `workers` processes here (0: one per core), or those of the scheduler at `dask`.
+    """Return a function that makes, for so many cases, `workers` processes here (0: one per core), or those of the
+    scheduler at `dask`.
 
     Raises InvalidParameter, HapnetError: as `DaskCluster` does, once it is called.
     """

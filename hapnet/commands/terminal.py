@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 
 
 def is_ours() -> bool:
-    """May a process that this one starts read standard input? A terminal stops whoever reads in the background."""
+    """Whether a child process may read standard input. A terminal stops whoever reads in the background."""
     ours = True
     if sys.platform != "win32":
         ours = not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()

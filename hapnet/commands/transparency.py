@@ -33,7 +33,7 @@ LINKS = ("lan", "4g")
 
 @dataclass(frozen=True)
 class TransparencyOptions:
-    """What is measured."""
+    """Options for the measurements."""
 
     coupling: Annotated[
         list[str] | None,

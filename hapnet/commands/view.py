@@ -108,7 +108,7 @@ def show(url: str) -> None:
 
 
 def _state(watcher: Watcher) -> str:
-    """What the page watches, as text."""
+    """The state of the recordings or the pair on the page, as text."""
     if watcher.pair is None:
         problem = f" ({watcher.problem})" if watcher.problem else ""
         return f"waiting for a pair's telemetry: {watcher.where}{problem}"

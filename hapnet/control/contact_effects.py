@@ -29,7 +29,9 @@ def lift(model: ContactState, x: Reals) -> None:
 
 
 def pull(model: ContactState, n: int, x: Reals) -> tuple[Floats, Floats]:
-    """What attraction and drag add to y, and what of y - x grains make [m], once it is known where the proxy rests."""
+    """Return the part of y from attraction and drag, and the part of y - x from grains [m], for a known resting
+    proxy.
+    """
     moved, by_grain, v = [0.0] * n, [0.0] * n, model.velocity.velocity
     seen = model.rubbing.seen if model.rubbing.rubs else model.seen if model.bends else model.planes
     for one, plane in zip(model.planes, seen, strict=False):  # the surface, and what it is from where the proxy is
@@ -62,5 +64,5 @@ def act(model: ContactState, n: int, x: Reals, y: Floats) -> Vector:
 
 
 def grain_force(model: ContactState, by_grain: Vector, spring: Spring) -> Vector:
-    """What of the spring's force grains make [N]; none if no surface has effects."""
+    """The part of the spring's force that grains make [N]; none if no surface has effects."""
     return tuple([inner(row, by_grain) for row in spring.rows]) if model.acts else (0.0,) * spring.dof

@@ -56,7 +56,7 @@ class Answer(Record):
 
 
 class ContactState(Record):
-    """What the contact model knows of the world, and its filters.
+    """The contact model's knowledge of the world, and its filters.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class ContactState(Record):
         raise NotImplementedError
 
     def adopt(self, n: int, count: int) -> None:
-        """What the answer says is known from now on; count : of its planes, with those that are remembered."""
+        """Use the planes of a new answer from now on; count : of its planes, with those that are remembered."""
         raise NotImplementedError
 
 

@@ -140,7 +140,7 @@ class ContactModel(ContactState):
 
     @property
     def goes_on(self) -> bool:
-        """Is the next step one of its record alone: does the world send planes, all without effects?"""
+        """Whether the next step needs only its record: the world sends planes, all without effects."""
         answer = self.answer
         reports = self._reports and not self.acts
         return reports and not (answer.pending and (answer.count < 0 or any(one.effects for one in answer.planes)))
@@ -161,7 +161,7 @@ class ContactModel(ContactState):
         answer.count = -1 if proxy.planes is None else len(answer.planes)
 
     def grain_force(self, spring: Spring) -> Vector:
-        """What of this spring's force grains make [N]."""
+        """The part of this spring's force that grains make [N]."""
         return grain_force(self, self._by_grain, spring)
 
     def step(self, dt: float, x: Vector) -> Vector:

@@ -59,7 +59,7 @@ class ContactPlane(Record):
         return depth(self, len(self.normal), position)
 
     def withdrawn(self, reported: Sequence[ContactPlane], position: Vector, reach_m: float) -> bool:
-        """Does a proxy at `position` [m] with these planes, and no others within `reach_m` [m], deny this one?"""
+        """Whether a proxy at `position` [m] with these planes and no others within `reach_m` [m] rules this one out."""
         return withdrawn(self, reported, len(reported), len(self.normal), position, reach_m)
 
     def now(self, age: float) -> float:
@@ -74,7 +74,7 @@ def no_planes(compliance: FloatRows, n: int) -> list[ContactPlane]:
 
 @equation
 def understand(one: ContactPlane, n: int, compliance: FloatRows) -> None:
-    """What follows from K'."""
+    """Compute the values that follow from K'."""
     times(n, compliance, one.normal, one.response)
     one.softness = 1.0 / one.stiffness + dot(n, one.normal, one.response)
 
@@ -137,7 +137,7 @@ def now(one: ContactPlane, age: float) -> float:
 
 @equation
 def same(one: ContactPlane, other: ContactPlane, n: int, position: Reals) -> bool:
-    """Are these the same surface, near enough, for a proxy at `position` [m]?"""
+    """Whether these are the same surface, near enough, for a proxy at `position` [m]."""
     apart = depth(one, n, position) - depth(other, n, position)
     alike = 1.0 / SAME_STIFFNESS < one.stiffness / other.stiffness < SAME_STIFFNESS
     return alike and abs(apart) < SAME_M and dot(n, one.normal, other.normal) > SAME_COSINE
@@ -145,7 +145,7 @@ def same(one: ContactPlane, other: ContactPlane, n: int, position: Reals) -> boo
 
 @equation
 def among(one: ContactPlane, others: Sequence[ContactPlane], count: int, n: int, position: Reals) -> bool:
-    """Is it the same surface as any of the first `count` others?"""
+    """Whether it is the same surface as any of the first `count` others."""
     found = False
     for j in range(count):
         found = found or same(one, others[j], n, position)

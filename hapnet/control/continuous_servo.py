@@ -91,7 +91,7 @@ class ContinuousServo(Record):
         rest(self, self.coupling, dt, x, work, kinetic)
 
     def parts(self, x: Vector, force: Vector) -> ForceParts:
-        """What the device's force at x is made of [N]; what the spring does not give is the damper's."""
+        """The parts of the device's force at x [N]; all that the spring does not give is the damper's."""
         spring = self.coupling.spring.force(self.coupling.set_position, x)
         return parts_of(self.coupling, self._model, x, spring, tuple(map(sub, force, spring)))
 
@@ -136,7 +136,7 @@ def decide(sender: Sender, dt: float) -> None:
 
 
 def sent(sender: Sender, coupling: SetPositionCoupling, x: Vector) -> Update | None:
-    """What the last run of PSPM sends."""
+    """The update that the last run of PSPM sends."""
     shuffled = coupling.shuffled
     if sender.sends:
         level = coupling.level
@@ -158,7 +158,7 @@ def rest(
 def runs(
     servo: ContinuousServo, coupling: SetPositionCoupling, dt: float, x: Reals, work: float, kinetic: float
 ) -> bool:
-    """A tick begins, `dt` seconds after the last: does PSPM run in it?"""
+    """Begin a tick, `dt` seconds after the last, and return whether PSPM runs in it."""
     rest(servo, coupling, dt, x, work, kinetic)
     servo.sender.sends = 0
     coupling.shuffled = 0.0

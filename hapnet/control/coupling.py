@@ -40,7 +40,7 @@ Made = TypeVar("Made")
 
 
 class ForceParts(NamedTuple):
-    """What a device's force is made of [N]. Spring and damper add up to it, unless a limit took something off."""
+    """The parts of a device's force [N]. Spring and damper add up to it, unless a limit took something off."""
 
     spring: Vector
     """K (ybar - x)."""
@@ -60,7 +60,7 @@ class Update(NamedTuple):
 
 
 class CouplingState(Protocol):
-    """What a side's runtime, recording and summary see of one end of a coupling."""
+    """The state of one end of a coupling, as a side's runtime, recording and summary read it."""
 
     ledger: Ledger
     energy_min: float
@@ -131,10 +131,10 @@ class DeviceCoupling(Protocol):
 
     @property
     def parts(self) -> ForceParts | None:
-        """What the force of the last tick is made of; None: this coupling does not know."""
+        """The parts of the force of the last tick; None: this coupling does not know them."""
 
     def figures(self) -> dict[str, Any]:
-        """What is known about the zero-order hold, by the summary's keys; empty if it keeps no such account."""
+        """The figures of the zero-order hold, by the summary's keys; empty if no such account is kept."""
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
         """A tick `dt` seconds after the last, at x [m] and v [m/s]. Sets `force`; returns what to send, if it is time.
@@ -209,7 +209,7 @@ def potential(coupling: CouplingState, x: Reals) -> float:
 
 
 class Law(Protocol):
-    """What both ends of a law have in common. Each starts at rest at the position it is made with."""
+    """The common part of both ends of a law. Each starts at rest at the position it is made with."""
 
     @property
     def set_position(self) -> Vector:

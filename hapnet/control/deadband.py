@@ -82,7 +82,7 @@ class Deadband:
         self._planes: tuple[Plane, ...] | None = None
 
     def offer(self, now_s: float, sample: CouplingSample, opposite: Vector) -> CouplingSample | None:
-        """What to send for `sample` at the time `now_s` [s]; None: nothing.
+        """Return the sample to send for `sample` at the time `now_s` [s]; None: nothing.
 
         opposite : ybar, where this side's spring is tied; without a spring, where the other side is assumed to be [m].
         """

@@ -105,7 +105,7 @@ def take(harvest: MeasuredHarvest, potential_change: float) -> float:
 
 
 def damping_conditions(own_damping: Vector, K_diagonal: Vector, B: Vector, period: float) -> tuple[bool, bool]:
-    """Does a sampled servo with the range harvest meet the (necessary, sufficient) condition to be passive?
+    """Whether a sampled servo with the range harvest meets the (necessary, sufficient) condition to be passive.
 
     Necessary on each axis: ``b > K T/2``. Sufficient for any motion: ``b > K T/2 + 2 B``. b: the device's own damping.
     """

@@ -23,8 +23,9 @@ UNTOLD = -1.0
 
 
 class Said(Record):
-    """What an end sends: a position [m], a port's value [m or N] or a wave [sqrt(W)]; `more` : a motion's velocity
-    [m/s]; `amount` : a port's energy [J], a wave's span [s]."""
+    """A message of an end: a position [m], a port's value [m or N] or a wave [sqrt(W)]; `more` : a motion's velocity
+    [m/s]; `amount` : a port's energy [J], a wave's span [s].
+    """
 
     value: OfAxes
     more: OfAxes
@@ -79,7 +80,7 @@ class End(Record):
 
     @classmethod
     def lines(cls) -> dict[Callable[..., Any], Callable[..., Any]]:
-        """What is compiled in place of functions that ask an object of this end."""
+        """The functions to compile in place of those that ask an object of this end."""
         return {}
 
 
@@ -152,7 +153,7 @@ class WorldEnd(End):
 
 
 class LawAccount(Record):
-    """What a law's end counts. It has no reservoir, but the same share of d^2 as PSPM, so that margins compare.
+    """The counters of a law's end. It has no reservoir, but the same share of d^2 as PSPM, so that margins compare.
 
     account : that share [J]. shuffled : always 0.
     """
@@ -179,7 +180,7 @@ class HeldForce(Record):
 
 @equation
 def tick(servo: HeldForce, account: LawAccount, law: DeviceEnd, dt: float, x: Reals, v: Reals) -> bool:
-    """A tick `dt` seconds after the last, at x [m] and v [m/s]: is a sample to be sent?"""
+    """Do a tick `dt` seconds after the last, at x [m] and v [m/s]; return whether a sample is to be sent."""
     begin_tick(servo, account, x)
     if dt > 0.0:  # a law may divide by dt
         _render(servo, law, dt, x, v)
@@ -226,7 +227,7 @@ def cut(servo: HeldForce) -> None:
 
 @equation
 def sends(servo: HeldForce, dt: float) -> bool:
-    """Is a sample to be sent in this tick, `dt` seconds after the last?"""
+    """Whether a sample is to be sent in this tick, `dt` seconds after the last."""
     servo.elapsed += dt
     if servo.elapsed < servo.due:
         return False

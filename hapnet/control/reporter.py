@@ -1,4 +1,4 @@
-"""What the world sends of its proxy: where it will be, and the planes around it."""
+"""The world's messages about its proxy: where it will be, and the planes around it."""
 
 from __future__ import annotations
 
@@ -52,5 +52,5 @@ class Teller:
         self._stands_for = predicted.stands_for(dt)
 
     def proxy(self, x: Vector, level: float | None) -> Proxy:
-        """What to send of the proxy at x [m], and how full the reservoir is; None: there is none."""
+        """Return the message about the proxy at x [m], with the level of the reservoir; None: there is no reservoir."""
         return Proxy(x, self._stands_for, self._force, self._planes, self._looked_m, level)

@@ -1,4 +1,4 @@
-"""What the two ends of a coupling send to each other, in SI units."""
+"""The samples that the two ends of a coupling send to each other, in SI units."""
 
 from __future__ import annotations
 

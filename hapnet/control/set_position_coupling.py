@@ -72,7 +72,7 @@ class Source(Protocol):
 
 
 class Arrived(NamedTuple):
-    """What the next update uses."""
+    """The received values that the next update uses."""
 
     set_position: Vector
     """The newest that was received [m]."""
@@ -208,7 +208,7 @@ class SetPositionCoupling(Record):
 
     @property
     def arrived(self) -> Arrived:
-        """What the next update uses."""
+        """The received values that the next update uses."""
         return Arrived(tuple(self.received), self.waiting, bool(self.has_sample))
 
     def restore(self, arrived: Arrived) -> None:

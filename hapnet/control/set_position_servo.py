@@ -166,14 +166,14 @@ class SampledServo(Record):
 
     @property
     def parts(self) -> ForceParts:
-        """What the force of the last tick is made of."""
+        """The parts of the force of the last tick."""
         x = tuple(self.position)
         spring = self.coupling.spring.force(self.coupling.set_position, x)
         damper = tuple([-b * v for b, v in zip(self.damping, self.velocity, strict=True)])
         return parts_of(self.coupling, self.model, x, spring, damper)
 
     def figures(self) -> dict[str, Any]:
-        """What is known about the zero-order hold, by the summary's keys; empty if `holding` is unknown."""
+        """The figures of the zero-order hold, by the summary's keys; empty if `holding` is unknown."""
         if self.holding is None:
             return {}
         return {
@@ -225,7 +225,7 @@ class SampledServo(Record):
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
     def is_late(self, dt: float) -> bool:
-        """Is this tick late, `dt` seconds after the last, or was one lately? Then it counts what that costs."""
+        """Whether this tick is late, `dt` seconds after the last, or one was lately. Then it counts what that costs."""
         return dt > self._max_hold or self._hold_time.expected > self._max_hold or self._followed is not None
 
     def follow(self, dt: float, x: Vector) -> None:
@@ -287,7 +287,7 @@ def _come(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Real
 
 @equation
 def hold_on(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> bool:
-    """A tick begins, `dt` seconds after the last: does PSPM run in it?"""
+    """Begin a tick, `dt` seconds after the last, and return whether PSPM runs in it."""
     servo.sender.sends = 0
     coupling.shuffled = 0.0
     if servo.resolution != 0.0:

@@ -34,7 +34,7 @@ class StagedDevice:
         return self._law.set_position
 
     def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """What the world sent, as `CouplingState.receive`."""
+        """Take a message of the world, as `CouplingState.receive`."""
         self._model.receive(sample, sent_s, age_s)
 
     def receive(self, sample: CouplingSample) -> None:

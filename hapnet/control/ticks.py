@@ -1,4 +1,4 @@
-"""What is due every few ticks of a servo."""
+"""Actions that are due every few ticks of a servo."""
 
 from __future__ import annotations
 

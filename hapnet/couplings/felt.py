@@ -23,7 +23,7 @@ class Felt(TypedDict):
 
 
 def felt(springs: Sequence[Matrix] | None, wall: float | None) -> Felt:
-    """What is felt of a wall of this stiffness [N/m]; None: there is none. Springs that are no scalars are left out.
+    """Return how a wall of this stiffness [N/m] is felt; None: there is none. Springs that are no scalars are left out.
 
     springs : what the law says of them (`CouplingSpec.springs`).
     """
@@ -32,7 +32,7 @@ def felt(springs: Sequence[Matrix] | None, wall: float | None) -> Felt:
 
 
 def of_springs(springs: list[float] | None, wall: float | None) -> Felt:
-    """What is felt of a wall through these springs [N/m]; None: not known."""
+    """Return how a wall is felt through these springs [N/m]; None: not known."""
     stiffness = None if springs is None or wall is None else through(springs, wall)
     return {"stiffness_N_m": wall, "felt_stiffness_N_m": stiffness, "springs_N_m": None if wall is None else springs}
 

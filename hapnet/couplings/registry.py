@@ -61,13 +61,13 @@ def known(name: object) -> CouplingSpec[Any] | None:
 
 
 def limited(name: object) -> bool:
-    """Does the coupling of this name limit the set-position's step, as PSPM does? False for a user's own."""
+    """Whether the coupling of this name limits the set-position's step, as PSPM does. False for a user's own."""
     spec = known(name)
     return spec is not None and spec.limited
 
 
 def jointly_passive(name: object) -> bool:
-    """Does energy pass through the link itself with the coupling of this name, so that neither side keeps a half?
+    """Whether energy passes through the link itself with the coupling of this name, so that neither side keeps a half.
 
     Then the energy put in at one port alone means nothing; only the sum of both ports at the same time does. The answer
     is yes for a user's own law.

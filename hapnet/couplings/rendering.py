@@ -61,7 +61,8 @@ PREDICT_S = (
 
 @dataclass(frozen=True)
 class RenderingTuning:
-    """contact_model : does the device compute y from the planes that the world sends? If not, the rest is 0.
+    """The tuning of the contact model. contact_model : whether the device computes y from the planes that the world
+    sends. If not, the rest is 0.
 
     lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are sent.
     reach_speed_mps : and those that a device so fast could reach before it receives them.
@@ -96,7 +97,7 @@ def tuned(params: Params) -> RenderingTuning:
 
 
 def at_device(start: CouplingStart[RenderingTuning]) -> ContactModel | None:
-    """What computes the device's y; None: y is the newest set-position."""
+    """Return the model that computes the device's y; None: y is the newest set-position."""
     if not start.tuning.contact_model:
         return None
     dof, b = len(start.position), start.tuning.damping_Ns_m
@@ -131,13 +132,13 @@ def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
 
 
 def at_world(start: CouplingStart[Any]) -> PredictedDevice:
-    """What computes the world's y, if it is not the newest set-position."""
+    """Return the model that computes the world's y, if it is not the newest set-position."""
     params = start.params
     return PredictedDevice(start.position, lag_s(params), predictor(params), params.contact_model.stop_s)
 
 
 def predicts(params: Params, link: Delays, longest_s: float) -> bool:
-    """Does the world of a law at the device predict the device? Only if no prediction is longer than this [s]."""
+    """Whether the world of a law at the device predicts the device. Only if no prediction is longer than this [s]."""
     horizon_s = link.one_way_s + lag_s(params) + params.world.step_max_s / 2.0
     return params.rendering != "paper" and horizon_s <= longest_s
 

@@ -217,7 +217,7 @@ def _at_world(
 
 
 class Ends(NamedTuple):
-    """What makes the ends of such a coupling: the functions of a `CouplingSpec`."""
+    """The functions of a `CouplingSpec` that make the ends of such a coupling."""
 
     device: Callable[[CouplingStart[RenderingTuning]], DeviceCoupling]
     continuous: Callable[[CouplingStart[RenderingTuning]], ContinuousServo]

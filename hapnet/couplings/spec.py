@@ -158,11 +158,11 @@ class CouplingSpec(Generic[T]):
 
     @property
     def takes_positions(self) -> bool:
-        """Do both ends take set-positions, so that the stages can choose them?"""
+        """Whether both ends take set-positions, so that the stages can choose them."""
         return {self.device_sends, self.world_sends} <= {Position, Motion}
 
     def staged(self, params: Params) -> bool:
-        """Do the stages stand before the law?"""
+        """Whether the stages stand before the law."""
         return params.rendering == "hapnet" or (params.rendering == "auto" and self.world_tells)
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:

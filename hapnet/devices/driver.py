@@ -1,4 +1,4 @@
-"""What a driver is, and what it may declare. README.md beside this file explains each part.
+"""The interface of a driver, and its optional declarations. README.md beside this file explains each part.
 
 A driver needs no base class: hapnet asks for the parts by name. `Driver` has a default for every part that is optional.
 """
@@ -129,7 +129,8 @@ class Driver(ABC):
         return
 
     def vibrate(self, force: Vector) -> None:
-        """What of the force the grains of surfaces make [N], after each `apply`: for an actuator that only vibrates.
+        """Take the part of the force that the grains of surfaces make [N], after each `apply`: for an actuator that
+        only vibrates.
 
         It must return at once. The account does not count what such an actuator does.
         """

@@ -25,7 +25,7 @@ class RealDevice(Device, Protocol):
 
     @property
     def blocks(self) -> bool:
-        """Does `read` wait for its next reading?"""
+        """Whether `read` waits for its next reading."""
 
     @property
     def missed(self) -> int:

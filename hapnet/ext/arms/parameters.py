@@ -49,12 +49,12 @@ def table_of(hardware: str) -> ArmTable:
 
 
 def by_joints(hardware: str) -> bool:
-    """Is it an arm that is coupled joint by joint? Raises InvalidParameter: as `table_of`."""
+    """Whether it is an arm that is coupled joint by joint. Raises InvalidParameter: as `table_of`."""
     return is_arm(hardware) and _options(hardware).get("axes") == "joints"
 
 
 def _options(hardware: str) -> dict[str, str]:
-    """What stands behind an arm's name. Raises InvalidParameter."""
+    """The options behind an arm's name. Raises InvalidParameter."""
     is_file = hardware.startswith("arm:")
     known = {"tip", "base", "home", "axes"} if is_file else {"axes"}
     parts = [part.partition("=")[::2] for part in hardware.partition("?")[2].split("&") if part]
@@ -114,7 +114,7 @@ def simulated_arm(params: Params, hand: Operator) -> SimulatedArm:
 
 
 def real_time_warnings(params: Params) -> tuple[str, ...]:
-    """What the user of an arm is told before control starts."""
+    """Warnings for the user of an arm, shown before control starts."""
     why = no_compiler()
     if why is None or params.device.substeps == 1:
         return ()

@@ -1,4 +1,4 @@
-"""What an arm looks like: a capsule from joint to joint, where the positions of its axes put it.
+"""The picture of an arm: a capsule from joint to joint, where the positions of its axes put it.
 
 A recording's description has the arm's frames, so no viewer needs its file. Where the axes are joints, positions are
 the posture. Where they are the tip's, the joints' angles are recorded beside them.

@@ -1,4 +1,4 @@
-"""What messages cost to encode and decode: a position, and an energy message with its seal."""
+"""The cost of encoding and decoding messages: a position, and an energy message with its seal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the control half costs: a tick of the device's endpoint, and a PSPM update by dimension."""
+"""The cost of the control half: a tick of the device's endpoint, and a PSPM update by dimension."""
 
 from __future__ import annotations
 

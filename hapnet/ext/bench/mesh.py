@@ -1,4 +1,4 @@
-"""What a mesh costs: a step against 10,000 triangles, in contact and in free space, beside one query of the library."""
+"""The cost of a mesh: a step against 10,000 triangles, in contact and free space, beside one query of the library."""
 
 from __future__ import annotations
 

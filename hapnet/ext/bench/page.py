@@ -1,4 +1,4 @@
-"""What the live page of a scene with 10,000 triangles costs: updates that reach a client, and the servo's lateness."""
+"""The cost of the live page of a scene with 10,000 triangles: updates that reach a client, and the servo's lateness."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _AGAINST = "the same pair without a page, in turns"
 
 @dataclass(frozen=True)
 class Received:
-    """What reached a client: times of updates after the first second [s], bytes a second, how often the torus came."""
+    """The data at a client: times of updates after the first second [s], bytes a second, how often the torus came."""
 
     times_s: tuple[float, ...]
     bytes_hz: float

@@ -1,4 +1,4 @@
-"""What a tick of a simulated device costs that is more than a mass, an arm or a handle that turns, and of its side."""
+"""The cost of a tick of a simulated device that is more than a mass, an arm or a handle that turns, and of its side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people look at after a benchmark: the table, and the histograms of subject and reference."""
+"""Output of a benchmark for people: the table, and the histograms of subject and reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the virtual world costs: a step at the wall, and the integrator by dimension."""
+"""The cost of the virtual world: a step at the wall, and the integrator by dimension."""
 
 from __future__ import annotations
 

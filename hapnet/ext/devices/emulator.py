@@ -72,7 +72,7 @@ class Handle:
         return self.device.apply(force)
 
     def stored_J(self) -> float:
-        """What the device itself holds of what its actuators gave to it [J]."""
+        """The energy from its actuators that the device itself holds [J]."""
         return 0.0
 
     def _advance(self, now_ns: int) -> None:

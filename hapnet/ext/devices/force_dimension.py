@@ -238,7 +238,7 @@ class ForceDimension(Driver):
         return x.value, y.value, z.value
 
     def _status(self) -> list[int]:
-        """What an older library does not report is -1."""
+        """Read the status; -1 for each value that an older library does not report."""
         status = (c_int * _ROOM)(*[-1] * _ROOM)
         if self._dhd.dhdGetStatus(byref(status), self._id) < 0:
             raise DeviceSilent(f"{self.name} does not report its state: {self._why()}")

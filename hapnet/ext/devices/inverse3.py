@@ -289,7 +289,7 @@ class Inverse3(Driver):
         self._frame = said
 
     def _hear_of_force(self, newest: wire.State) -> None:
-        """Does the service take the forces? It reports the one that acts now.
+        """Check that the service takes the forces. It reports the one that acts now.
 
         Raises HapnetError: it reported no force for `_UNFELT` readings with one.
         """

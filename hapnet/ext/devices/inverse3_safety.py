@@ -1,4 +1,4 @@
-"""What the Inverse Service reports on its event socket about an arm's safety, and about devices that come and go."""
+"""The reports of the Inverse Service's event socket on an arm's safety, and on devices that come and go."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SafetyEvents:
 
     @property
     def are_heard(self) -> bool:
-        """Is the socket open, or none wanted?"""
+        """Whether the socket is open, or none is wanted."""
         return self.caller is None or self.caller.is_open
 
     def hear(self, device: str) -> None:

@@ -49,7 +49,7 @@ CALLBACK = _WINDOWS_CALLBACK(c_uint, c_void_p)
 
 
 class ErrorInfo(ctypes.Structure):
-    """What hdGetError returns, by value."""
+    """The result of hdGetError, by value."""
 
     _fields_ = [("code", c_uint), ("internal", c_int), ("device", c_uint)]
 

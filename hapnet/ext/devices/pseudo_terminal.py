@@ -38,7 +38,7 @@ class PseudoTerminal:
                 raise InvalidParameter("link", link, f"a path that can be made ({error.strerror})") from error
 
     def read(self) -> bytes:
-        """What has come."""
+        """Return the bytes that have come."""
         try:
             return self._lossy(os.read(self.device, 4096))
         except OSError:

@@ -185,7 +185,7 @@ class SerialAxis(Driver):
         return []
 
     def _ask(self) -> wire.About:
-        """What the board says about itself."""
+        """Ask the board for its description."""
         ask_s = time.monotonic()
         until, heard = ask_s + _ANSWER_S, b""
         while (now_s := time.monotonic()) < until:

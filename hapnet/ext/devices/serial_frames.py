@@ -31,7 +31,7 @@ _BUTTONS, _HOMED, _UP, _DOWN = 0x0F, 0x10, 0x20, 0x40
 
 
 class State(NamedTuple):
-    """What the board sends once a period."""
+    """The message that the board sends once a period."""
 
     flags: int
     command: int
@@ -46,7 +46,7 @@ class State(NamedTuple):
 
     @property
     def homed(self) -> bool:
-        """Is the position counted from the centre of the axis?"""
+        """Whether the position is counted from the centre of the axis."""
         return bool(self.flags & _HOMED)
 
     @property
@@ -61,7 +61,7 @@ class State(NamedTuple):
 
 
 class About(NamedTuple):
-    """What the board is, sent when it is asked."""
+    """The board's description, sent when it is asked."""
 
     version: int
     period_us: int
@@ -84,7 +84,7 @@ class About(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What hapnet sends: ``F`` a force, ``Q`` the question what the board is, ``H`` the handle is at its centre."""
+    """A command to the board: ``F`` a force, ``Q`` a request for its description, ``H`` the handle is at its centre."""
 
     mark: bytes
     number: int = 0

@@ -24,7 +24,7 @@ _LONGEST_HELD_MS = 2
 
 
 def missing() -> str:
-    """What a serial port needs and is not installed; empty: nothing."""
+    """Name the packages that a serial port needs and that are not installed; empty: none."""
     return "pyserial, of the extra `serial`" if find_spec("serial") is None else ""
 
 
@@ -71,7 +71,7 @@ class SerialPort:
         return True
 
     def read(self, seconds: float) -> bytes:
-        """What has come, waiting for it as long as `seconds`. Raises DeviceSilent: the port has gone."""
+        """Return the bytes that come within `seconds`. Raises DeviceSilent: the port has gone."""
         if self._port is None or seconds <= 0.0:
             return b""
         try:

@@ -43,7 +43,7 @@ class SpaceMouse(InputDevice):
 
 
 def _is_ours(device: Path) -> bool:
-    """Does the kernel's description of this HID device name a 3D mouse?"""
+    """Whether the kernel's description of this HID device names a 3D mouse."""
     try:
         reported = (device / "device" / "uevent").read_text("ascii", "replace")
     except OSError:

@@ -162,7 +162,7 @@ class Touch(Driver):
             self._handle = oh.NO_DEVICE
 
     def _learn_limits(self) -> None:
-        """What the library says of the device; what it does not say stays as it is."""
+        """Take the limits that the library reports for the device; those that it does not report stay as they are."""
         hd = self._hd.slow
         self.resolution = _FINE_RESOLUTION_M if any(word in self.model.lower() for word in _FINE) else _RESOLUTION_M
         force_N, continuous_N, stiffness = (

@@ -55,7 +55,7 @@ class Frame(NamedTuple):
 
 
 class Faults:
-    """What the library's errors mean for the force: for how long there is none, and whether the device is lost.
+    """The effect of the library's errors on the force: how long there is none, and whether the device is lost.
 
     Attributes
     ----------
@@ -67,7 +67,8 @@ class Faults:
         self._off, self._until_s, self._is_warm = "", 0.0, False
 
     def take(self, now_s: float, failures: list[oh.Failure], hottest: float) -> bool:
-        """The errors of one frame, and the temperature of the warmest motor (0 to 1); were there any?
+        """Take the errors of one frame, and the temperature of the warmest motor (0 to 1); return whether there were
+        any.
 
         Raises HapnetError: one that only a defect here can cause.
         """

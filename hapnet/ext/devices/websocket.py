@@ -78,7 +78,7 @@ class Caller:
 
     @property
     def is_open(self) -> bool:
-        """Can something be sent?"""
+        """Whether something can be sent."""
         return self._socket is not None and self._socket.is_open
 
     def receive(self, seconds: float) -> list[bytes]:
@@ -149,7 +149,7 @@ class WebSocket:
 
     @property
     def is_open(self) -> bool:
-        """Have both ends agreed to speak WebSocket, and has neither said goodbye?"""
+        """Whether both ends have agreed to speak WebSocket, and neither has said goodbye."""
         return self._protocol.state is State.OPEN
 
     def send(self, message: bytes) -> None:

@@ -1,1 +1,1 @@
-"""What a machine and its network allow a servo and its messages."""
+"""Checks of what a machine and its network allow a servo and its messages."""

@@ -1,4 +1,4 @@
-"""What a device really does: how fast it answers, how it reads when it rests, and what a force does to its handle.
+"""Checks of a device: how fast it answers, how it reads when it rests, and what a force does to its handle.
 
 The force is zero unless it is asked for: short pulses, which show whether force and positions agree (`ActuatorCheck`),
 or slow pushes, which show the device's own damping (`own_damping`). Clock and sleep are arguments.
@@ -175,7 +175,7 @@ def _contact(forces: list[Vector], unit: str) -> Check:
 
 
 def _velocity(found: Readings) -> Check:
-    """Do the velocities fit the positions, over windows long enough for the encoders' counts not to matter?"""
+    """Check that the velocities fit the positions, over windows long enough for the encoders' counts not to matter."""
     along = square = 0.0
     for start in range(0, len(found.at_ns) - _WINDOW, _WINDOW):
         window = slice(start + 1, start + _WINDOW + 1)

@@ -1,4 +1,4 @@
-"""What this machine allows a servo and its messages: one check a function, each with what to do about it.
+"""Checks of what this machine allows a servo and its messages: one a function, each with advice.
 
 A check that requests something (real-time scheduling, locked memory) does so in a thread of its own or releases it, so
 the process stays as it was.
@@ -265,7 +265,7 @@ def zenoh_reachable(endpoint: str, security: Security = ANYBODY) -> Check:
 
 
 def network(endpoint: str, security: Security, session: str, name: str) -> Check:
-    """Is the path to that endpoint good enough?"""
+    """Check whether the path to that endpoint is good enough."""
     from hapnet.ext.doctor.network import probed
 
     return probed(endpoint, security, session, name)
@@ -342,7 +342,7 @@ def _limit(name: str) -> str:
 
 
 def _capable(capability: int) -> bool:
-    """Does this process have the capability with this number?"""
+    """Whether this process has the capability with this number."""
     for line in _read("/proc/self/status").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> capability & 1)

@@ -1,4 +1,4 @@
-"""Is this network good enough? What probes measure, as text, beside the requirements of haptics."""
+"""Judge whether this network is good enough. What probes measure, as text, beside the requirements of haptics."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def probed(
 
 
 def judged(answers: Answers) -> Check:
-    """What was measured, and for which tasks it suffices."""
+    """Return the check with the measurements, and the tasks for which they suffice."""
     p50, p99 = (1e-6 * (answers.trips.quantile(q) or 0) for q in (0.5, 0.99))
     there, back = answers.losses
     one_way, worst = p99 / 2, max(there, back)

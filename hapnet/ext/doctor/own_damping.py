@@ -54,8 +54,9 @@ NAME = "own damping"
 
 
 class Swing(NamedTuple):
-    """What was read while the handle swung: at each reading the time since the one before [s] and the position [m]
-    (N, n), and the force that acted in between [N] (N, n)."""
+    """The readings while the handle swung: at each, the time since the one before [s] and the position [m] (N, n), and
+    the force that acted in between [N] (N, n).
+    """
 
     dt: Array
     position: Array
@@ -111,7 +112,7 @@ def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> Trial:
 
 
 def lower_bound(trials: Sequence[Trial]) -> float:
-    """What all trials have in common [Ns/m], less their spread and `MARGIN`; two digits, rounded down; 0: nothing."""
+    """The damping common to all trials [Ns/m], less their spread and `MARGIN`; two digits, rounded down; 0: none."""
     found = [trial.damping for trial in trials]
     minimum = min(min(trial.damping, trial.minimum) for trial in trials)
     bound = (1.0 - MARGIN) * minimum - (max(found) - min(found))
@@ -223,7 +224,7 @@ class _Spring:
 
 
 def _rest(rows: Sequence[tuple[float, Vector, Vector]]) -> bool:
-    """Has the handle moved slowly for the last `RESTED_S`?"""
+    """Whether the handle has moved slowly for the last `RESTED_S`."""
     span = 0.0
     for dt, x, _ in reversed(rows):
         span += dt
@@ -238,7 +239,7 @@ def _rest(rows: Sequence[tuple[float, Vector, Vector]]) -> bool:
 
 
 def examined(swings: Sequence[Swing]) -> Trial | None:
-    """What one trial shows; None: there are too few swings that are long enough."""
+    """Return the result of one trial; None: there are too few swings that are long enough."""
     found = [row for swing in swings for row in _rows(swing, swings[0].position[0])]
     if len(found) < 4:
         return None
@@ -253,7 +254,9 @@ def examined(swings: Sequence[Swing]) -> Trial | None:
 
 
 def _fit(terms: Array, work: Array) -> tuple[Array, float]:
-    """What least squares find, and the standard error of the first: of b, beside which friction may look alike."""
+    """Return the least-squares fit, and the standard error of its first value, b, beside which friction may look
+    alike.
+    """
     scale = np.linalg.norm(terms, axis=0)
     scale[scale == 0.0] = 1.0
     fitted, *_ = np.linalg.lstsq(terms / scale, work, rcond=1e-3)

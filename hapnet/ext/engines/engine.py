@@ -102,7 +102,7 @@ class Engine(Protocol):
         return None
 
     def shapes(self) -> Sequence[Shape]:
-        """What pictures show, each as seen from its body."""
+        """The shapes for pictures, each as seen from its body."""
         return ()
 
     def poses(self) -> ArrayLike:
@@ -119,7 +119,7 @@ class Engine(Protocol):
         return
 
     def signals(self) -> Mapping[str, Signal]:
-        """What the world reports to the device's side beside the stream."""
+        """The signals that the world reports to the device's side beside the stream."""
         return {}
 
     def diagnosis(self) -> str:

@@ -100,7 +100,7 @@ class EngineAccount:
             raise self.failed(f"position() gave {place!r:.80}, not one number an axis, {axes}") from None
 
     def ask(self, method: str, *given: object) -> Any:
-        """What a method of the engine returns."""
+        """Call a method of the engine and return its result."""
         try:
             return getattr(self.engine, method)(*given)
         except HapnetError:  # it says itself what is wrong
@@ -261,7 +261,7 @@ class EngineAccount:
         self._saved, self._before = self.ask("save"), (self.position, self.velocity, (self._energy_J,))
 
     def _compare(self) -> None:
-        """Is what was restored what was saved?"""
+        """Check that the restored state equals the saved one."""
         now = self._vector("position"), self._vector("velocity"), (self.energy_J,)
         for what, was, here in zip(("position", "velocity", "energy"), self._before, now, strict=True):
             if any(abs(a - b) > _SAME * (1.0 + abs(a)) for a, b in zip(was, here, strict=True)):
@@ -286,7 +286,7 @@ class EngineAccount:
         return found
 
     def _numbers(self, method: str, given: Any, count: int) -> Vector:
-        """What a method of the engine gave, as floats: `count` of them."""
+        """Return the result of a method of the engine, as floats: `count` of them."""
         try:
             found = tuple(map(float, given))
         except (TypeError, ValueError, OverflowError):

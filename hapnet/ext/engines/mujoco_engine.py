@@ -236,7 +236,7 @@ class MujocoEngine(Engine):
             data.xfrc_applied[found.body, 3:] = np.cross(data.site_xpos[found.site] - data.xipos[found.body], push)
 
     def diagnosis(self) -> str:
-        """Does the model diverge without the hand too, from its start and with its own timestep?"""
+        """Describe whether the model diverges without the hand too, from its start and with its own timestep."""
         engine, model, data = self._engine, self._model, self._engine.MjData(self._model)
         model.opt.timestep = self.substep_s
         for geom in self.found.geoms if self._dofs else ():

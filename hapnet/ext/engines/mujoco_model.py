@@ -47,7 +47,7 @@ _FORM = (
 
 
 class Asked(NamedTuple):
-    """What a scene's name asks for."""
+    """The choices that a scene's name makes."""
 
     file: str
     proxy: str
@@ -261,7 +261,7 @@ def raised(engine: Any, model: Any, data: Any, body: int, lift: Callable[[], Non
 
 
 def warnings(found: Model) -> Iterator[str]:
-    """What of this model is not passive by itself, or jumps at the start."""
+    """Name the parts of this model that are not passive by themselves, or jump at the start."""
     engine, model = found.engine, found.model
     if found.overlaps:
         more = f", and {len(found.overlaps) - 3} more pairs" if len(found.overlaps) > 3 else ""

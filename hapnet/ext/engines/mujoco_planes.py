@@ -83,7 +83,7 @@ class SpherePlanes:
 
     @property
     def any_fits(self) -> bool:
-        """Is there anything that a plane describes well?"""
+        """Whether there is anything that a plane describes well."""
         return any(self._fits[geom] for geom in self._others)
 
     def _fits_a_plane(self, geom: int) -> bool:
@@ -99,7 +99,8 @@ class SpherePlanes:
         return min(float(max(model.geom_friction[counted, 0])), MOST_FRICTION) if rubs else 0.0
 
     def around(self, position: Vector, reach_m: float) -> tuple[Plane, ...] | None:
-        """What the sphere touches or has within `reach_m` [m], with its centre at `position` (n,) [m]: at most four.
+        """Return the planes that the sphere touches or has within `reach_m` [m], with its centre at `position` (n,)
+        [m]: at most four.
 
         None: it touches what no plane describes.
         """

@@ -1,4 +1,5 @@
-"""What a MuJoCo model claims to need, checked before MuJoCo makes it: a short file may claim all memory and hours.
+"""The sizes that a MuJoCo model claims to need, checked before MuJoCo makes it: a short file may claim all memory and
+hours.
 
 The text is searched, not parsed: MuJoCo reads more than is XML, such as comments with two hyphens in them.
 """

@@ -1,4 +1,4 @@
-"""What worlds that promise nothing have in common: a world that is its own surroundings, with an observer."""
+"""The common part of worlds that promise nothing: a world that is its own surroundings, with an observer."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Observer:
 
     @property
     def stored_J(self) -> float:
-        """What is left of the energy at the start: what came in beyond that is not counted, and a debt is no store."""
+        """The rest of the energy at the start: energy beyond that is not counted, and a debt is no store."""
         return max(0.0, min(self.start_J, self.energy_J))
 
     def charge(self, energy_J: float) -> None:
@@ -59,7 +59,8 @@ class Observer:
         self.energy_J += energy_J
 
     def passive(self, dt: float, force: Array, free: Array, compliance: Array) -> tuple[Array, Array]:
-        """What is applied of `force`, with its damper, and the relative velocity w. Both go into the account.
+        """Return the part of `force` that is applied, with its damper, and the relative velocity w. Both go into the
+        account.
 
         dt : T [s]. force : (m,) [N]. free : (m,) w_0 [m/s]. compliance : (m, m) G [m/s per N].
         """

@@ -45,7 +45,7 @@ _RULE = tuple(zip((0.5 + 0.5 * _points).tolist(), (0.5 * _weights).tolist(), str
 
 @dataclass(frozen=True)
 class Obstacle:
-    """What acts on the proxy.
+    """The surroundings that act on the proxy.
 
     force : the force on the proxy, a `Law` of its position and velocity as seen from the obstacle.
     motion : the obstacle's position, by a script; None: it rests at the origin, or is driven.

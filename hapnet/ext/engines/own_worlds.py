@@ -39,7 +39,7 @@ from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
 
 
 class Stepping(Protocol):
-    """What the user writes.
+    """The interface of a world that the user writes.
 
     It may have attributes too: `dof`, `name`, and the others of `ObservedWorld`; `supplied_J`, the total work of its
     motors, and `stored_J`, the energy in its bodies and springs, both numbers [J]. And it may have a method
@@ -54,7 +54,7 @@ class Stepping(Protocol):
 
 
 def builder(name: str, allowed: str, known: Iterable[str]) -> Callable[..., object]:
-    """What makes the world ``module:Name``, with its keywords; see `adapted`.
+    """Return the function that makes the world ``module:Name``, with its keywords; see `adapted`.
 
     Raises InvalidParameter: it cannot be imported (`allowed` and `known` say what can be given), or has no keywords.
     """
@@ -159,7 +159,7 @@ class SteppedWorld(ObservedWorld):
         return energy
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """What the object returns; None if it has no method `planes`."""
+        """Return the planes from the object; None if it has no method `planes`."""
         report: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
         if report is None:
             return None

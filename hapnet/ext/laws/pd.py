@@ -79,7 +79,7 @@ def tuned(stiffness: float, round_trip: float, most: float) -> Gains:
 
 
 class _Gained(End):
-    """What both ends have in common.
+    """The common part of both ends.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _world(start: CouplingStart[Tuning]) -> WorldPD:
 
 
 def _at_rest(set_position: Vector) -> Motion:
-    """What the law takes as the other side's motion, where the stages choose: K_v then is damping."""
+    """Return the motion that the law takes for the other side's, where the stages choose: K_v then is damping."""
     return Motion(set_position, (0.0,) * len(set_position))
 
 

@@ -212,7 +212,7 @@ class LineTuning:
 
 
 class PortTuning(Protocol):
-    """What the two terminations of a line need to know; `recovery_s` is 0 for a line as it was first published."""
+    """The parameters of the two terminations of a line; `recovery_s` is 0 for a line as it was first published."""
 
     @property
     def impedance_Ns_m(self) -> float: ...

@@ -186,7 +186,7 @@ def _settled(device: Columns, inside: Mask, after_s: float) -> Mask:
 
 
 def _is_long(lasting: Array) -> bool:
-    """Do these samples last long enough for a slope [s]?"""
+    """Whether these samples last long enough for a slope [s]."""
     return float(lasting.sum()) >= _SETTLED_S * (1.0 - 1e-9)
 
 

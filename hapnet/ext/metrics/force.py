@@ -202,7 +202,7 @@ def residual_oscillation(recording: Recording) -> float | None:
 
 
 def limit_cycles(recording: Recording, until_s: float = UNTIL_S) -> bool | None:
-    """Does the force go on to oscillate after the hand has stopped?
+    """Whether the force goes on to oscillate after the hand has stopped.
 
     It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) in the last second before `until_s`, which
     counts from a stop, and not less than half of what it was from 1 to 2 s: what decays faster is the end of a

@@ -1,4 +1,4 @@
-"""What a metric is, and what it is measured of: a simulated run, its surroundings, and its windows of time."""
+"""The definition of a metric, and its data: a simulated run, its surroundings, and its windows of time."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def metric(label: str, unit: str, better: Better, *, over: str, missed: str = ""
 
 
 class Simulated(Protocol):
-    """What a run in virtual time gives: a `hapnet.simulation.result.Result`."""
+    """The result of a run in virtual time: a `hapnet.simulation.result.Result`."""
 
     @property
     def summary(self) -> Summary: ...
@@ -183,7 +183,7 @@ class Measured:
 
     @property
     def scalar(self) -> bool:
-        """Are both springs scalars, so that one number says how stiff they are in series with a wall?"""
+        """Whether both springs are scalars, so that one number says how stiff they are in series with a wall."""
         return isinstance(self.params.device.stiffness, float) and isinstance(self.params.world.stiffness, float)
 
     @cached_property
@@ -200,7 +200,7 @@ class Measured:
 
     @cached_property
     def inside(self) -> Mask | None:
-        """(N,) is the device in a wall? None: they are not known. Of a tool: does the proxy touch?"""
+        """(N,) whether the device is in a wall. None: they are not known. Of a tool: does the proxy touch?"""
         if self.turning is not None:
             return None if self.world is None else touching(self.device, self.world)
         return None if self.wanted is None else np.asarray((self.wanted != 0.0).any(axis=1))

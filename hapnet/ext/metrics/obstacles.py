@@ -68,8 +68,9 @@ def obstacles(world: World) -> tuple[Obstacle, ...] | None:
 
 
 def rubs(world: World) -> bool:
-    """Has any solid of `world` friction, or touches a tool that turns? Then no spring alone says what force it would
-    have at a place."""
+    """Whether any solid of `world` has friction, or touches a tool that turns. Then no spring alone says what force it
+    would have at a place.
+    """
     contacts = world.contacts
     if isinstance(contacts, ToolContacts):
         return bool(contacts.solids)

@@ -1,4 +1,4 @@
-"""What the virtual world has of the hand's contact: how true its force is, how often it chatters, what is modulated."""
+"""Metrics of the hand's contact in the virtual world: how true its force is, how often it chatters, the modulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users ask of the page, one after another: off viser's event loop, as it may block, and answered on it."""
+"""The requests of the page's users, one by one: off viser's event loop, as they may block, and answered on it."""
 
 from __future__ import annotations
 

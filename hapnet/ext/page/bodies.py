@@ -1,4 +1,4 @@
-"""What a world looks like, in the page's 3-D part: each surface is sent once, then only where its body is."""
+"""The picture of a world in the page's 3-D part: each surface is sent once, then only where its body is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page's switch offers: PSPM with each rendering, and every other coupling."""
+"""The choices of the page's switch: PSPM with each rendering, and every other coupling."""
 
 from __future__ import annotations
 
@@ -40,6 +40,6 @@ def label_of(coupling: str, rendering: str) -> str:
 
 
 def words_of(label: str) -> str:
-    """What the choice is, as text."""
+    """The choice as text."""
     spec = registry.known(label)
     return _WORDS.get(label) or ("" if spec is None else spec.title)

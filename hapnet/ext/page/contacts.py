@@ -27,7 +27,7 @@ _SIDES = 32
 
 @dataclass
 class _Marks:
-    """What is drawn of one contact."""
+    """The drawing of one contact."""
 
     point: viser.IcosphereHandle
     cone: viser.MeshHandle

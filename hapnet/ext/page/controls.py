@@ -1,4 +1,4 @@
-"""What the page may change in a running pair."""
+"""The settings that the page may change in a running pair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the force on the hand is made of, in numbers and as curves that stand on each other."""
+"""The parts of the force on the hand, in numbers and as curves that stand on each other."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def force_of(track: Track) -> Array:
 
 
 def parts_of(track: Track) -> Array:
-    """What that force is made of (N, 4) [N]: spring, damper, and the spring's parts of model and added damping.
+    """Return the parts of that force (N, 4) [N]: spring, damper, and the spring's parts of model and added damping.
 
     With more than one axis, each part's component along the force. NaN if the coupling does not report them.
     """

@@ -142,7 +142,7 @@ def new_token() -> str:
 
 
 def names_this_machine(header: str, host: str) -> bool:
-    """Is this `Host` header an address, this machine's name, or what is listened on?
+    """Whether this `Host` header is an address, this machine's name, or the name that is listened on.
 
     host : the address that is listened on. Where that is one of this machine only, an address from outside is refused
     too. No name counts that somebody else's DNS could point here.
@@ -162,7 +162,7 @@ def names_this_machine(header: str, host: str) -> bool:
 
 
 def is_local(host: str) -> bool:
-    """Can only this machine reach what listens on this address?"""
+    """Whether only this machine can reach a listener on this address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -170,6 +170,6 @@ def is_local(host: str) -> bool:
 
 
 def is_same_origin(origin: str, host: str) -> bool:
-    """Is this `Origin` the page that was got from `host`? Also through a tunnel, or behind TLS."""
+    """Whether this `Origin` is the page that was got from `host`. Also through a tunnel, or behind TLS."""
     scheme, separator, where = origin.partition("://")
     return bool(separator) and scheme in ("http", "https") and where.lower() == host.lower()

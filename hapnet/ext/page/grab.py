@@ -1,4 +1,4 @@
-"""What the mouse takes hold of: an unseen ball around the handle that is as large on every screen."""
+"""The ball that the mouse takes hold of: unseen, around the handle, and as large on every screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page knows about a running pair: the last seconds and the state of both sides."""
+"""The page's knowledge of a running pair: the last seconds and the state of both sides."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class Part(_Message, tag="FileTransferPart"):
 
 
 class Offered:
-    """What one page was sent, and so what it may send."""
+    """The offers that one page was sent, and so the requests that it may send."""
 
     def __init__(self) -> None:
         self._controls: dict[str, tuple[str, dict[str, Any]]] = {}

@@ -214,13 +214,13 @@ def _scene_name(snapshot: Snapshot) -> object:
 
 
 def _drawing_comes(snapshot: Snapshot) -> bool:
-    """Will the world send what it looks like? Older ones do not."""
+    """Whether the world will send its picture. Older ones do not."""
     begins = snapshot.world_status is not None and snapshot.world is None
     return snapshot.parts is None and (begins or snapshot.scene is not None)
 
 
 def _moves(snapshot: Snapshot) -> bool:
-    """Does the scene's wall move? Where it is now is not known here."""
+    """Whether the scene's wall moves. Where it is now is not known here."""
     return _scene_name(snapshot) == "moving"
 
 

@@ -46,7 +46,7 @@ class Playback:
 
     @property
     def at_s(self) -> float:
-        """What is shown now, from the first sample on [s]."""
+        """The time that is shown now, from the first sample on [s]."""
         return min(self._at_ns, self._length_ns) * 1e-9
 
     @property

@@ -171,7 +171,7 @@ class Scene:
 
     @property
     def _in_metres(self) -> bool:
-        """Are axes places in space?"""
+        """Whether the axes are places in space."""
         return self._arm is None or not self._arm.by_joints
 
     def _place(self, position: Array) -> Array:

@@ -22,7 +22,7 @@ _EXTRAS = {"mesh": "mesh", "dominoes": "mujoco"}
 
 
 def needs(extra: str) -> str:
-    """What a choice says beside its name if the extra's libraries are not installed; empty: they are.
+    """A note beside a choice's name if the extra's libraries are not installed; empty: they are.
 
     Choosing it gives the line that says how to install them.
     """

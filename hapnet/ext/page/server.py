@@ -102,7 +102,7 @@ class PageServer:
 
     @property
     def watched(self) -> bool:
-        """Does a browser show the page now?"""
+        """Whether a browser shows the page now."""
         return bool(self._server.get_clients())
 
     @property

@@ -1,4 +1,4 @@
-"""What viser's page has no option for, as a style sheet."""
+"""A style sheet for settings that viser's page has no option for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a running pair now, as text: a servo that was away, a reservoir that is empty."""
+"""The present faults of a running pair, as text: a servo that stalled, a reservoir that is empty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sweep's figure shows: the runs of each cell along one or two parameters, and their statistics."""
+"""The figure of a sweep: the runs of each cell along one or two parameters, and their statistics."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Axis:
 
     @property
     def log(self) -> bool:
-        """Are the values evenly spaced on a log scale, and not on a linear one?"""
+        """Whether the values are evenly spaced on a log scale, and not on a linear one."""
         if not self.numeric or len(self.values) < 3 or min(self.values) <= 0:
             return False
         ratios, steps = np.diff(np.log(self.values)), np.diff(self.values)
@@ -77,7 +77,7 @@ class Grid:
 
 
 def numeric(values: Iterable[Any]) -> bool:
-    """Are these numbers?"""
+    """Whether these are numbers."""
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 

@@ -1,4 +1,6 @@
-"""What couplings transmit of a wall over frequency; the stiffest stable spring of a device over its own damping."""
+"""Figures of what couplings transmit of a wall over frequency, and of a device's stiffest stable spring over its
+damping.
+"""
 
 from __future__ import annotations
 

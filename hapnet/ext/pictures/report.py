@@ -57,7 +57,7 @@ class Report:
         return page(self.recording, self.pictures, self.sources)
 
     def content(self, page: str, names: Mapping[str, str]) -> dict[str, bytes]:
-        """What `write` writes, by the files' names: the page, and the pictures for which `names` has one."""
+        """Return the files that `write` writes, by name: the page, and the pictures for which `names` has one."""
         files = {page: self.page.encode("utf-8", errors="replace")}
         files |= {names[name]: picture.png for name, picture in self.pictures.items() if name in names}
         return files | {names["run"]: png(figure(self.recording))}  # alone it has a title
@@ -103,7 +103,7 @@ def names_of(stem: str) -> dict[str, str]:
 
 
 def source_of(file: Path, recording: Recording) -> Source:
-    """What a report says about the file of a recording."""
+    """Return a report's entry about the file of a recording."""
     sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
     role = "both" if len(sides) == 2 else sides[0] if sides else "no samples"
     written = datetime.fromtimestamp(file.stat().st_mtime, UTC)

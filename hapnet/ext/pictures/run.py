@@ -238,7 +238,7 @@ def _coupling(recording: Recording) -> Any:
 
 
 def _received(recording: Recording) -> bool:
-    """Is the spring tied to the received position, without modulation? So it is where the world has no law."""
+    """Whether the spring is tied to the received position, without modulation. So it is where the world has no law."""
     spec = known_coupling(_coupling(recording))
     return spec is not None and "world" in spec.set_positions
 
@@ -248,7 +248,7 @@ def _stride(columns: Columns) -> int:
 
 
 def _turns(recording: Recording, axis: int) -> bool:
-    """Is the axis in radians?"""
+    """Whether the axis is in radians."""
     columns = recording.device if recording.device is not None else recording.world
     return columns is not None and units_in(recording.meta, columns["position_m"].shape[1])[axis] == RADIANS
 

@@ -82,7 +82,7 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
 
 
 def of_side(recording: Recording, side: str) -> Mapping[str, Any]:
-    """What the device's or the world's process wrote about itself."""
+    """Return the figures that the device's or the world's process wrote about itself."""
     found: Mapping[str, Any] = get(recording.meta, "sides", side) or recording.meta
     return found
 

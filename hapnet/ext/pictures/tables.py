@@ -160,7 +160,7 @@ class Table:
 
 
 def sides(summary: Summary) -> Table:
-    """What each side knows about itself."""
+    """A table of each side's figures of itself."""
     untold = set() if has_reservoirs(summary["coupling"]) else set(_OF_RESERVOIRS)
     if jointly_passive(str(summary["coupling"])):
         untold |= _OF_ONE_PORT
@@ -186,7 +186,7 @@ def energy(summary: Summary) -> Table:
 
 
 def links(summary: Summary) -> Table:
-    """What the emulated links did; `path` includes the network."""
+    """A table of what the emulated links did; `path` includes the network."""
     directions = [summary["links"][direction] for direction in DIRECTIONS]
     rows = [*_rows(_LINKS, directions)]
     lost = [None if direction is None else _share(direction["lost"], direction["offered"]) for direction in directions]
@@ -213,7 +213,7 @@ def motion(summary: Summary) -> Table:
 
 
 def brief(summary: Summary) -> list[str]:
-    """What matters most, one line each: tracking error, largest force, how stiff a wall is felt, path."""
+    """The most important figures, one line each: tracking error, largest force, how stiff a wall is felt, path."""
     moved, length = summary["motion"], within(summary["units"], "mm")
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
     errors = {
@@ -300,7 +300,7 @@ def _path_words(found: Path) -> str:
 
 
 def _lost(found: Path) -> list[str | None]:
-    """What was lost on the path in each direction, in %."""
+    """The losses on the path in each direction, in %."""
     return [
         None if direction is None else _share(direction["lost"], direction["sent"])
         for direction in (found["up"], found["down"])

@@ -26,7 +26,7 @@ _DIGITS = 6
 
 
 def can_zoom() -> bool:
-    """Is the extra installed?"""
+    """Whether the extra is installed."""
     return find_spec("plotly") is not None
 
 
@@ -93,7 +93,7 @@ def _traces(panel: Axes) -> Iterator[dict[str, Any]]:
 
 
 def _shapes(panel: Axes, number: str) -> Iterator[dict[str, Any]]:
-    """What goes over a panel's whole height or width: contacts, silences, bounds."""
+    """Return the marks over a panel's whole height or width: contacts, silences, bounds."""
     from matplotlib.colors import to_hex
     from matplotlib.patches import Rectangle
 

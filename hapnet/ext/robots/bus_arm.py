@@ -51,7 +51,7 @@ _CORRECTION = 0.9
 
 
 class Present(NamedTuple):
-    """What a servo reports. current : in its own unit, positive where they grow. rate [rad/s] : None: unknown."""
+    """The values from a servo. current : in its own unit, positive where they grow. rate [rad/s] : None: unknown."""
 
     counts: int
     current: int
@@ -176,7 +176,7 @@ class BusArm(Driver):
 
     @classmethod
     def turns_in_servo(cls) -> bool:
-        """Does a servo itself turn its counts round?"""
+        """Whether a servo itself reverses its counts."""
         return False
 
     @abstractmethod
@@ -186,7 +186,7 @@ class BusArm(Driver):
 
     @abstractmethod
     def decoded(self, reply: Reply) -> Present:
-        """What is read each tick."""
+        """Decode the values that are read each tick."""
 
     @abstractmethod
     def current(self, count: int) -> bytes:
@@ -340,7 +340,7 @@ class BusArm(Driver):
         self._hot = left < (_COOL_K if self._hot else _HOT_K)
 
     def why(self, servo: int, fault: str) -> str:
-        """What a servo says of its fault, if it can be asked."""
+        """Describe the fault that a servo reports, if it can be asked."""
         return fault
 
     def _note(self, joint: JointServo, fault: str) -> None:
@@ -375,7 +375,9 @@ class BusArm(Driver):
 
 
 def tick_bytes(packets: Packets, size: int, servos: int) -> int:
-    """What a tick takes of the bus: everybody is asked and answers with `size` bytes, and gets a current of 2 bytes."""
+    """Return a tick's bytes on the bus: each servo is asked, answers with `size` bytes, and gets a current of 2
+    bytes.
+    """
     ids = range(1, servos + 1)
     asked = packets.sync_read(0, size, ids), packets.sync_write(0, dict.fromkeys(ids, b"\0\0"))
     return sum(map(len, asked)) + servos * (packets.status_bytes + size)

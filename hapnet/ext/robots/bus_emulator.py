@@ -133,14 +133,14 @@ class BusEmulator(Emulator):
 
     @abstractmethod
     def watch(self, servo: Servo, now_ns: int) -> bool:
-        """Has its watchdog just acted?"""
+        """Update its watchdog, and return whether it has just acted."""
 
     @abstractmethod
     def fail(self, servo: Servo) -> None:
         """It is overloaded."""
 
     def error(self, servo: Servo) -> int:
-        """What every status of it says."""
+        """The error in every status of it."""
         return 0
 
     def run(self, stop: threading.Event) -> None:
@@ -218,7 +218,7 @@ class BusEmulator(Emulator):
             servo.heard_ns = end_ns
 
     def about(self, servo: Servo) -> bytes:
-        """What it answers to a ping."""
+        """The answer to a ping."""
         return b""
 
     def _answer(self, servo: Servo, after_ns: int, address: int, count: int) -> None:

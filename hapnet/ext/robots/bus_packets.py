@@ -28,7 +28,7 @@ class Packet(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What a servo answered. error : 0, or as the maker's pages have it."""
+    """The answer of a servo. error : 0, or as the maker's pages have it."""
 
     error: int
     data: bytes

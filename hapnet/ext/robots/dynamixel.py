@@ -66,7 +66,7 @@ class Dynamixel(BusArm):
 
     @property
     def watched_units(self) -> int:
-        """What the bus watchdog is set to: two and a half periods, rounded up."""
+        """The setting of the bus watchdog: two and a half periods, rounded up."""
         return max(1, math.ceil(_WATCHED_PERIODS / self.rate_hz / WATCHDOG_S))
 
     def watched_s(self) -> float | None:

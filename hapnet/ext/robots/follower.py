@@ -144,7 +144,7 @@ class Robot(Mass):
 
 
 class RobotContacts(Surroundings):
-    """What is around the robot, in the leader's units. sees : is the leader sent the planes there?"""
+    """The contacts around the robot, in the leader's units. sees : is the leader sent the planes there?"""
 
     def __init__(self, robot: Robot, sees: bool) -> None:
         self._robot, self._contacts, self._sees = robot, robot.contacts, sees

@@ -215,7 +215,7 @@ class Franka(Driver):
 
     @property
     def account_J(self) -> Account:
-        """What the holding torques have taken in, and what no force was charged with yet."""
+        """The energy that the holding torques have taken in, and the part of it that no force was charged with yet."""
         return self._torques.account
 
     def acted(self) -> Vector | None:

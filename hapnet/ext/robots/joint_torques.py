@@ -1,4 +1,4 @@
-"""What drivers of arms share: how much of a force their motors can give, and which force did a work."""
+"""Parts that drivers of arms share: how much of a force their motors can give, and which force did a work."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ PERIODS = 3
 
 
 class Inbox(Generic[T]):
-    """What came on one topic: one thread calls `take`, another `next`.
+    """The messages that came on one topic: one thread calls `take`, another `next`.
 
     decode : makes a value of a message's bytes, or raises BadMessage. period_s : between two messages [s].
     clock : monotonic [ns].
@@ -91,6 +91,6 @@ class Inbox(Generic[T]):
 
     @property
     def unused(self) -> str:
-        """What was not used, as text; empty: nothing."""
+        """The messages that were not used, as text; empty: none."""
         counts = {"lost": self.lost, "bad": self.bad, "late": self.late, "of another publisher": self.foreign}
         return ", ".join(f"{count} {name}" for name, count in counts.items() if count)

@@ -25,7 +25,7 @@ Marks = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Material:
-    """What a body is made of.
+    """The material of a body.
 
     young : of each tetrahedron (E,), or of all [Pa]. poisson : its ratio, below 0.5. density : [kg/m^3].
     beta_s : damping, as a share of the stiffness [s]. gravity : (3,) [m/s^2].

@@ -71,7 +71,7 @@ class Factor:
 
     @property
     def static(self) -> float:
-        """What S0^-1 has to be multiplied with to be K^-1, about [s]."""
+        """Return the factor that makes S0^-1 about K^-1 [s]."""
         return 0.5 * FACTORED_S + self._beta_s
 
     def softness(self, dt: float) -> float:
@@ -86,7 +86,7 @@ class Factor:
         return found
 
     def _stiffer(self, dt: float) -> float:
-        """What the inverse of a rigid motion differs by [s], over the mass."""
+        """Return the difference that a rigid motion makes to the inverse [s], over the mass."""
         return 0.5 * (dt - self.softness(dt) * FACTORED_S)
 
     def responses(self, dt: float, nodes: Indices, at: Indices | None = None) -> Array:

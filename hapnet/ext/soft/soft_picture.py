@@ -58,7 +58,7 @@ class SoftPicture:
         return np.concatenate(shells)
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """What pushes the ball: points of the body, and solids."""
+        """Return the contacts that push the ball: points of the body, and solids."""
         contacts, first = self._contacts, self._contacts.points
         which = np.flatnonzero(contacts.forces.any(axis=1) & (contacts.by_ball > 0.0))
         body, solids = which[which < first], which[which >= first]

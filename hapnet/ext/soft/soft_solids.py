@@ -71,7 +71,7 @@ class Solids:
         return np.array(found)
 
     def planes(self, centre: Array, reach_m: float) -> list[Plane]:
-        """What the ball is near to: planes that its centre meets, with three axes."""
+        """The planes near the ball: those that its centre meets, with three axes."""
         found: list[Plane] = []
         if not self.solids:
             return found

@@ -157,11 +157,13 @@ class Touch:
         return forces
 
     def rho(self, ball: Array, v: Array) -> Array:
-        """What touches less what is touched (k, 3) [m/s], with the ball's velocity and the nodes' (N, 3)."""
+        """Return the touching points' velocity less the touched ones' (k, 3) [m/s], with the ball's and the nodes' (N,
+        3).
+        """
         return self._by_ball * ball - self.at_points(v)
 
     def _rubs_rightly(self, rho: Array, forces: Array) -> bool:
-        """Is friction what Coulomb says, nearly, of all points together?"""
+        """Whether friction is nearly Coulomb's, of all points together."""
         push, slip = self._pushes(forces), self._slips(rho)
         wrong = np.abs(self.next_drag(rho, forces) - self.drag) * slip
         return float(wrong @ (self.theta > 0.0)) <= _RUB * float(self._mu @ push)
@@ -187,7 +189,7 @@ class Touch:
         return found
 
     def on_ball(self, forces: Array) -> Array:
-        """What the ball gives for them (3,) [N]."""
+        """Return the force of the ball on them (3,) [N]."""
         found: Array = (self._by_ball * forces).sum(axis=0)
         return found
 
@@ -223,7 +225,7 @@ class Touch:
         return out
 
     def spread(self, forces: Array) -> Array:
-        """What forces on the points (k, 3) add to the nodes' velocities (N, 3), about."""
+        """Return the change of the nodes' velocities (N, 3) by forces on the points (k, 3), about."""
         local = self._from_points @ forces[self._known].ravel()
         return self._contacts.body.to_world(self._columns @ local)
 

@@ -15,7 +15,7 @@ EFFECTS_WORDS = (
 
 
 def effects_of(properties: Properties) -> Effects | None:
-    """What a solid's surface does at the device's rate; None: nothing is said of it. Raises InvalidParameter."""
+    """Return the effects of a solid's surface at the device's rate; None: it has none. Raises InvalidParameter."""
     grain = _grain(properties)
     effects = Effects(properties.number("viscosity", 0.0), properties.number("stick", 0.0), *_snap(properties), grain)
     if wrong := wrong_effects(effects, 3):

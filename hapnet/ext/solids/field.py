@@ -47,7 +47,7 @@ _FLAT_PER_M, _SHARP_PER_M = 1e-3, 1e3
 
 
 class FieldShape:
-    """What the two kinds of fields share: a `hapnet.ext.solids.shapes.Shape` that knows how it bends."""
+    """The common part of the two kinds of fields: a `hapnet.ext.solids.shapes.Shape` that knows how it bends."""
 
     slope: float = 1.0
     _bend_m: float = 2e-4

@@ -192,7 +192,7 @@ class FootSecant(Secant):
         return turned(self, x, delta, end, found, good)
 
     def _is_beyond(self, x: Vector, gradient: Vector) -> bool:
-        """Is a surface that the step enters at `x` found on another side at its end, as beyond an edge?"""
+        """Whether a surface that the step enters at `x` is found on another side at its end, as beyond an edge."""
         if self._foot is None or dot(gradient, triple(self.normal)) < -_TURNS_LITTLE:
             return False
         return dot(gradient, _less(x, self._foot.at)) < 0.0
@@ -313,7 +313,7 @@ class FaceBeside(Secant):
 
 
 def secants_of(shape: Shape, stiffness: float, damping: float, friction: float | Friction) -> tuple[Secant, ...]:
-    """What keeps the contact with a solid of this shape."""
+    """Return the objects that keep the contact with a solid of this shape."""
     if not isinstance(shape, Mesh):
         return (Secant(shape, stiffness, damping, friction),)
     foot = FootSecant(shape, stiffness, damping, friction)
@@ -338,7 +338,7 @@ class _Plane:
 
 
 def _tells(known: _Plane, one: _Plane) -> bool:
-    """Does the plane that is known tell of that one already, or is that one behind it?"""
+    """Whether the plane that is known already covers that one, or that one lies behind it."""
     depth = known.depth(one.at)
     return depth > _GHOST_M or (depth > -_GHOST_M and dot(known.normal_at(one.at), one.normal) > 0.9)
 

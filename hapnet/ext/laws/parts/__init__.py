@@ -1,1 +1,1 @@
-"""What several of these laws are made of."""
+"""Parts that several of these laws are made of."""

@@ -138,7 +138,7 @@ class Recovery(Record):
         lose(self, wave.value, wave.span)
 
     def output(self, dt: float, wave: Vector, total: Sequence[float], squares: Sequence[float]) -> Vector:
-        """What to output over the next `dt` seconds for the queue's `wave`, made of waves with these integrals."""
+        """Return the output over the next `dt` seconds for the queue's `wave`, made of waves with these integrals."""
         out = list(wave)
         recover(self, dt, out, total, squares)
         return tuple(out)

@@ -28,7 +28,7 @@ from hapnet.records.vectors import copy
 
 
 class _Port(End):
-    """What both ends have in common; line : of the waves that come. b : the wave impedance [Ns/m]; root : sqrt(2b)."""
+    """The common part of both ends; line : of the waves that come. b : the wave impedance [Ns/m]; root : sqrt(2b)."""
 
     line: Record
     b: float
