@@ -1,4 +1,4 @@
-"""What the core takes from the extensions that come with hapnet: the one table of it.
+"""The table of the parts that the core takes from the extensions that come with hapnet.
 
 The core imports no extension. Where a run asks for one (an arm, a tool that turns, a robot that follows, a world that
 is not made of flat walls, a picture), the core takes the extension's module from here, which loads it then. Other

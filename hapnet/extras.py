@@ -1,4 +1,6 @@
-"""What an extra brings. Who needs one asks before anything runs, so that what is missing is one clear line."""
+"""The packages that an extra brings. Who needs one asks before anything runs, so that what is missing is one clear
+line.
+"""
 
 from __future__ import annotations
 

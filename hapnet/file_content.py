@@ -83,7 +83,7 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
 
 
 def read_json(text: str | bytes) -> Any:
-    """What a text in JSON says. Raises ValueError."""
+    """Decode a text in JSON. Raises ValueError."""
     try:
         return bounded(json.loads(text))
     except RecursionError:

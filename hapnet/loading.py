@@ -126,7 +126,7 @@ def lent(part: object, called: str) -> Iterator[str]:
 
 
 def failure(error: BaseException) -> str:
-    """What a call of a user's own part raised, in one line.
+    """Describe in one line the exception that a call of a user's own part raised.
 
     Whatever it raises is its failure, so that such a call has an ``except BaseException``: a SystemExit would end the
     program without a word, a GeneratorExit or a CancelledError would pass for somebody else's. No task is cancelled

@@ -62,12 +62,12 @@ ARMS = ("omni", "arm:FILE.urdf?tip=LINK")
 
 
 def is_arm(hardware: str) -> bool:
-    """Is the device of this name a simulated arm?"""
+    """Whether the device of this name is a simulated arm."""
     return hardware.partition("?")[0] == "omni" or hardware.startswith(("omni:", "arm:"))
 
 
 def is_tool(scene: str) -> bool:
-    """Is what the user moves in this scene a tool that turns (`hapnet.ext.tools.scene`)?"""
+    """Whether the user moves a tool that turns in this scene (`hapnet.ext.tools.scene`)."""
     return scene.lstrip().startswith("tool:")
 
 
@@ -77,23 +77,24 @@ def arm_file(hardware: str) -> str:
 
 
 def is_simulated(hardware: str) -> bool:
-    """Is the device of this name simulated: a point mass, or an arm?"""
+    """Whether the device of this name is simulated: a point mass, or an arm."""
     return hardware == "simulated" or is_arm(hardware)
 
 
 def follows(params: Params) -> bool:
-    """Does a robot stand in the virtual mass's place?"""
+    """True for a follower: a robot in the virtual mass's place."""
     return params.follower.robot != "none"
 
 
 def is_real_robot(params: Params) -> bool:
-    """Is that robot a driver's?"""
+    """Whether that robot is a driver's."""
     return params.follower.robot not in ("none", "simulated")
 
 
 def known_damping(params: Params) -> float:
-    """What is known of the device's own damping [Ns/m]: a simulated one's, or the lower bound that a real one's user
-    trusts."""
+    """The known part of the device's own damping [Ns/m]: a simulated one's, or the lower bound that a real one's user
+    trusts.
+    """
     device = params.device
     return device.own_damping if is_simulated(params.hardware) else device.trusted_damping
 
@@ -147,7 +148,7 @@ class Params(Section):
     """The names of all that has a source. Parameters are equal if their values are, and if the same ones are given."""
 
     def __repr__(self) -> str:
-        """What makes the same parameters from the defaults."""
+        """Return text that makes the same parameters from the defaults."""
         changed = self.changes()
         return f"Params().set({changed!r})" if changed else "Params()"
 
@@ -184,7 +185,7 @@ class Params(Section):
         return dict(self.sources).get(name, DEFAULT)
 
     def asked(self, name: str) -> bool:
-        """Did the user set this parameter, so that no other value may be used?"""
+        """Whether the user set this parameter, so that no other value may be used."""
         return self.source(name) in ASKED
 
     def require(self, name: str, used: object, allowed: str) -> None:
@@ -342,7 +343,9 @@ class Params(Section):
         return Params().set({name: value for name, value in changes.items() if name in by}, by)
 
     def changes(self) -> dict[str, Any]:
-        """What is set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is `params` again."""
+        """The values that are set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is
+        `params` again.
+        """
         core = {name: value for name, value, _ in leaves(self) if name in self.given}
         if len(core) == len(self.given):  # else a law's are among them
             return core
@@ -353,7 +356,9 @@ class Params(Section):
         return {name: value for name, value, _ in self.leaves()}
 
     def as_dict(self) -> dict[str, Any]:
-        """What a recording has: nested by sections; of the laws' own those of `coupling`, and what was set."""
+        """Return the values for a recording: nested by sections; of the laws' own those of `coupling`, and the set
+        ones.
+        """
         found: Mapping[str, type[Any]] = {}
         with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
             found = sections_of(self.coupling)

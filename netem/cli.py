@@ -80,7 +80,7 @@ Duration = Annotated[str | None, typer.Option(metavar="S", help="Stop after this
 
 @dataclass(frozen=True)
 class Effects:
-    """What a link does, in options."""
+    """The options for the effects of a link."""
 
     profile: ProfileOption = None
     delay: Delay = None

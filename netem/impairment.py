@@ -41,7 +41,7 @@ class Impairment(ABC):
 
     @abstractmethod
     def acting(self, rng: Generator) -> Acting:
-        """What it does to messages, with draws of its own."""
+        """Return its action on messages, with draws of its own."""
 
     def twice(self, rng: Generator) -> Twice | None:
         """Which messages it offers twice, with the same draws as `acting`; None: it never does."""

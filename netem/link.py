@@ -188,7 +188,7 @@ class Link(Generic[T]):
         return self._flip(item, lambda data: models.flip_bit(data, bit))
 
     def is_full(self, now_ns: int) -> bool:
-        """Are as many messages in flight as may be, when all that are due have left?"""
+        """Whether as many messages are in flight as may be, when all that are due have left."""
         self._settle(now_ns)
         return len(self.queue) + len(self.later) >= self.limit
 

@@ -19,7 +19,7 @@ REDRAW_EVERY_S = 0.25
 
 
 class RelayFigures(Protocol):
-    """What the statistics of both relays have in common."""
+    """The common statistics of both relays."""
 
     @property
     def up(self) -> LinkStats: ...

@@ -1,4 +1,4 @@
-"""What becomes of a message that is offered to a link: the effects in their order, as functions of the link's state.
+"""The path of a message that is offered to a link: the effects in their order, as functions of the link's state.
 
 They use a link's attributes, numbers and one another only. So hapnet compiles them as they stand, for links whose
 messages are records, where it simulates thousands of runs. What only a link of any items can do, the functions at the
@@ -91,7 +91,7 @@ def again(link: Link[Any], resends: Resends, now_ns: int, luck: float) -> tuple[
 
 
 def act(link: Link[Any], now_ns: int, size: int, lost: bool, delay_ns: int) -> tuple[bool, int]:
-    """What further impairments make of it: is it lost, and its delay [ns]."""
+    """Apply further impairments; return whether it is lost, and its delay [ns]."""
     for acting in link.streams.others:
         more = None if lost else acting(now_ns, size)
         lost, delay_ns = more is None, delay_ns + (more or 0)
@@ -104,7 +104,7 @@ def corrupted(link: Link[Any], item: Any) -> Any:
 
 
 def is_full(link: Link[Any], now_ns: int) -> bool:
-    """Are as many messages in flight as may be?"""
+    """Whether as many messages are in flight as may be."""
     return (link.gate is not None or len(link.queue) >= link.limit or bool(link.later)) and link.is_full(now_ns)
 
 

@@ -1,4 +1,4 @@
-"""What the `netem` command writes: JSON, one line for what is wrong, and nothing to a reader that has left."""
+"""The output of the `netem` command: JSON, one line for what is wrong, and nothing to a reader that has left."""
 
 from __future__ import annotations
 

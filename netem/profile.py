@@ -22,7 +22,7 @@ __all__ = ["PRESETS", "LinkProfile", "compose"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkProfile:
-    """What a link does to the messages of one direction; times in ns, probabilities and correlations in [0, 1].
+    """The effects of a link on the messages of one direction; times in ns, probabilities and correlations in [0, 1].
 
     The default does nothing. `parse` reads tc-netem's syntax and `str` writes it; ``parse(str(p)) == p``. `limit` is
     the most messages in flight, 1000 by default as in tc; the link counts those that it drops above that. A `trace`

@@ -74,7 +74,7 @@ class LinkStats:
 
 
 class Delays(NamedTuple):
-    """What a `DelayHistogram` knows of some delays, at least one."""
+    """The statistics of a `DelayHistogram`, of at least one delay."""
 
     total_ns: int
     total_square: int

@@ -1,4 +1,4 @@
-"""What stands between a world and what moves in it: the surroundings of the proxy, and the mass that is moved.
+"""The interfaces between a world and what moves in it: the surroundings of the proxy, and the mass that is moved.
 
 In each step of length T the proxy, a virtual mass on its virtual coupling, has a mean velocity vhat with
 
@@ -30,7 +30,7 @@ Inverse = Callable[[Vector], Sequence[float]]
 
 
 class Observed(NamedTuple):
-    """What an observer saw of surroundings that promise nothing, and what it made them pay."""
+    """An observer's account of surroundings that promise nothing: the energy seen, and the part taken back."""
 
     given_J: float  #: energy that they would have given out beyond what they had, summed over the steps
     paid_J: float  #: what damping took back
@@ -68,7 +68,7 @@ class Surroundings(Protocol):
 
     @property
     def observed(self) -> Observed | None:
-        """What their observer saw; None: they promise to be passive, nothing observes them."""
+        """The account of their observer; None: they promise to be passive, nothing observes them."""
         return None
 
     @property
@@ -127,7 +127,7 @@ class Step(NamedTuple):
 
 
 class Mass(Protocol):
-    """What is tied to the virtual coupling, as the world's end of a law moves it; see `hapnet.plant.integrator`."""
+    """The mass at the virtual coupling, as the world's end of a law moves it; see `hapnet.plant.integrator`."""
 
     @property
     def position(self) -> Vector: ...
@@ -139,7 +139,7 @@ class Mass(Protocol):
 
     @property
     def waits(self) -> bool:
-        """Does it begin where the device is first, which it then must know?"""
+        """Whether it begins where the device is first, which it then must know."""
         return False
 
     def port_J(self, counted_J: float) -> float:
@@ -154,8 +154,8 @@ class Mass(Protocol):
         """Start at rest there (n,) [m]. Raises InvalidParameter."""
 
     def afford(self, energy_J: float) -> None:
-        """What the reservoir holds before a step [J]: a coupling whose force is held takes no more than that and its
-        spring's energy. One that is solved together with the step cannot take more.
+        """Limit the next step's energy to the reservoir's [J]: a coupling whose force is held takes no more than that
+        and its spring's energy. One that is solved together with the step cannot take more.
         """
         return
 

@@ -1,4 +1,6 @@
-"""What a surface does at the device's rate: a grain, sticking, viscosity, a snap. Numbers are forces on the proxy."""
+"""The effects of a surface at the device's rate: a grain, sticking, viscosity, a snap. Numbers are forces on the
+proxy.
+"""
 
 from __future__ import annotations
 

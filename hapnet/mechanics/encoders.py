@@ -1,4 +1,4 @@
-"""What whole counts of encoders hide."""
+"""The resolution of encoders, whose counts are whole numbers."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Frame:
 
     @property
     def is_one(self) -> bool:
-        """Are both the same, in the same place?"""
+        """Whether both are the same, in the same place."""
         return self.motion == self.force == 1.0 and not any(self.offset)
 
     def own(self, x: Sequence[float]) -> Vector:

@@ -109,7 +109,7 @@ class PoseFrame(Frame):
         return found if self._turn is None else found._replace(normal=self._turned(found.normal, back=True))
 
     def _turned(self, x: Sequence[float], *, back: bool = False) -> Vector:
-        """What the arms have, mixed by Q, or by its inverse."""
+        """Return the values of the arms, mixed by Q, or by its inverse."""
         if self._turn is None:
             return tuple(x)
         arms = np.asarray(x[3:]).reshape(3, 3)  # a row is an arm

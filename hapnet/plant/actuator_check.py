@@ -1,4 +1,4 @@
-"""Do a device's force and its positions agree? Short pulses along each axis, and a fit of what they did.
+"""Check that a device's force and its positions agree. Short pulses along each axis, and a fit of what they did.
 
 Each axis is pushed by +F, -F, +F for h, 2h, h seconds, then in reverse: a free handle of mass m moves by up
 to F h^2 / m and rests again. The law of motion, integrated twice from the first reading, is linear in what is unknown:
@@ -52,9 +52,9 @@ _HEAVIER, _LIGHTER = 1.7, 0.6
 
 
 class Response(NamedTuple):
-    """What an axis did: apparent mass [kg], below zero where it moves against the force; the delay of the force, in
-    readings; how sure the mass is, in standard errors; reported velocity over that of the positions, None: not known;
-    at how many readings position and velocity begin anew.
+    """The response of an axis: apparent mass [kg], below zero where it moves against the force; the delay of the force,
+    in readings; how sure the mass is, in standard errors; reported velocity over that of the positions, None: not
+    known; at how many readings position and velocity begin anew.
     """
 
     mass: float
@@ -66,7 +66,7 @@ class Response(NamedTuple):
 
     @property
     def known(self) -> bool:
-        """Did the force show in the positions?"""
+        """Whether the force showed in the positions."""
         return not self.stood_still and self.sure >= _SURE
 
 
@@ -150,7 +150,7 @@ class ActuatorCheck:
 
     @property
     def doubts(self) -> list[str]:
-        """What makes the account or the rendering wrong, a line each."""
+        """Describe the faults that make the account or the rendering wrong, a line each."""
         found = []
         for i, one in enumerate(self.responses):
             found += [f"{_name(i, self._dof)} {doubt}" for doubt in self._doubts(i, one)]
@@ -172,7 +172,8 @@ class ActuatorCheck:
 
 
 def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1) -> Response:
-    """What an axis did. Of each reading: time [s], the force since the one before [N], position [m], velocity [m/s].
+    """Return the response of an axis. Of each reading: time [s], the force since the one before [N], position [m],
+    velocity [m/s].
 
     groups : so many times in it the pushes begin anew. Each is fitted by itself, as a hand's own way is a cubic for no
     longer; what they disagree counts as blur.

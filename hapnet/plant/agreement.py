@@ -1,4 +1,4 @@
-"""Do a running device's positions change at all? No clock: times are arguments.
+"""Check that a running device's positions change at all. No clock: times are arguments.
 
 Its force and its handle were checked at the start (`ActuatorCheck`), and are as long as it runs (`ForceProbe`).
 """

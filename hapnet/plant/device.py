@@ -41,7 +41,7 @@ class Hand(Record):
 
 
 class Device(Protocol):
-    """What a servo needs from a device, simulated or real."""
+    """The interface that a servo needs from a device, simulated or real."""
 
     @property
     def dof(self) -> int: ...

@@ -1,4 +1,5 @@
-"""Does a running device's motor still push the way that it is told? Its force is interrupted shortly, where that shows.
+"""Check that a running device's motor still pushes in the commanded direction. Its force is interrupted shortly, where
+that shows.
 
 A handle that moves against its force may be pushed by a hand, or by a motor whose sign has changed. In slow motion the
 two look alike. So while it does so, the force is cut to a part of it for two pulses, and what the handle does is fitted
@@ -104,7 +105,7 @@ class ForceProbe:
         return ""
 
     def _is_due(self) -> bool:
-        """Has the handle moved far enough against its force?"""
+        """Whether the handle has moved far enough against its force."""
         rested_s = self._at_s - self._ended_s
         return rested_s >= _PAUSE_S and self._against_m >= (BARELY_M if rested_s >= SELDOM_S else self._enough_m)
 
@@ -122,7 +123,7 @@ class ForceProbe:
         self._against_m, self._along = 0.0, ()
 
     def _is_sudden(self, acted: Vector, size: float) -> bool:
-        """Does the handle accelerate against its force as fast as the force alone could make it?"""
+        """Whether the handle accelerates against its force as fast as the force alone could make it."""
         if self._mass is None or size < SUDDEN_N or len(self._rows) < 7:
             return False
         rows = self._rows

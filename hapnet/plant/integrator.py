@@ -220,7 +220,7 @@ class PassiveIntegrator(Record, Mass):
         self.force[:], self.vhat[:] = force, vhat
 
     def _step(self, contacts: Surroundings | None) -> Step:
-        """What the step that has ended gives back."""
+        """Return the result of the step that has ended."""
         end = tuple(self.x)
         depth = 0.0 if contacts is None else contacts.penetration(end)
         tau = tuple(self.coupling_force)

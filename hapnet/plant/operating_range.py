@@ -109,7 +109,7 @@ class RangeWatch:
         """A message about the impossible reading; None: none so far."""
 
     def passes(self, dt: float, x: Vector, v: Vector) -> bool:
-        """Is this reading possible, `dt` seconds after the previous one?"""
+        """Whether this reading is possible, `dt` seconds after the previous one."""
         if self.why is None:
             self.why = self._look(dt, x, v)
             self._last = x

@@ -58,7 +58,7 @@ class DeviceState(Record):
 
 
 class TickModel(Record):
-    """What a tick depends on besides the state: device, hand and coupling.
+    """The model of a tick besides the state: device, hand and coupling.
 
     dof : n. mass [kg], own_damping [Ns/m] : of the device, on each axis. hand : the hand that holds it.
     period : length of a tick [s]. substeps : their number in a tick.
@@ -293,7 +293,9 @@ def along_axes(
 
 @equation
 def _may_exceed(model: TickModel, stretch: float, drag: float) -> bool:
-    """May the force exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and a damper force up to `drag` [N]?"""
+    """Whether the force may exceed its limit, with ``|e|_K^2`` up to `stretch` [J] and a damper force up to `drag`
+    [N].
+    """
     return math.sqrt(model.largest * stretch) + drag > model.force_limit
 
 

@@ -26,7 +26,7 @@ def handle_on_loop(number: signal.Signals, handler: Callable[..., object], *give
 
 @contextmanager
 def handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[Callable[[int], None]]:
-    """What asks this process to end goes to `handler` meanwhile, but for what was ignored before (nohup).
+    """Pass signals that ask this process to end to `handler` meanwhile, but for those that were ignored before (nohup).
 
     It gives a function that lets a signal do what it did before.
     """

@@ -114,7 +114,7 @@ def how_it_ended(code: int | None) -> str:
 
 
 def stands_still(pid: int) -> bool:
-    """Has a signal stopped this child? It is looked at only: whoever waits for its end still learns of that."""
+    """Whether a signal has stopped this child. It is looked at only: whoever waits for its end still learns of that."""
     still = False
     if sys.platform == "linux":  # nothing stops a process of Windows, and macOS does not tell
         with suppress(ChildProcessError):
@@ -123,7 +123,7 @@ def stands_still(pid: int) -> bool:
 
 
 def standing_still(pid: int) -> str:
-    """What is said of a child that a signal has stopped."""
+    """Describe a child that a signal has stopped."""
     limit_s = LOOKS * LOOK_S
     return f"stands still, stopped by a signal; ended after {limit_s:.0f} s unless it goes on (kill -CONT {pid})"
 

@@ -31,7 +31,7 @@ class SetPosition(NamedTuple):
 
 
 class ConnectedSide(Generic[SampleType]):
-    """What `ConnectedDevice` and `ConnectedWorld` have in common. For the event loop that entered its block.
+    """The common part of `ConnectedDevice` and `ConnectedWorld`. For the event loop that entered its block.
 
     Nothing here makes the servo wait, but `summary`, for some 0.2 ms: what is read is a copy, and each stream has a
     bounded queue of its own. After the side's end, or that of its block, what would change it raises `Ended`, or what
@@ -58,7 +58,7 @@ class ConnectedSide(Generic[SampleType]):
 
     @property
     def is_paired(self) -> bool:
-        """Is there a peer now? It may be silent."""
+        """Whether there is a peer now. It may be silent."""
         return self._task.side.wire.session.peer is not None
 
     def events(self) -> Stream[SideEvent]:

@@ -1,4 +1,4 @@
-"""What runs a side's control half: a thread of this process, or a process of its own (servo_process.py)."""
+"""Runners of a side's control half: a thread of this process, or a process of its own (servo_process.py)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNPAIRED_STEP_NS = 1_000_000
 
 @dataclass(frozen=True)
 class ControlCallbacks:
-    """What control calls with its results; each is called on control's own thread and returns at once.
+    """The functions that control calls with its results, each on control's own thread; each returns at once.
 
     send : takes a position message for the link. write : takes a sample to record. fail : takes the error that ended
     control. wake : says that there is surplus energy to collect but no message to send.

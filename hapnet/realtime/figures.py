@@ -98,7 +98,9 @@ class Figures:
         )
 
     def account(self, *, final: bool) -> dict[str, Signal]:
-        """What this side reports its peer of its half. final : control has stopped, and only energy in flight moves."""
+        """Return the account of its half that this side reports to its peer. final : control has stopped, and only
+        energy in flight moves.
+        """
         reported = values_of(self._own(), self._role)
         if not final:  # a servo's process reports its part at its end; its samples come
             live = {

@@ -143,7 +143,7 @@ class Housekeeping:
             self._reporter.recordings.drain(self._clock(), self._figures.meta)
 
     def _look_around(self, origin_ns: int | None) -> None:
-        """What is checked once a second."""
+        """Run the checks of each second."""
         self.on_connection()  # when Zenoh reports a lost link, it may still count that link
         if origin_ns is not None:
             now_ns = self._clock()
@@ -162,7 +162,9 @@ class Housekeeping:
         self._reporter.notifier.waiting(now_ns, status, transport.partners)
 
     def _is_final(self, event: Event) -> bool:
-        """Does this event end a device? The world does not fit, or it has another device and never takes this one."""
+        """Whether this event ends a device. The world does not fit, or it has another device and never takes this
+        one.
+        """
         if self._role != "device" or not isinstance(event, Mismatch | PeerRefused):
             return False
         return self._control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)

@@ -69,7 +69,7 @@ class LinkDriver:
 
     @property
     def pending(self) -> bool:
-        """Is anything on the link or still to be sent?"""
+        """Whether anything is on the link or still to be sent."""
         with self.lock:
             return (self.port.link.next_due_ns, self.port.wire.session.next_due_ns) != (None, None)
 

@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 async def off_loop(call: Callable[[], T]) -> T:
-    """What `call` returns, on a thread of its own that is gone afterwards.
+    """Return the result of `call`, run on a thread of its own that ends afterwards.
 
     It is always waited for, or it would leave parts half started or half stopped. A cancellation meanwhile is raised
     after it. (`asyncio.to_thread` leaves at once, keeps its threads, and queues behind the program's other work.)

@@ -1,5 +1,5 @@
-"""Can the process that started a servo still end its force? Each word that could goes through that process: Ctrl-C, the
-remote stop, the world.
+"""Check whether the process that started a servo can still end its force. Each word that could goes through that
+process: Ctrl-C, the remote stop, the world.
 
 A parent that a signal or a debugger has stopped shows in /proc, without doubt and at once. One that hangs shows by its
 heartbeat: its event loop sends a frame twenty times a second, and none for a second is no busy machine any more. Looks

@@ -16,7 +16,7 @@ _WORTH_REPORTING_S = 1.0
 
 
 class PeerAbsence:
-    """What one side does without its peer; on the event loop.
+    """The behaviour of one side without its peer; on the event loop.
 
     role : this side's. once : end with the first peer. notify : called with each notice. end : ends the side.
     """

@@ -301,7 +301,7 @@ class RealtimeSide:
 
     @property
     def unrecorded(self) -> str | None:
-        """What is missing in the recordings, as text; None: nothing."""
+        """Describe what is missing in the recordings; None: nothing."""
         return "; ".join(self._reporter.recordings.missing) or None
 
     # -- while it runs, on the event loop ----------------------------------------------------------------------------

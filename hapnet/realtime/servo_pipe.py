@@ -53,7 +53,7 @@ class PipeClosed(Exception):
 
 
 def available() -> bool:
-    """Does this system have the sockets that a pipe needs? macOS has the constants, but not the sockets."""
+    """Whether this system has the sockets that a pipe needs. macOS has the constants, but not the sockets."""
     try:
         pair = socket_pair()
     except (AttributeError, OSError, ValueError):

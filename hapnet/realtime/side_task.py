@@ -61,7 +61,7 @@ class SideTask:
 
     @property
     def failure(self) -> BaseException | None:
-        """What the side failed with."""
+        """The exception with which the side failed."""
         if not self._task.done():
             return None
         return Ended("this side's task was cancelled") if self._task.cancelled() else self._task.exception()

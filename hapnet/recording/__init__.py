@@ -1,1 +1,1 @@
-"""What is kept of a run: samples, their files, what is published while it runs, and how one is used again."""
+"""Records of a run: samples, their files, the data published while it runs, and how a run is used again."""

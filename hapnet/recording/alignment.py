@@ -157,7 +157,7 @@ def _line(
     (x_up, y_up), (x_down, y_down) = directions
 
     def left(slope: float) -> float:
-        """What the lines leave, as quantile regression weighs it."""
+        """Return the rest that the lines leave, as quantile regression weighs it."""
         return _pinball(y_up - slope * x_up) + _pinball(y_down + slope * x_down)
 
     slope = _minimum(left, -MOST_DRIFT, MOST_DRIFT)

@@ -37,7 +37,7 @@ class Drawing(NamedTuple):
 
 
 class SceneSample(NamedTuple):
-    """What moves in a world's picture, as float32.
+    """The moving parts of a world's picture, as float32.
 
     `poses` : of each body that moves, 7 numbers: place [m] and quaternion w, x, y, z. `touches` : of each contact of
     the proxy, 10 numbers: point [m], normal, mu, force [N]. `soft` : of each vertex of the soft parts, 3 numbers [m].

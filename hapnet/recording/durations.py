@@ -61,7 +61,7 @@ def quantile(values: Array, durations: Array, share: float) -> float | None:
 
 
 def is_even(times: Array) -> bool:
-    """Are these times evenly spaced?"""
+    """Whether these times are evenly spaced."""
     steps = np.diff(times)
     return not len(steps) or bool(np.ptp(steps) <= EVEN * np.median(steps))
 

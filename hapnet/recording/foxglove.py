@@ -95,7 +95,7 @@ class Shown(NamedTuple):
 
 
 def shown(time_ns: int, sample: DeviceSample | WorldSample, units: str = METRES) -> Iterator[tuple[str, Shown]]:
-    """What is drawn of a sample at this time [ns], each with its topic; its axes are in `units`."""
+    """Yield the drawing of a sample at this time [ns], each part with its topic; its axes are in `units`."""
     if RADIANS in units:  # no place in space
         return
     kind = type(sample)
@@ -107,7 +107,7 @@ def shown(time_ns: int, sample: DeviceSample | WorldSample, units: str = METRES)
 
 
 def bodies(name: str, time_ns: int, poses: Iterable[Sequence[float]]) -> Iterator[tuple[str, Shown]]:
-    """What moves as frames, ``/device/link`` as link_1, link_2, ...
+    """Yield the moving bodies as frames, ``/device/link`` as link_1, link_2, ...
 
     name : a topic without the number. poses : place [m] and quaternion w, x, y, z of each.
     """

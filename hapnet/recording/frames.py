@@ -75,7 +75,7 @@ def _turning(columns: Columns, poses: Columns) -> Columns:
 
 
 def knows_utc(recording: Recording) -> bool:
-    """Does it say when it was made? A simulation's time is no real time, and older recordings do not say.
+    """Whether it says when it was made. A simulation's time is no real time, and older recordings do not say.
 
     Nor is it known of two hosts whose clocks cannot be compared.
     """

@@ -29,7 +29,7 @@ _PAUSED_WITHIN_NS = 200_000_000  # a pause reaches a servo in a process of its o
 
 
 def is_recording(name: str) -> bool:
-    """Is this operator a recording of a run?"""
+    """Whether this operator is a recording of a run."""
     return name.endswith(".mcap") or begins_with(name, MCAP)
 
 
@@ -58,7 +58,7 @@ def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math
 
 
 def knows_hand(recording: Recording) -> bool:
-    """Does the recording contain the hand's targets? It does not if a person held a real device."""
+    """Whether the recording contains the hand's targets. It does not if a person held a real device."""
     return recording.device is not None and bool(np.isfinite(recording.device["operator_target_m"]).any())
 
 
@@ -116,7 +116,7 @@ def left_out(recording: Recording) -> list[tuple[int, int]]:
 
 
 def begins_late(recording: Recording) -> bool:
-    """Did the recording begin in the middle of its session?"""
+    """Whether the recording began in the middle of its session."""
     cuts = left_out(recording)
     return bool(cuts) and cuts[0][0] == int(_own(recording)["origin_ns"])
 

@@ -192,7 +192,7 @@ class McapWriter:
         yield builder.end()
 
     def _chunks(self, data_end: int) -> Iterator[Any]:
-        """What the file's index says of each of its chunks. The file may be written to between two of them."""
+        """Yield the entries of the file's index for its chunks. The file may be written to between two of them."""
         index: ChunkIndex | None = None
         at = len(MAGIC)
         while at < data_end:

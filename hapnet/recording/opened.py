@@ -34,7 +34,7 @@ def fitting(what: object) -> Iterator[None]:
 
 
 class HasRecording(Protocol):
-    """What a run gives, such as `hapnet.Result`."""
+    """The interface of a run with a recording, such as `hapnet.Result`."""
 
     @property
     def recording(self) -> Recording: ...

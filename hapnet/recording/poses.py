@@ -18,7 +18,7 @@ SIDES = ("device", "world")
 
 
 def is_pose(recording: Recording) -> bool:
-    """Does it say that its axes are those of a pose?"""
+    """Whether it says that its axes are those of a pose."""
     return text_in(recording.meta, POSE_AXES) == POSE
 
 
@@ -32,7 +32,7 @@ def of_point(recording: Recording) -> Recording:
 
 
 def of_turning(recording: Recording) -> Recording | None:
-    """What turns, in radians; None: it is no recording of poses."""
+    """Return the turning part, in radians; None: it is no recording of poses."""
     if not is_pose(recording):
         return None
     sides = [getattr(recording, side) for side in SIDES]

@@ -88,7 +88,7 @@ class Messages:
         self._types = types
 
     def of_side(self, recording: Recording, side: str) -> Iterator[Message]:
-        """What one side's samples are, a topic after the other."""
+        """Yield the samples of one side as messages, a topic after the other."""
         columns, force = table(recording, side), _SIDES[side]
         times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
         yield from self._poses(f"/{side}/pose", times, columns, "position")

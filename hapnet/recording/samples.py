@@ -81,7 +81,7 @@ class DeviceSample(NamedTuple):
 
 
 class MotionSample(NamedTuple):
-    """What the metrics need of a `DeviceSample`: a study of thousands of runs records no more."""
+    """The part of a `DeviceSample` that the metrics need: a study of thousands of runs records no more."""
 
     time_ns: int
     position_m: Vector
@@ -368,7 +368,7 @@ def _on_clock(columns: Columns, time_ns: NDArray[np.int64], origin_ns: int) -> C
 
 
 def utc_less_clock_ns(meta: Mapping[str, Any]) -> int:
-    """What to add to a time on a recording's clock to have UTC [ns]; 0 if its settings do not say."""
+    """The difference to add to a time on a recording's clock to have UTC [ns]; 0 if its settings do not say."""
     origin_ns, utc_origin_ns = meta.get("origin_ns"), meta.get("utc_origin_ns")
     return 0 if origin_ns is None or utc_origin_ns is None else int(utc_origin_ns) - int(origin_ns)
 

@@ -1,4 +1,4 @@
-"""What a side publishes for those who watch it: its newest sample many times a second, its status twice.
+"""The telemetry of a side for its watchers: its newest sample many times a second, its status twice.
 
 Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
 ``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`), ``planes`` (those
@@ -202,7 +202,7 @@ def _status(reported: dict[str, Any]) -> Status:
 
 
 def _is_about(about: dict[str, Any]) -> bool:
-    """Can a page draw its parameters and surfaces?"""
+    """Whether a page can draw its parameters and surfaces."""
     params, surfaces = about.get("params", {}), about.get("surfaces", ())
     device = params.get("device", {}) if isinstance(params, dict) else None
     if not isinstance(device, dict) or not isinstance(device.get("smoothing_s", 0.0), float | int):

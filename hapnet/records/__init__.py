@@ -1,1 +1,1 @@
-"""What equations are written in, so that Python runs them and numba compiles them: records, vectors, `equation`."""
+"""The language of equations that Python runs and numba compiles: records, vectors, `equation`."""

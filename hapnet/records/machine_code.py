@@ -43,7 +43,8 @@ def no_compiler() -> str | None:
 
 @contextmanager
 def kept() -> Iterator[None]:
-    """What numba compiles meanwhile it keeps in `directory()`, or not at all: else it would write beside the package.
+    """Keep the code that numba compiles meanwhile in `directory()`, or not at all: else it would write beside the
+    package.
 
     What the environment asks of numba goes before that.
     """

@@ -107,7 +107,7 @@ def _makers(kind: type[Record]) -> tuple[tuple[str, Callable[[], Any]], ...]:
 
 
 def _maker(of: type, shape: tuple[int, ...]) -> Callable[[], Any]:
-    """What makes the value that a field begins with."""
+    """Return the function that makes a field's first value."""
     if not shape:
         return partial(zero, of) if issubclass(of, Record) else of
     if issubclass(of, Record):

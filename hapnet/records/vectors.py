@@ -119,7 +119,7 @@ def times(n: int, rows: FloatRows, vector: Reals, out: Floats) -> None:
 
 @equation
 def equal(n: int, one: Reals, other: Reals) -> bool:
-    """Are all elements equal?"""
+    """Whether all elements are equal."""
     same = True
     for i in range(n):
         same = same and bool(one[i] == other[i])

@@ -1,4 +1,4 @@
-"""A device's clock beside ours: do the intervals that it reports add up to the time that has passed?"""
+"""A check of a device's clock against ours: the intervals that it reports must add up to the time that has passed."""
 
 from __future__ import annotations
 

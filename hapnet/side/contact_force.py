@@ -17,7 +17,7 @@ HELD_NS = 100_000_000
 
 
 class ContactForce:
-    """What a driver measures, tick by tick, in the robot's own axes.
+    """The force that a driver measures, tick by tick, in the robot's own axes.
 
     ask : the newest force [N]; None: there is none. name : the robot's.
 

@@ -1,4 +1,4 @@
-"""What a message of the peer's stream holds, as control takes it: in SI units."""
+"""The content of a message of the peer's stream, as control takes it: in SI units."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class DeviceSide(ABC):
 
     @property
     def simulated(self) -> bool:
-        """Are the device and its hand simulated?"""
+        """Whether the device and its hand are simulated."""
         return isinstance(self.device, SimulatedDevice)
 
     def held_forces(self) -> dict[str, Any]:
@@ -153,7 +153,7 @@ class DeviceSide(ABC):
 
     @property
     def _renders_none(self) -> bool:
-        """Does it render no force any more?"""
+        """Whether it renders no force any more."""
         return self.stopped is not None
 
     def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
@@ -238,7 +238,7 @@ class DeviceSide(ABC):
 
     @property
     def _can_start(self) -> bool:
-        """Is all there that it needs to start, once it is paired?"""
+        """Whether all is there that it needs to start, once it is paired."""
         return True
 
     @abstractmethod

@@ -95,7 +95,7 @@ class ControlHalf:
 
     @property
     def started(self) -> bool:
-        """Has control started?"""
+        """Whether control has started."""
         return self._coupling is not None
 
     # -- called by the wire half: the methods of `ControlInbox` ------------------------------------------------------
@@ -275,7 +275,7 @@ class WireHalf:
 
     @property
     def uncollected(self) -> bool:
-        """Is there anything to `collect`?"""
+        """Whether there is anything to `collect`."""
         return self._control.has_shuffled or self._control.has_reported
 
     def collect(self) -> None:
@@ -341,7 +341,7 @@ class DeviceControl(ControlHalf):
 
     @property
     def has_news(self) -> bool:
-        """Has something arrived that the next tick must take?"""
+        """Whether something has arrived that the next tick must take."""
         return bool(self.waiting or self.credits or self._signals)
 
     def tick_continuous(

@@ -1,4 +1,4 @@
-"""What a real device may render now: nothing while its dead-man switch is released, then a growing part of the force.
+"""The limit on a real device's force: none while its dead-man switch is released, then a growing part of the force.
 
 The limiter acts after the servo's law and before the device. The energy account counts the force that it lets
 through, so passivity does not depend on it. No clock: the time is an argument.
@@ -47,7 +47,7 @@ class ForceLimiter:
 
     @property
     def has_switch(self) -> bool:
-        """Is there a dead-man switch?"""
+        """Whether there is a dead-man switch."""
         return self._dead_man is not None
 
     def restart(self) -> None:
@@ -55,7 +55,7 @@ class ForceLimiter:
         self._share = 0.0 if self._ramp_s else 1.0
 
     def is_held(self, buttons: Sequence[bool]) -> bool:
-        """Is the dead-man switch pressed, or is there none?"""
+        """Whether the dead-man switch is pressed, or there is none."""
         return self._dead_man is None or (self._dead_man < len(buttons) and bool(buttons[self._dead_man]))
 
     def permit(self, dt: float, force: Vector, buttons: Sequence[bool]) -> Vector:

@@ -1,4 +1,4 @@
-"""What the wire half of a side tells its control half."""
+"""The messages from the wire half of a side to its control half."""
 
 from __future__ import annotations
 

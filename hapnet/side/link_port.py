@@ -19,7 +19,7 @@ from netem.timeline import Entry
 
 
 class Pumped(NamedTuple):
-    """What became due.
+    """The events that became due.
 
     packets : to put on the wire. events : of the protocol. changes : of the link, with their times [ns].
     """

@@ -1,4 +1,4 @@
-"""What a link carries between the two sides."""
+"""The packets that a link carries between the two sides."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Punctuality:
         self._kept_ns = 0
 
     def is_late(self, since_ns: int) -> bool:
-        """Is a tick late that comes so long after the one before it?"""
+        """Whether a tick is late that comes so long after the one before it."""
         return since_ns > self._most_ns
 
     def see(self, now_ns: int, since_ns: int, *, released: bool, excused: bool = False) -> Sequence[Event]:

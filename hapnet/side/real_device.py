@@ -207,7 +207,7 @@ class RealDeviceSide(SampledDeviceSide):
         return figures
 
     def driver_figures(self) -> dict[str, Any]:
-        """What the summary says about the device itself."""
+        """The driver's entries in the summary."""
         return {
             "name": self.device.name,
             "missed": self.missed + self.device.missed,

@@ -47,7 +47,7 @@ class RealDevice(Device, Protocol):
         """The world sends a value beside the stream."""
 
     def vibrate(self, force: Vector) -> None:
-        """What of the force grains make now [N]."""
+        """Take the part of the force that grains make now [N]."""
 
     def braked(self) -> str:
         """Why it renders no force now; empty: it does."""

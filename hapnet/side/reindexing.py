@@ -80,7 +80,7 @@ class Reindexing:
                 return self.frame.own(sample)
 
     def outward(self, sample: CouplingSample) -> CouplingSample:
-        """What the robot's coupling sends, as it crosses the link."""
+        """Return the sample of the robot's coupling as it crosses the link."""
         if not self.moved:
             return sample
         frame = self.frame

@@ -136,7 +136,9 @@ class WorldSide:
             self._scene_writer.step(now_ns, position, force)
 
     def _drawn(self, now_ns: int) -> SceneWriter | None:
-        """What writes how the scene looks; None: it cannot be drawn. HapnetError with its name if it is bad."""
+        """Return the writer of the scene's picture; None: it cannot be drawn. HapnetError with its name if it is
+        bad.
+        """
         reported: object = None
         try:
             reported = picture = self.scene.picture()
@@ -191,7 +193,7 @@ class WorldSide:
         return {} if servo is None else {"quantisation_J": servo.quantisation, **servo.figures()}
 
     def state(self) -> WorldState:
-        """What `restore` takes."""
+        """The state for `restore`."""
         return WorldState(self.steps, self.stepped_s, self.longest_step_s, self.last_ns)
 
     def restore(self, state: WorldState) -> None:

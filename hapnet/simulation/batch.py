@@ -114,7 +114,7 @@ def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda s
 
 
 def _is_reusable(setup: Setup) -> bool:
-    """May several runs use it? Worlds other than walls at rest, and a user's own hand, have a state."""
+    """Whether several runs may use it. Worlds other than walls at rest, and a user's own hand, have a state."""
     return type(setup.scene) is Scene and setup.hand is None
 
 

@@ -276,7 +276,7 @@ def _identical(original: Recording, replay: Recording) -> bool:
 
 
 def _same(first: Columns, second: Columns) -> bool:
-    """Are all values of two recordings of a side the same, as far as both go?"""
+    """Whether all values of two recordings of a side are the same, as far as both go."""
     both = min(len(first["time_ns"]), len(second["time_ns"]))
     known = [name for name, values in first.items() if not np.isnan(values).all()]
     return all(np.array_equal(first[name][:both], second[name][:both], equal_nan=True) for name in known)

@@ -201,7 +201,7 @@ class Simulation:
 
     @property
     def quiet(self) -> bool:
-        """Is nothing of the handshake to be sent, or on a link?"""
+        """Whether nothing of the handshake is to be sent, or on a link."""
         endpoints = (self.device_endpoint, self.world_endpoint)
         return all(endpoint.session.handshake_over for endpoint in endpoints) and not any(
             entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue

@@ -1,1 +1,1 @@
-"""What a run's summary says, and its verdict."""
+"""The summary of a run, and its verdict."""

@@ -1,4 +1,4 @@
-"""What a verdict may say against a run, or in doubt of it: each cause with its sentence and its exit code.
+"""The causes of a verdict against a run, or of doubt: each with its sentence and its exit code.
 
 A cause has one row here, one in the table of README.md, and a case in `tests/summary/test_causes.py`.
 """

@@ -1,4 +1,6 @@
-"""What a summary takes from samples: how well the proxy followed, how hard contacts were, the margin of both ports."""
+"""Figures of the samples for a summary: how well the proxy followed, how hard contacts were, the margin of both
+ports.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +88,7 @@ def position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64]
 
 
 def touching(device: Columns, world: Columns) -> NDArray[np.bool_]:
-    """(N,) was the proxy in a wall at the newest sample before each of the device's?"""
+    """(N,) whether the proxy was in a wall at the newest sample before each of the device's."""
     latest = np.maximum(np.searchsorted(world["time_s"], device["time_s"], side="right") - 1, 0)
     return np.asarray(world["penetration_m"][latest] > 0.0)
 
@@ -157,7 +159,7 @@ class LiveFigures:
         return None if self.margin_later_J is None or end_J is None else min(self.margin_later_J, end_J)
 
     def motion(self) -> Motion:
-        """What is known so far; tracking errors need both sides."""
+        """Return the figures of motion that are known so far; tracking errors need both sides."""
         return self._motion.copy()
 
 

@@ -26,7 +26,7 @@ def unknown() -> Section:
 
 
 def of_side(role: Role, figures: PathFigures) -> Section:
-    """What one side knows: the round trip, and the direction towards it."""
+    """Return one side's figures: the round trip, and the direction towards it."""
     if not figures.sent:
         return unknown()
     flow: DirectionFigures = {

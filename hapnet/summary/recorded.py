@@ -124,7 +124,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
 
 
 def _extreme(values: NDArray[np.float64], pick: Callable[[NDArray[np.float64]], float]) -> float | None:
-    """What `pick` finds among the known values; None if there are none."""
+    """Return the result of `pick` among the known values; None if there are none."""
     known = values[np.isfinite(values)]
     return float(pick(known)) if len(known) else None
 
@@ -188,7 +188,7 @@ def of_parts(
 
 
 def _own(recording: Recording) -> Summary:
-    """What the process that wrote the recording reported at its end; if it was killed, what the samples show."""
+    """Return the summary of the process that wrote the recording; if it was killed, the figures of the samples."""
     return cast(Summary, recording.summary) if recording.summary else from_recording(recording)
 
 

@@ -40,7 +40,7 @@ _WALL = ("stiffness_N_m", "springs_N_m")
 
 
 class Claim(NamedTuple):
-    """What a peer reported last: its values, and when they came, in seconds after this side's pairing.
+    """The last report of a peer: its values, and when they came, in seconds after this side's pairing.
 
     final : its control had stopped. whole : it covers all of this side's time.
     """
@@ -65,7 +65,7 @@ class Half(Protocol):
 
 
 def values_of(own: Summary, role: Role) -> dict[str, Signal]:
-    """What a side reports, from its own summary. What is not known is left out."""
+    """Return the values that a side reports, from its own summary. What is not known is left out."""
     found: dict[str, Any] = {name: _at(own[role], name) for name in _PART}
     found |= {f"motion.{name}": _at(own["motion"], name) for name in _MOTION[role]}
     found |= {f"path.{name}": _at(own["path"][DIRECTIONS[role]], name) for name in _PATH}

@@ -118,7 +118,7 @@ def _own_account(side: WorldSide) -> EnvironmentPart:
 
 
 def has_account(part: SidePart | None) -> bool:
-    """Does a side's part have the account of its half?"""
+    """Whether a side's part has the account of its half."""
     return part is not None and part["ledger"]["margin_J"] is not None
 
 
@@ -336,7 +336,7 @@ def _positive(value: object) -> float | None:
 
 
 def recorded_margins(recording: Recording | None) -> dict[str, Any]:
-    """What was recorded of both ports together, as `combine` takes it."""
+    """Return the recorded margins of both ports together, as `combine` takes them."""
     if recording is None:
         return {}
     return {

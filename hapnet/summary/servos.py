@@ -1,4 +1,4 @@
-"""What a summary says of its servos: how often they stalled, what that cost, and which rate they kept."""
+"""A summary's entries about its servos: how often they stalled, what that cost, and which rate they kept."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ WHOSE: Mapping[Role, str] = {"device": "", "world": "follower's "}
 
 
 def leak(summary: Summary, *sides: Role) -> float:
-    """What held forces put out beyond the account while the servo stalled, at these sides or at both [J]."""
+    """Return the energy that held forces put out beyond the account while the servo stalled, at these sides or at both
+    [J].
+    """
     return sum(max(0.0, part["overrun_leak_J"] or 0.0) for side, part in parts(summary) if side in (sides or SIDES))
 
 

@@ -1,4 +1,4 @@
-"""What a run's summary is made of: typed dictionaries whose keys are those of the JSON. None where a value is unknown.
+"""The structure of a run's summary: typed dictionaries whose keys are those of the JSON. None where a value is unknown.
 
 Summaries also come from files: of an older version, torn, or edited by hand. `read` turns whatever it is given into a
 summary that has every key, so no other code has to check.
@@ -194,7 +194,7 @@ class PeerPart(TypedDict):
 
 
 class DevicePart(TypedDict, total=False):
-    """What only the device knows: its held torques, the simulated hand, a stopped force, a real device."""
+    """The entries that only the device knows: its held torques, the simulated hand, a stopped force, a real device."""
 
     reserve_J: Number
     reserve_needed_J: Number
@@ -210,7 +210,7 @@ class DevicePart(TypedDict, total=False):
 
 
 class SidePart(DevicePart, total=False):
-    """What one side knows of itself. Only the device has `servo`, `quantisation_J` and `true_slack_J`, only the world
+    """One side's entries about itself. Only the device has `servo`, `quantisation_J` and `true_slack_J`, only the world
     `step` and `environment`.
 
     `failed` : why it ended before its time.
@@ -264,7 +264,7 @@ class Energy(TypedDict):
 
 
 class DirectionFigures(TypedDict):
-    """What was measured of one direction, end to end: of the messages sent, how many arrived, were overtaken, or lost.
+    """The measurements of one direction, end to end: of the messages sent, how many arrived, were overtaken, or lost.
 
     Overtaken are those that arrived late, and those that the transport dropped for it.
     """
@@ -283,7 +283,7 @@ class DirectionFigures(TypedDict):
 
 
 class Path(TypedDict):
-    """What the streams showed of the path between the sides, network and emulated links together."""
+    """The figures of the path between the sides by their streams, network and emulated links together."""
 
     round_trip_min_ms: Number
     round_trip_p50_ms: Number
@@ -293,7 +293,7 @@ class Path(TypedDict):
 
 
 class LinkPart(TypedDict):
-    """What an emulated link did: the entries of `netem.LinkStats`."""
+    """The figures of an emulated link: the entries of `netem.LinkStats`."""
 
     profile: str | None
     offered: Count

@@ -1,4 +1,5 @@
-"""Was a run passive? The rules by which its summary is judged, and whether a coupling kept what is claimed of it.
+"""The verdict on a run: whether it was passive. The rules by which its summary is judged, and whether a coupling kept
+what is claimed of it.
 
 `judge` reads only a summary. A value that an older one lacks is unknown and counts neither for nor against.
 
@@ -70,7 +71,7 @@ def judge(tree: object) -> Verdict:
 def broken(
     tree: object, params: Params | None = None, *, virtual: bool = False, spec: CouplingSpec[Any] | None = None
 ) -> bool:
-    """Was a coupling that claims to be passive here not passive? Then the exit code is 4.
+    """Whether a coupling that claims to be passive here was not passive. Then the exit code is 4.
 
     params : of the run. None: unknown; then only a claim that holds on any link counts. virtual : the run was in
     virtual time, so the emulated link is the only one. spec : of the coupling; None: hapnet's own of that name, so the
@@ -138,12 +139,12 @@ def _was_asked(summary: Summary) -> bool:
 
 
 def restarted(*sides: SidePart | None) -> bool:
-    """Has one of these sides had more than one peer?"""
+    """Whether one of these sides has had more than one peer."""
     return any((side.get("incarnations") or 0) > 1 for side in sides if side is not None)
 
 
 def has_reservoirs(coupling: object) -> bool:
-    """Does it shuffle energy between reservoirs, so that each side must keep a half of Theorem 1?
+    """Whether it shuffles energy between reservoirs, so that each side must keep a half of Theorem 1.
 
     Couplings that are known to have none do not.
     """
@@ -269,7 +270,7 @@ def _cut_off(summary: Summary) -> Iterator[Finding]:
 
 
 def _cut_short(summary: Summary) -> Iterator[str]:
-    """What ended before its time, and why."""
+    """Yield the parts that ended before their time, and why."""
     whys = {side: why for side, part in _parts(summary) if (why := part["failed"])}
     if len(whys) == 2 and len({*whys.values()}) == 1:
         yield f"both sides ended before their time: {whys['device']}"
@@ -309,7 +310,7 @@ def _doubts(summary: Summary) -> Iterator[Finding]:
 
 
 def _asides(summary: Summary) -> Iterator[Finding]:
-    """What is said with any verdict, and changes none."""
+    """Yield the findings that stand beside any verdict, and change none."""
     for side, part in _parts(summary):
         driver = part["driver"]
         if driver is not None and driver["blocked"] is not None:
@@ -318,7 +319,7 @@ def _asides(summary: Summary) -> Iterator[Finding]:
 
 
 def contradicted(tree: object) -> bool:
-    """Did somebody else speak in a side's name? Then the exit code is 5, unless a claim was broken."""
+    """Whether somebody else spoke in a side's name. Then the exit code is 5, unless a claim was broken."""
     return any(one.code == CONTRADICTED for one in findings(tree))
 
 
@@ -343,7 +344,7 @@ def _doubts_of_servo(side: Role, device: SidePart, summary: Summary) -> Iterator
 
 
 def _known_port(side: SidePart) -> bool:
-    """Is it known what the device's force did at each time? Of a simulated device it is, as of its hand."""
+    """Whether it is known what the device's force did at each time. Of a simulated device it is, as of its hand."""
     return side.get("hand_work_J") is not None
 
 

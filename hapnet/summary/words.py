@@ -68,7 +68,7 @@ def felt(environment: object, *, springs: bool = True, units: str | None = None)
 
 
 def tuning(summary: Summary) -> str | None:
-    """What the coupling's own rule chose, if it had anything to choose."""
+    """Describe the choice of the coupling's own rule, if it had anything to choose."""
     chosen = [name if value is True else f"{name} {number(value)}" for name, value in summary["tuning"].items()]
     return ", ".join(chosen) or None
 

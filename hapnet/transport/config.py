@@ -173,7 +173,7 @@ def endpoints_of(config: zenoh.Config, side: End) -> list[str]:
 
 
 def proof_of(settings: ZenohSettings) -> Proof | None:
-    """What proves who is on this side's links, besides a word; None: anybody may be.
+    """Return the proof of who is on this side's links, besides a word; None: anybody may be.
 
     Certificates do if each link asks both ends for one, or for a password of one of them; so does a socket that only
     this machine's user can open. Whether the other side's links ask for as much only that side knows.
@@ -191,7 +191,7 @@ def proof_of(settings: ZenohSettings) -> Proof | None:
 
 
 def may_lose(config: zenoh.Config) -> bool:
-    """Is there an endpoint without retransmission, so that a message that is sent once may never arrive?"""
+    """Whether there is an endpoint without retransmission, so that a message that is sent once may never arrive."""
     endpoints = endpoints_of(config, "listen") + endpoints_of(config, "connect")
     return any(endpoint.startswith("udp/") or "rel=0" in endpoint for endpoint in endpoints)
 

@@ -83,7 +83,7 @@ class KeyWatch:
         return [kind for kind, heard_ns in self._heard_ns.items() if now_ns - heard_ns > for_ns]
 
     def declare_now(self, now_ns: int) -> bool:
-        """Is it time to declare again? Each True stands for one declaration."""
+        """Whether it is time to declare again. Each True stands for one declaration."""
         if now_ns < self._again_ns or not (silent := self.silent(now_ns)):
             return False
         self._again_ns = now_ns + AGAIN_NS
@@ -113,7 +113,7 @@ def key_expressions(prefix: str) -> list[str]:
 
 
 def any_node(prefix: str, *, lossy: bool) -> str:
-    """What matches the tokens of all nodes that publish below ``hapnet/...``; over a lossy link without a literal
-    beginning. Access control allows only one with.
+    """Return the key that matches the tokens of all nodes that publish below ``hapnet/...``; over a lossy link without
+    a literal beginning. Access control allows only one with.
     """
     return f"*/{prefix.partition('/')[2]}/*" if lossy else f"{prefix}/*"

@@ -20,7 +20,7 @@ class RateLimiter:
         """Messages that were not let through."""
 
     def admit(self, now_ns: int) -> bool:
-        """May a message that came at `now_ns` pass? From any thread."""
+        """Whether a message that came at `now_ns` may pass. From any thread."""
         with self._lock:
             paid_ns = max(self._paid_ns, now_ns - self._span_ns) + self._cost_ns
             if paid_ns > now_ns:

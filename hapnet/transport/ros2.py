@@ -44,7 +44,7 @@ _MOST_DOMAINS = 232
 
 
 class Attachment(NamedTuple):
-    """What comes with each message: its number, when it was published [ns since 1970], and by whom."""
+    """The attachment of each message: its number, when it was published [ns since 1970], and by whom."""
 
     number: int
     time_ns: int

@@ -147,7 +147,9 @@ ANYBODY = Security()
 
 
 def is_exposed(endpoint: str) -> bool:
-    """Can others than this machine's users read and send if a side listens there? So for an unknown host name."""
+    """Whether others than this machine's users can read and send if a side listens there. So for an unknown host
+    name.
+    """
     protocol, _, address = endpoint.partition("/")
     if protocol in ENCRYPTED or protocol in _LOCAL:
         return False

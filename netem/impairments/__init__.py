@@ -1,4 +1,4 @@
-"""What a link does to messages beside tc-netem's: each impairment is a file, and its word is the file's name.
+"""Effects of a link beside tc-netem's: each impairment is a file, and its word is the file's name.
 
 `IMPAIRMENTS` finds it. It acts on what loss and resends let through, before limit, reordering, delay, rate and slot.
 """

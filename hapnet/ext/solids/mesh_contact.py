@@ -231,7 +231,7 @@ class FootSecant(Secant):
         return Near(dot(gradient, _less(end, at)), gradient) if dot(gradient, normal) < -_SAME_SIDE else None
 
     def _is_hollow(self, gradient: Vector, at: Vector) -> bool:
-        """Does the surface rise from this plane to that one?"""
+        """Whether the surface rises from this plane to that one."""
         rise = _less(at, self._from)
         return dot(gradient, rise) < _TOUCHES_M and dot(triple(self.normal), rise) < _TOUCHES_M
 

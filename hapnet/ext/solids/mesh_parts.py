@@ -53,14 +53,14 @@ class Part(NamedTuple):
         return self._replace(triangles=self.triangles[:, ::-1], volume=-self.volume)
 
     def holds(self, other: Part) -> bool:
-        """Does `other` lie inside?"""
+        """Whether `other` lies inside."""
         if np.any(other.low < self.low) or np.any(other.high > self.high):
             return False
         corners = self.vertices[self.triangles]
         return all(abs(_turns(x, corners)) > 0.5 for x in other.vertices[:: len(other.vertices) // _SAMPLES + 1])
 
     def meets(self, other: Part) -> bool:
-        """Do their extents overlap?"""
+        """Whether their extents overlap."""
         return bool(np.all(self.low <= other.high) and np.all(other.low <= self.high))
 
 

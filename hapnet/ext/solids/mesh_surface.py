@@ -1,4 +1,4 @@
-"""What is known of a mesh's surface once it is loaded: who is beside whom, sharp edges, normals, and how it bends."""
+"""Properties of a mesh's surface, computed when it is loaded: neighbours, sharp edges, normals, and how it bends."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class ObstaclesPicture(StillDefaults):
 
 
 def _drawn(body: Body, dof: int) -> tuple[Part, ...]:
-    """What an obstacle without a shape looks like, which rests."""
+    """Return the picture of an obstacle without a shape, which rests."""
     if body.obstacle.planes is not None:
         return surface(lambda place, reach: body.planes(place, 0.0), dof)
     return field(lambda place: body.obstacle.force(place, (0.0,) * dof, 0.0), dof)

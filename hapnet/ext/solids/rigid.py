@@ -73,7 +73,7 @@ class RigidScene(WorldDefaults):
 
     @property
     def has_effects(self) -> bool:
-        """Has any surface effects, which the device renders?"""
+        """Whether any surface has effects, which the device renders."""
         return any(solid.effects is not None for solid in self.contacts.solids)
 
     @property
@@ -139,7 +139,7 @@ def builder(text: str) -> Callable[..., RigidScene] | None:
 
 
 def describes(text: str) -> bool:
-    """Does the text describe a rigid scene?"""
+    """Whether the text describes a rigid scene."""
     return kind_of(parts_in(text)[0])[0] in KINDS
 
 

@@ -130,7 +130,7 @@ class RigidContacts(SolidContact, Surroundings):
 
     @property
     def have_formulas(self) -> bool:
-        """Do equations know all shapes, and how all of them rub?"""
+        """Whether equations describe all shapes, and the friction of all."""
         return all(secant.has_formula for secant in self.secants)
 
     def penetration(self, position: Sequence[float]) -> float:

@@ -114,7 +114,7 @@ def react(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vec
 
 @equation
 def _meet(contacts: SolidContact, x: Vector, delta: Vector, length: float) -> bool:
-    """Does the displacement meet solids that it has not met yet? Then they count too."""
+    """Whether the displacement meets solids that it has not met yet. Then they count too."""
     before = contacts.touching
     for k in range(contacts.count):
         secant = contacts.secants[k]

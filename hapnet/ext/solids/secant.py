@@ -47,7 +47,7 @@ class Tangent(NamedTuple):
 
 
 class Known(Record):
-    """A solid's distance and gradient, in front of it or behind, at a place [m]; `here`: is there one?"""
+    """A solid's distance and gradient, in front of it or behind, at a place [m]; `here`: whether there is one."""
 
     here: int
     at: OfAxes
@@ -105,7 +105,7 @@ class Secant(Record):
 
     @property
     def has_formula(self) -> bool:
-        """Do equations know its shape, and how it rubs?"""
+        """Whether equations describe its shape and its friction."""
         return self.form.what != UNKNOWN and (not self.varies or self.texture is self.mu)
 
     def near(self, x: Vector) -> Near:
@@ -136,14 +136,14 @@ class Secant(Record):
         return [Tangent(*found, self.shape.curvatures(x) if told and isinstance(self.shape, Bent) else ())]
 
     def farther_than(self, reach: float, x: Vector) -> bool:
-        """Is the surface surely farther than `reach` [m] from `x`, as what is known nearby says at no cost?"""
+        """Whether the surface is surely farther than `reach` [m] from `x`, by the values known nearby, at no cost."""
         distance = self.known.distance
         if not self.known.here or distance <= self.slope * reach:
             return False
         return distance > self.slope * (reach + apart(3, x, self.known.at))
 
     def meets(self, x: Vector, delta: Vector, length: float) -> bool:
-        """Is `x` inside, or does the straight path `delta` from there enter? Then the plane is made.
+        """Whether `x` is inside, or the straight path `delta` from there enters. Then the plane is made.
 
         length : of `delta` [m].
         """
@@ -242,7 +242,7 @@ def _friction_of_texture(secant: Secant, x: Vector) -> float:
 
 @compiled_as(_friction_of_texture)
 def friction_now(secant: Secant, x: Vector) -> float:
-    """What the function of friction says of `x` [m]."""
+    """Return the value of the friction function at `x` [m]."""
     return secant.mu(x) if callable(secant.mu) else secant.mu
 
 
@@ -262,7 +262,7 @@ def _near_form(secant: Secant, x: Vector) -> Near:
 
 @compiled_as(_near_form)
 def ask(secant: Secant, x: Vector) -> Near:
-    """What the shape itself says of `x` [m]."""
+    """Ask the shape itself at `x` [m]."""
     return secant.shape.near(x)
 
 

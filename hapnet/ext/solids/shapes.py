@@ -191,7 +191,7 @@ class Textured(Form):
 
 
 class Offset:
-    """What of a shape lies `depth` [m] or more below its surface: a layer."""
+    """The part of a shape that lies `depth` [m] or more below its surface: a layer."""
 
     def __init__(self, shape: Shape, depth: float) -> None:
         self.shape = shape
@@ -236,7 +236,7 @@ def near_form(form: Form, position: Vector) -> Near:
 
 @equation
 def raised(form: Form, near: Near, position: Vector) -> Near:
-    """What the relief makes of a shape's distance and gradient."""
+    """Return a shape's distance and gradient with the relief added."""
     distance, (a, b, c) = near
     wave, height = form.wave, form.height
     x, y, z = wave * position[0], wave * position[1], wave * position[2]

@@ -1,4 +1,4 @@
-"""What is seen of rigid solids from a place: the tangent plane at each one's nearest point, and how it bends there."""
+"""Rigid solids as seen from a place: the tangent plane at each one's nearest point, and how it bends there."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Sight(Record):
 
 @equation
 def see(secant: Secant, n: int, x: Vector, reach: float, sight: Sight) -> bool:
-    """Is the solid within `reach` [m] of x (3,) [m], as it is cut by n axes? Then its plane is made. As
+    """Whether the solid is within `reach` [m] of x (3,) [m], as it is cut by n axes. Then its plane is made. As
     `Secant.tangents`, which Python asks: other solids may have several."""
     if farther_than(secant, reach, x):
         return False

@@ -25,7 +25,7 @@ _EXACT_VOXELS = 1.5
 
 
 def is_volume(file: str) -> bool:
-    """Is this a file of voxels, or a directory of DICOM slices, and no ``module:function``?"""
+    """Whether this is a file of voxels, or a directory of DICOM slices, and no ``module:function``."""
     return file.lower().endswith((NUMPY, *IMAGES)) or Path(file).is_dir()
 
 

@@ -29,13 +29,13 @@ _REFERENCES = 4
 
 
 def was_passive(measures: Measures) -> bool:
-    """Did both ports of a case stay within d^2, as far as is known, and did its coupling keep its claim?"""
+    """Whether both ports of a case stayed within d^2, as far as is known, and its coupling kept its claim."""
     margin = measures.get("margin_J")
     return (margin is None or margin >= -ROUNDING_J) and kept(measures)
 
 
 def kept(measures: Measures) -> bool:
-    """Did the coupling of a case keep its claim?"""
+    """Whether the coupling of a case kept its claim."""
     return measures.get("claim_kept") != 0.0
 
 

@@ -72,7 +72,7 @@ class DaskCluster:
 
     @property
     def threaded(self) -> bool:
-        """Does a worker have several threads? Python runs only one of them at a time."""
+        """Whether a worker has several threads. Python runs only one of them at a time."""
         return any(threads > 1 for threads in self._threads.values())
 
     def submit(self, task: Task) -> None:

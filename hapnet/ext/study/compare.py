@@ -50,7 +50,7 @@ def hand(operator: str) -> tuple[str, dict[str, object]]:
 
 
 class Variant(NamedTuple):
-    """What is compared: a coupling, with the Weber fraction of its deadband (0: none).
+    """One of the compared couplings, with the Weber fraction of its deadband (0: none).
 
     coupling : its name, and parameters of its own, as `parted` reads them.
     """
@@ -74,7 +74,7 @@ class Case:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What it is, in columns."""
+        """The description of the variant, in columns."""
         return {**self.variant._asdict(), "link": self.link, "operator": self.operator, "seed": self.seed}
 
     def __str__(self) -> str:
@@ -92,7 +92,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to compare.
+    """The plan of a comparison.
 
     params : of all cases, except for what follows.
     couplings : each as `Variant.coupling`. links : by name, the text of the uplink and of the downlink.

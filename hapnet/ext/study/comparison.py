@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a comparison found.
+    """The result of a comparison.
 
     plan : what was compared. outcomes : of each case. groups : medians of each coupling over each link, with all
     operators together (`Group.operator` is None) and, if there are several, with each.

@@ -1,4 +1,4 @@
-"""What the figures of comparisons and tunings show; `hapnet.ext.pictures` draws it."""
+"""The content of the figures of comparisons and tunings; `hapnet.ext.pictures` draws it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
 
 
 def story(plan: Plan, outcomes: Sequence[Outcome]) -> str:
-    """What the figure of all cases shows, in one or two lines: who was passive, and who of them felt most true."""
+    """Describe the figure of all cases in one or two lines: who was passive, and who of them felt most true."""
     lost: dict[str, list[str]] = {}
     errors: dict[str, list[float]] = {}
     for variant in plan.variants:

@@ -1,4 +1,4 @@
-"""What a tuning wants: an objective, the lower the better, and constraints that no chosen values may break.
+"""The goal of a tuning: an objective, the lower the better, and constraints that no chosen values may break.
 
 ::
 
@@ -79,7 +79,7 @@ class Constraint:
     share: float = 1.0
 
     def holds(self, measures: Measures) -> bool:
-        """Does it hold in a case? Not in one without a value."""
+        """Whether it holds in a case. Not in one without a value."""
         if self.metric == PASSIVE:
             return was_passive(measures)
         value = value_of(measures, self.metric)
@@ -129,7 +129,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a set of values is worth. `objective`: infinite if cases failed. `terms`: without their weights."""
+    """The worth of a set of values. `objective`: infinite if cases failed. `terms`: without their weights."""
 
     objective: float
     terms: tuple[float, ...]
@@ -138,7 +138,7 @@ class Verdict:
 
     @property
     def allowed(self) -> bool:
-        """May these values be chosen?"""
+        """Whether these values may be chosen."""
         return math.isfinite(self.objective) and all(one.met for one in self.held)
 
     @property
@@ -155,7 +155,7 @@ class Goal:
     constraints: tuple[Constraint, ...]
 
     def judge(self, cases: Sequence[Measures], measured: Measured, failed: int = 0) -> Verdict:
-        """What values are worth that have these measures; `failed` cases have none."""
+        """Return the worth of values that have these measures; `failed` cases have none."""
         terms = tuple(term.value(cases, measured) for term in self.terms)
         total = math.inf if failed else sum(term.weight * x for term, x in zip(self.terms, terms, strict=True))
         return Verdict(total, terms, tuple(one.judge(cases, measured) for one in self.constraints), failed)

@@ -102,7 +102,7 @@ def shown(name: str, value: Any) -> str:
 
 
 def _is(name: str, value: Any, text: str) -> bool:
-    """Does this text, as in an axis or a table, mean this value?"""
+    """Whether this text, as in an axis or a table, means this value."""
     return text.strip() in (shown(name, value), value_words(name, value))
 
 

@@ -93,7 +93,8 @@ class Transmission:
 
 
 def true_impedance(params: Params, wall: Wall, frequency_hz: float) -> complex:
-    """What a hand would feel of `wall` at this frequency through the given springs, without delay or mass [N/m].
+    """Return the stiffness of `wall` that a hand would feel at this frequency through the given springs, without delay
+    or mass [N/m].
 
     As `ideal_stiffness`, with the wall's damper beside its spring: ``K_w + j w B_w``. Raises InvalidParameter if the
     springs are no scalars.

@@ -1,4 +1,4 @@
-"""What a comparison compares: a plan from what was asked for, or one for each section of the full set."""
+"""The plans of comparisons: one from the given options, or one for each section of the full set."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Scores(NamedTuple):
     found: Trial | None
 
     def verdicts(self, spec: TuneSpec) -> tuple[Verdict, Verdict | None]:
-        """What both are worth on these cases."""
+        """The worth of both on these cases."""
         known = [one for one in self if one is not None]
         reported = judge(spec, known)
         return reported[0], reported[1] if self.found is not None else None
@@ -92,7 +92,7 @@ class Search:
             self._score = self._trial(self.trials[best].values, cases)
 
     def verdicts(self) -> list[Verdict]:
-        """What each trial is worth, by all that is known by now."""
+        """Return the worth of each trial, by all that is known by now."""
         assert self.defaults is not None
         return judge(self.spec, [*self.trials, self.defaults[0]])[:-1]
 
@@ -133,12 +133,12 @@ def most_cases(spec: TuneSpec) -> int:
 
 
 def _default_is_tried(spec: TuneSpec) -> bool:
-    """Are the defaults the first trial? They may be outside of the ranges, such as a 0 for "by a rule"."""
+    """Whether the defaults are the first trial. They may be outside of the ranges, such as a 0 for "by a rule"."""
     return all(one.default in one for one in spec.space)
 
 
 def judge(spec: TuneSpec, trials: Sequence[Trial]) -> list[Verdict]:
-    """What trials over the same cases are worth; each shows which cases have a value of a metric."""
+    """Return the worth of trials over the same cases; each shows which cases have a value of a metric."""
     measured = {
         (metric, place)
         for trial in trials

@@ -1,4 +1,4 @@
-"""What a tuning may change: parameters with their ranges or choices, and the values to try next.
+"""The space of a tuning: parameters with their ranges or choices, and the values to try next.
 
 ::
 
@@ -51,7 +51,7 @@ class Searched:
 
     @property
     def whole(self) -> bool:
-        """Is it a whole number?"""
+        """Whether it is a whole number."""
         return not self.choices and isinstance(self.low, int)
 
     def __contains__(self, value: Any) -> bool:
@@ -76,7 +76,7 @@ class Searched:
 
 
 def searched(table: object) -> tuple[Searched, ...]:
-    """What [search] lists. Raises InvalidParameter."""
+    """The parameters that [search] lists. Raises InvalidParameter."""
     if not isinstance(table, Mapping) or not table:
         raise InvalidParameter("search", table, "a table, [search], of parameters and their ranges or choices")
     return tuple(_searched(name, given) for name, given in entries(table))

@@ -1,4 +1,6 @@
-"""What `hapnet compare` compares by default: a quick set, and a full one in sections, each a comparison of its own."""
+"""The default comparisons of `hapnet compare`: a quick set, and a full one in sections, each a comparison of its
+own.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sweep runs: a TOML file with fixed and varied parameters, and the cases that follow from it.
+"""The specification of a sweep: a TOML file with fixed and varied parameters, and the cases that follow from it.
 
 ::
 
@@ -77,7 +77,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Spec:
-    """What a sweep runs.
+    """The specification of a sweep.
 
     fixed : fixed parameters, `LINK` and `SEED`. products : what varies in each product, in the order of the file.
     """
@@ -163,7 +163,7 @@ class Spec:
         return self._digest(flat_of(self.fixed, values), self._unset({*self.fixed, *values}))
 
     def _unset(self, given: Collection[str]) -> tuple[str, ...]:
-        """What varies in some product, but is not among the names that are `given`."""
+        """Return the names that vary in some product, but are not among those that are `given`."""
         return tuple(name for name in self.varied if name not in given)
 
     def _digest(self, every: Values, unset: Collection[str]) -> str:
@@ -245,7 +245,7 @@ def known(what: str, word: str, words: Collection[str], allowed: str) -> None:
 
 
 def number(value: object) -> bool:
-    """Is this a finite number?"""
+    """Whether this is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 

@@ -118,7 +118,7 @@ def stiffest(params: Params, ratio: float = RATIO) -> ZWidth:
 
 
 def stable(params: Params) -> bool:
-    """Does the force on the device come to rest at an ideal wall, and is the wall still there? See `JUDGED`."""
+    """Whether the force on the device comes to rest at an ideal wall, and the wall is still there. See `JUDGED`."""
     simulation = Simulation(params.set({**_IDEAL, "record_hz": params.device.servo_hz}), 0)
     recording = simulation.run().recording
     return not limit_cycles(recording, HELD_S) and _rendered(recording, simulation.setup) >= RENDERED

@@ -55,7 +55,7 @@ def run_case(fixed: Values, case: Case, worker: str = "") -> CaseResult:
 
 
 def reason(wrong: Exception) -> str:
-    """What went wrong in a case, in one line."""
+    """Describe the failure of a case in one line."""
     return " ".join(str(wrong).split()) if isinstance(wrong, HapnetError | NetemError) else cause(wrong)
 
 

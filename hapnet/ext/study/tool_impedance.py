@@ -1,4 +1,4 @@
-"""What a tool that turns feels like over frequency: its handle is moved along an axis or turned about one.
+"""The feel of a tool that turns, over frequency: its handle is moved along an axis or turned about one.
 
 The handle goes 10 mm deeper than where the tool first touches the scene's first solid, and stays; a free tool stays at
 home. From there it is moved by 2 mm, or turned by the angle at which the ends of the pose's arms move so far.
@@ -43,7 +43,7 @@ def motions(params: Params) -> tuple[str, str]:
 
 
 def turns(motion: str) -> bool:
-    """Is it a rotation, in rad and Nm?"""
+    """Whether it is a rotation, in rad and Nm."""
     return motion.startswith(ABOUT)
 
 

@@ -1,4 +1,4 @@
-"""What couplings transmit of a wall over frequency, and the stiffest wall without limit cycles: the runs for these."""
+"""Runs that measure what couplings transmit of a wall over frequency, and the stiffest wall without limit cycles."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tuning:
-    """What a tuning found: `search` has its trials, and what they are worth."""
+    """The result of a tuning: `search` has its trials, and their worth."""
 
     search: Search
 

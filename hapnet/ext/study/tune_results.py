@@ -1,4 +1,4 @@
-"""What a tuning has found: tables for a terminal, an object for machines, its trials as CSV, the values as TOML."""
+"""The results of a tuning: tables for a terminal, an object for machines, its trials as CSV, the values as TOML."""
 
 from __future__ import annotations
 

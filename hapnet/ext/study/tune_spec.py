@@ -1,4 +1,4 @@
-"""What a tuning runs: a TOML file with what is searched, what is wanted, and the cases to tune and to score on.
+"""The specification of a tuning: a TOML file with the searched values, the goal, and the cases to tune and to score on.
 
 ::
 
@@ -41,7 +41,7 @@ _WHOLE = {"trials": (64, 1, 100_000), "generation": (8, 1, 1000), "seed": (0, 0,
 
 @dataclass(frozen=True)
 class TuneSpec:
-    """What a tuning runs.
+    """The specification of a tuning.
 
     tuning, scoring : the cases of each part, without the searched parameters.
     trials : how many sets of values are tried. generation : how many are chosen at once. seed : of the search.

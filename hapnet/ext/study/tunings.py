@@ -19,7 +19,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 
 def tuning(params: Params) -> dict[str, Any]:
-    """What determines a coupling's rendering: springs, dampers, its rule's choice, and the stiffness at best."""
+    """Return a coupling's rendering parameters: springs, dampers, its rule's choice, and the stiffness at best."""
     params = with_springs(params)
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None

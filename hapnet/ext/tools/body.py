@@ -215,7 +215,7 @@ def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> 
 
 @equation
 def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> None:
-    """What is missing in the equations of u and w, and how it changes with both, for `eliminate`."""
+    """Compute the residual of the equations of u and w, and how it changes with both, for `eliminate`."""
     x, u, w, rows, middle, reach = body.x, body.mean, body.w, body.rows, body.middle, body.arm_m
     gain, half, stiffness, damping = 2.0 / dt, 0.5 * dt, body.stiffness, body.damping
     for i in range(DOF):

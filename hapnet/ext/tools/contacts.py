@@ -115,8 +115,9 @@ class ToolContacts(Surroundings):
         return tuple(made)
 
     def within(self, position: Sequence[float], reach_m: float) -> list[tuple[float, Vector, Vector, Secant]]:
-        """What of the tool is within `reach_m` of a solid, the deepest first: the distance [m], the point in the tool's
-        axes, the unit normal into the solid, and the solid."""
+        """Return the parts of the tool within `reach_m` of a solid, the deepest first: the distance [m], the point in
+        the tool's axes, the unit normal into the solid, and the solid.
+        """
         found = []
         for point, secant, x in self._pairs(position):
             if secant.farther_than(reach_m, x):
@@ -170,7 +171,9 @@ class ToolContacts(Surroundings):
         return tuple(force), work
 
     def _meet(self, body: RigidBody, start: list[Met], met: list[Met]) -> bool:
-        """Which planes does the displacement meet that were not met yet? Is there any?"""
+        """Find the planes that the displacement meets for the first time; return whether there are any. Is there
+        any?
+        """
         before, known = len(met), {id(secant) for _, secant, _ in met}
         for point, secant, x in start:
             if id(secant) in known or len(met) == MOST:
@@ -223,7 +226,7 @@ class ToolContacts(Surroundings):
         return step(body, dt, push, ybar, planes)
 
     def _force(self, k: int, delta: Vector, dt: float) -> Vector:
-        """What a plane did to its point in the step: push along the normal, and drag across [N]."""
+        """The force of a plane on its point in the step: push along the normal, and drag across [N]."""
         planes = self._planes
         n, drag = triple(planes.normals[k]), planes.drags[k]
         across = tangential(delta, n) if drag else _STILL

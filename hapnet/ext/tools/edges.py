@@ -1,4 +1,4 @@
-"""What of solids touches a tool's faces: points of their edges, and balls.
+"""The parts of solids that touch a tool's faces: points of their edges, and balls.
 
 Points of a tool at the distances of solids do not see an edge that lies between them. So it is done both ways, as with
 vertices and faces of two meshes: points that rest, at the distance of the tool's own box or cylinder. Where such a

@@ -1,4 +1,6 @@
-"""What a scene with a tool needs of the device's side: its handle, the hand that holds it, and a driver that turns."""
+"""The needs of a scene with a tool on the device's side: its handle, the hand that holds it, and a driver that
+turns.
+"""
 
 from __future__ import annotations
 

@@ -97,6 +97,6 @@ class Posed:
         return None if force is None else (*force, *(0.0,) * (AXES - 3))
 
     def vibrate(self, force: Vector) -> None:
-        """What of the force grains make [N]."""
+        """Take the part of the force that grains make [N]."""
         if callable(vibrate := getattr(self._device, "vibrate", None)):
             vibrate(force[:3])

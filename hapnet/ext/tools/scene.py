@@ -147,7 +147,7 @@ def tool_of(spec: str) -> Tool:
 
 
 def seen_by_the_hand(scene: World) -> Scene:
-    """What a hand that moves a point knows of a world with a tool: a wall where the point would meet the first solid.
+    """The scene as a hand that moves a point knows it: a wall where the point would meet the first solid.
 
     Of an engine's world it knows nothing, and presses down.
     """

@@ -1,4 +1,4 @@
-"""The environment's own account: did the surroundings of the proxy give out more energy than they had?
+"""The environment's own account, which shows whether the surroundings of the proxy gave out more energy than they had.
 
 With f the force that was really applied, U = `stored_J` and S = `supplied_J` of the surroundings
 
@@ -40,7 +40,7 @@ class EnvironmentAccount(Record):
 
     @property
     def observed(self) -> Observed | None:
-        """What an observer saw and made the surroundings pay; None: they promise to be passive, nothing observes."""
+        """The account of an observer of the surroundings; None: they promise to be passive, nothing observes."""
         return self._surroundings.observed
 
     def observe(self, work: float, position: Sequence[float]) -> None:

@@ -15,7 +15,7 @@ def lacking(part: object, names: Iterable[str]) -> list[str]:
 
 
 def is_world(part: object) -> TypeGuard[World]:
-    """Has `part` all that a world must have? A class that makes worlds is none."""
+    """Whether `part` has all that a world must have. A class that makes worlds is none."""
     return not isinstance(part, type) and not lacking(part, World.__abstractmethods__)
 
 

@@ -1,4 +1,4 @@
-"""What a world looks like: surfaces of triangles, how its bodies lie now, and where the proxy touches them.
+"""The picture of a world: surfaces of triangles, how its bodies lie now, and where the proxy touches them.
 
 This is for pages and figures only; nothing here acts on the proxy. A world that can be drawn has a method `picture`.
 What it gives is asked some 60 times a second, on the thread that steps the world.

@@ -42,7 +42,7 @@ class WorldDefaults(Protocol):
 
     @property
     def has_effects(self) -> bool:
-        """Has a surface effects (drag, grain, snap), which only a contact model at the device renders?"""
+        """Whether a surface has effects (drag, grain, snap), which only a contact model at the device renders."""
         return False
 
     @property
@@ -67,7 +67,7 @@ class WorldDefaults(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What somebody who runs it should know."""
+        """Warnings for whoever runs it."""
         return ()
 
     def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> Mass | None:
@@ -78,7 +78,7 @@ class WorldDefaults(Protocol):
         return None
 
     def picture(self) -> Picture | None:
-        """What it looks like; None: it cannot be drawn."""
+        """Return its picture; None: it cannot be drawn."""
         return None
 
     def steps_between(self, min_s: float, max_s: float) -> bool:
@@ -90,7 +90,7 @@ class WorldDefaults(Protocol):
         return
 
     def signals(self) -> Mapping[str, Signal]:
-        """What it reports to the device's side beside the stream."""
+        """The signals that it reports to the device's side beside the stream."""
         return {}
 
 

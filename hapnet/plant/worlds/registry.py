@@ -31,12 +31,12 @@ GROUP = "hapnet.worlds"
 
 
 def about(name: str) -> str:
-    """What a world of hapnet's own is, in one line."""
+    """Describe a world of hapnet's own in one line."""
     return (inspect.getdoc(SCENES[name]) or "").partition("\n")[0]
 
 
 def is_own(name: str) -> bool:
-    """Is it one of the user's own, or of another package? Such a world has defaults of its own."""
+    """Whether it is one of the user's own, or of another package. Such a world has defaults of its own."""
     return name.partition("?")[0] not in SCENES
 
 
@@ -96,7 +96,9 @@ _DESCRIBED = [kind for kind in WORLDS if kind != "own"]
 
 
 def _described(name: str) -> Callable[..., Any] | None:
-    """What makes the world that the text `name` describes; None: it describes none of an extension's kind."""
+    """Return the function that makes the world that the text `name` describes; None: it describes none of an
+    extension's kind.
+    """
     found = (world_kind(kind).builder(name) for kind in _DESCRIBED)
     return next((build for build in found if build is not None), None)
 

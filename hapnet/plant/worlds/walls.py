@@ -377,7 +377,7 @@ def apply(inverse: Inverse, vector: Reals, out: Floats) -> None:
 
 @equation
 def meets(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals) -> bool:
-    """Does axis k act in a step that has the velocity `free` [m/s] without contact?"""
+    """Whether axis k acts in a step that has the velocity `free` [m/s] without contact."""
     axis = contacts.axes[k]
     low, high, q = axis.lower.at, axis.upper.at, dot(contacts.dof, axis.normal, x)
     return not (low <= q <= high and low <= q + dt * dot(contacts.dof, axis.normal, free) <= high)
