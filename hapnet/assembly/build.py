@@ -232,7 +232,7 @@ def device_side(
 
 
 def compiled_ends() -> Ends:
-    """What makes compiled ends; where nothing can be compiled, it leaves them as they are."""
+    """Return the maker of compiled ends; where nothing can be compiled, it leaves them as they are."""
     if no_compiler() is not None:
         return Ends()
     ends: Ends = extension("compiled ends").CompiledEnds()

@@ -56,12 +56,16 @@ class AccountExchange:
 
     @property
     def known(self) -> bool:
-        """Has the peer answered the newest account, a final one? Also if it never reported: then it will not answer."""
+        """Whether the peer has answered the newest account, a final one. Also if it never reported: then it will not
+        answer.
+        """
         return self.heard is None or (self._final and self._answered >= self._number)
 
     @property
     def whole(self) -> bool:
-        """Does the newest account of the peer cover all of this side's time? It is final, or answers a final one."""
+        """Whether the newest account of the peer covers all of this side's time. It is final, or answers a final
+        one.
+        """
         heard = self.heard
         return heard is not None and (heard.final or 0 < self._first_final <= heard.covers)
 
@@ -83,7 +87,7 @@ class AccountExchange:
         self.heard = Heard(message.number, message.values, message.final, now_ns, covers)
 
     def poll(self, now_ns: int) -> tuple[int, int, bool, bool, dict[str, Signal]] | None:
-        """What to send now: the elements of an `Account` from its number on; None: nothing is due."""
+        """Return the elements of an `Account` to send now, from its number on; None: nothing is due."""
         if self._due_ns is None or now_ns < self._due_ns:
             return None
         asks = self._final and self._answered < self._number

@@ -1,4 +1,4 @@
-"""What a side says on its control key, and when: hellos, bounded replies, and byes at the end."""
+"""The messages on a side's control key, and their times: hellos, bounded replies, and byes at the end."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ControlSender:
 
     @property
     def is_full(self) -> bool:
-        """Do so many replies wait that there is no room for another addressee?"""
+        """Whether so many replies wait that there is no room for another addressee."""
         return len(self._replies) >= MAX_REPLIES
 
     def reply(self, message: Welcome | Refuse, key: bytes | None = None) -> None:

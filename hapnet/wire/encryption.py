@@ -1,4 +1,4 @@
-"""What the sides of a pair send, readable by nobody else: ChaCha20-Poly1305 (RFC 8439) over whole frames.
+"""Encryption of a pair's messages, so that nobody else can read them: ChaCha20-Poly1305 (RFC 8439) over whole frames.
 
 Any datagram can be decrypted alone, whatever was lost or overtaken before it. That is what an encrypted stream over
 udp needs: TLS and QUIC repeat or hold back what comes after a loss. The nonce is the message's number, which is never
@@ -69,7 +69,7 @@ def _head(incarnation: int, number: int) -> bytes:
 
 
 def read(data: bytes) -> Encrypted | None:
-    """What `Cipher.encrypt` has made, of any length; None: `data` is nothing of it."""
+    """Read the result of `Cipher.encrypt`, of any length; None: `data` is no such result."""
     if len(data) <= _BEFORE or data[:3] != bytes((_ARRAY_OF_5, VERSION, Encrypted.KIND)):
         return None
     *_, incarnation, _, number = _HEAD.unpack_from(data)

@@ -1,4 +1,4 @@
-"""What a session reports to its runtime: one immutable class for each kind of event."""
+"""The events that a session reports to its runtime: one immutable class for each kind."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class PeerLeft:
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """What came in the peer's name cannot all be the peer's: see `hapnet.wire.sums`.
+    """The messages in the peer's name cannot all be the peer's: see `hapnet.wire.sums`.
 
     kind : which of the contradictions it is. Each is reported once for each pair.
     """

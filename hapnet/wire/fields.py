@@ -1,4 +1,4 @@
-"""What each element of a frame may be: types for the messages' fields, which msgspec checks, and what it cannot check.
+"""The elements of a frame: types for the messages' fields, which msgspec checks, and checks beyond msgspec's.
 
 `checked` returns a value of such a type, or raises BadMessage. msgpack itself bounds integers to -2^63 .. 2^64 - 1.
 """
@@ -173,7 +173,9 @@ _STEP = re.compile(r"\[(\d+)\]|\.(\w+)")
 
 
 def _bad(error: str, value: Any, names: Sequence[str]) -> BadMessage:
-    """What msgspec says of a value, such as "Expected `int` >= 0 - at `$[1]`", in words that show the element."""
+    """Return msgspec's complaint of a value, such as "Expected `int` >= 0 - at `$[1]`", in words that show the
+    element.
+    """
     expected, at, place = error.rpartition(" - at ")
     expected, place = (expected, place) if at else (place, "")
     allowed = expected.removeprefix("Expected ").partition(", got ")[0].replace("`", "").replace("object", "map")
@@ -198,7 +200,7 @@ def _bad(error: str, value: Any, names: Sequence[str]) -> BadMessage:
 
 
 def printable(text: str) -> str:
-    """What a receiver takes as a text."""
+    """Return the text as a receiver takes it."""
     return "".join(c if c.isprintable() else " " for c in text)[:MAX_TEXT]
 
 
@@ -251,7 +253,7 @@ def unit_normals(planes: Any) -> None:
 
 
 def surfaces(known: OfProxy, planes: Any) -> None:
-    """What further entries say about the surfaces of checked planes."""
+    """Check the further entries about the surfaces of checked planes."""
     for name in (CURVATURES, FRICTION, EFFECTS):
         each = getattr(known, name)
         if each is not UNSET and (planes is None or len(each) != len(planes)):

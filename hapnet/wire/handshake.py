@@ -48,7 +48,7 @@ MAX_PEERS = 4096
 
 
 class Said(NamedTuple):
-    """What the actions need from the message that caused them. What a message does not have keeps its default."""
+    """The data of the message that caused the actions. What a message does not have keeps its default."""
 
     sender: int
     addressee: int = 0
@@ -238,14 +238,16 @@ class Handshake:
         return Input.RETIRED if sender in self._retired else None
 
     def _is_other_candidate(self, sender: int, now_ns: int, proven: bool) -> bool:
-        """Must others wait for the candidate? It holds its place for a time, and against none that has proven more."""
+        """Whether others must wait for the candidate. It holds its place for a time, and against none that has proven
+        more.
+        """
         if self._candidate in (None, sender) or (proven and not self._candidate_proven):
             return False
         held_ns = now_ns - self._candidate_since_ns
         return now_ns - self._candidate_ns <= CANDIDATE_NS and held_ns <= CANDIDATURE_NS
 
     def _must_wait(self, sender: int, now_ns: int) -> bool:
-        """Was this one the candidate for long enough, so that it is another's turn?"""
+        """Whether this one was the candidate for long enough, so that it is another's turn."""
         over_ns = now_ns - self._candidate_since_ns - CANDIDATURE_NS
         return self._candidate == sender and 0 < over_ns <= CANDIDATE_NS
 

@@ -1,4 +1,4 @@
-"""What a side says of itself when it pairs, and who fits it."""
+"""The identity of a side when it pairs, and the rules for who fits it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does somebody else speak in the peer's name? Two keys in one name, or a false seal, show it.
+"""A detector of others who speak in the peer's name. Two keys in one name, or a false seal, show it.
 
 Where both sides have a word neither shows anything: the pair's key proves who the peer is, and whoever adds frames only
 adds what is dropped. Otherwise somebody may have paired in the peer's name, with a key of his own, and he cannot take
@@ -15,7 +15,7 @@ from hapnet.wire.sums import KEYS, SEALS, Sums
 
 
 class Impostors:
-    """What keys and seals show. keys : of this side. sums : counts and reports the contradictions."""
+    """The evidence of keys and seals. keys : of this side. sums : counts and reports the contradictions."""
 
     def __init__(self, keys: Keys, sums: Sums) -> None:
         self._keys, self._sums = keys, sums
@@ -30,13 +30,13 @@ class Impostors:
         return self.on_peer(peer) if other and peer is not None and peer.incarnation == message.incarnation else ()
 
     def on_peer(self, peer: Identity | None) -> tuple[Event, ...]:
-        """`peer` is the peer from now on, or was heard: was more than one key offered in its name?"""
+        """`peer` is the peer from now on, or was heard: check whether more than one key was offered in its name."""
         if peer is None or not self._matters or not self._keys.is_disputed(peer.incarnation):
             return ()
         return self._sums.doubt(KEYS, "two keys were offered in its name")
 
     def on_bad(self, message: Message | None, peer: Identity | None, error: BadMessage) -> tuple[Event, ...]:
-        """A message was dropped: in the name of `peer`, and with a seal that is not the peer's?"""
+        """A message was dropped: check whether it came in the name of `peer`, with a seal that is not the peer's."""
         if error.kind != "forged" or message is None or peer is None or message.incarnation != peer.incarnation:
             return ()
         return self._sums.doubt(SEALS, error.detail) if self._matters else ()

@@ -140,7 +140,9 @@ def _go_on(numbers: Numbering, now_ns: int, number: int, sent_ns: int) -> None:
 
 @equation
 def _is_run(numbers: Numbering, now_ns: int, number: int, sent_ns: int, sure: bool) -> bool:
-    """Is this message, with the doubtful ones before it, a run? `sure`: no honest sender sends such a message."""
+    """Whether this message, with the doubtful ones before it, is a run. `sure`: no honest sender sends such a
+    message.
+    """
     before, waited_ns = numbers.other_number, now_ns - numbers.other_came_ns
     goes_on = before < number <= before + _most(waited_ns) and numbers.other_stamp_ns < sent_ns
     numbers.other_number, numbers.other_stamp_ns, numbers.other_came_ns = number, sent_ns, now_ns

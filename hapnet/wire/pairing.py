@@ -25,7 +25,7 @@ class State(Enum):
 
 
 class Input(Enum):
-    """What a state answers to.
+    """The inputs that a state answers to.
 
     The candidate is the one stranger that this side has answered and that alone may become the peer next.
     """
@@ -59,7 +59,7 @@ class Input(Enum):
 
 
 class Action(Enum):
-    """What to do. Where nothing else is said, it concerns the sender of the message."""
+    """The actions of the handshake. Where nothing else is said, it concerns the sender of the message."""
 
     MAKE_CANDIDATE = "the sender is the candidate from now on"
     SEND_WELCOME = "answer with a welcome"
@@ -104,7 +104,7 @@ def _row(state: State, *actions: Action, drop: Drop | None = None) -> Transition
 
 
 def _in_any(state: State) -> dict[Input, Transition]:
-    """What every state but the last answers alike."""
+    """The answers that every state but the last has in common."""
     return {
         Input.CLOSE: _row(State.LEFT),
         Input.OWN: _row(state, drop=Drop.OWN),
@@ -118,7 +118,7 @@ def _in_any(state: State) -> dict[Input, Transition]:
 
 
 def _with_peer(state: State) -> dict[Input, Transition]:
-    """What a side with a peer answers, heard or not."""
+    """The answers of a side with a peer, heard or not."""
     return _in_any(state) | {
         Input.PEER_HEARD: _row(State.PAIRED),
         Input.PEER_SILENT: _row(State.SILENT),
@@ -131,7 +131,7 @@ def _with_peer(state: State) -> dict[Input, Transition]:
 
 
 def _open_to_strangers(state: State, no_peer: Drop) -> dict[Input, Transition]:
-    """What a side answers to strangers while no peer is heard."""
+    """The answers of a side to strangers while no peer is heard."""
     return {
         Input.OTHER_CANDIDATE: _row(state, drop=Drop.OTHER_CANDIDATE),
         Input.HELLO: _row(state, Action.MAKE_CANDIDATE, Action.SEND_WELCOME, Action.SEND_HELLO),

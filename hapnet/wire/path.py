@@ -105,7 +105,9 @@ class Counts(Record):
 
     @property
     def lost(self) -> int:
-        """What has not come and was not overtaken; where nothing came late, nothing was overtaken."""
+        """The number of messages that have not come and were not overtaken; where nothing came late, nothing was
+        overtaken.
+        """
         missing = max(0, self.sent - self.came)
         if not self.sampled or not self.late:
             return missing

@@ -114,7 +114,7 @@ class PeerMonitor(Record):
         return PeerSilent(self.last_ns)
 
     def living(self, now_ns: int) -> bool:
-        """Was the peer heard lately, or paired lately?"""
+        """Whether the peer was heard lately, or paired lately."""
         return self.life_ns != NEVER and now_ns - self.life_ns <= self._living_ns
 
     def leave(self, now_ns: int) -> None:

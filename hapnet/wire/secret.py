@@ -99,7 +99,7 @@ class Secret:
         return hmac.digest(extracted, info + b"\x01", "sha256")
 
     def for_watchers(self, incarnation: int) -> Cipher | None:
-        """What encrypts the telemetry of a side, for whoever knows the word; None: there is no word."""
+        """The cipher of a side's telemetry, for whoever knows the word; None: there is no word."""
         return Cipher(self._word, incarnation, incarnation, "telemetry") if self.has_word else None
 
 
@@ -111,7 +111,7 @@ def sealed(message: Sealed, key: bytes) -> bytes:
 
 
 def is_sealed(key: bytes, more: Mapping[str, Any] | None, data: bytes) -> bool:
-    """Does the frame `data`, whose further entries are `more`, end with the tag of `key`?"""
+    """Whether the frame `data`, whose further entries are `more`, ends with the tag of `key`."""
     tag = (more or {}).get(TAG)
     return (
         type(tag) is bytes
@@ -122,7 +122,7 @@ def is_sealed(key: bytes, more: Mapping[str, Any] | None, data: bytes) -> bool:
 
 
 def decrypted(message: Encrypted, cipher: Cipher | None) -> Message:
-    """What the peer has encrypted. cipher : of the pair; None: it does not encrypt.
+    """Decrypt a message of the peer. cipher : of the pair; None: it does not encrypt.
 
     Raises BadMessage: somebody else has encrypted it, or it is no message of a pair, or of another sender.
     """
@@ -142,7 +142,7 @@ def fingerprint(key: bytes) -> str:
 
 
 class _Shared(NamedTuple):
-    """What is shared with a peer: its public key, the shared key, the cipher, and whether either wants it secret."""
+    """The data shared with a peer: its public key, the shared key, the cipher, and whether either wants it secret."""
 
     public: bytes
     key: bytes
@@ -182,7 +182,7 @@ class Keys:
 
     @property
     def proof(self) -> Proof | Literal["nobody"] | None:
-        """What proves who this side's peer is; None: it shares no keys."""
+        """The proof of who this side's peer is; None: it shares no keys."""
         return None if self._secret is None else (self._secret.proof or "nobody")
 
     def shared_with(self, other: int) -> bytes | None:
@@ -194,16 +194,16 @@ class Keys:
         return fingerprint(self._kept[peer].key) if peer in self._kept else ""
 
     def cipher(self, peer: int) -> Cipher | None:
-        """What encrypts for a peer, and decrypts what it sends; None: one of the two cannot encrypt."""
+        """The cipher that encrypts for a peer, and decrypts its messages; None: one of the two cannot encrypt."""
         return self._kept[peer].cipher if peer in self._kept else None
 
     @property
     def must_encrypt(self) -> bool:
-        """Must this side send nothing that others can read, not even without a peer?"""
+        """Whether this side must send nothing that others can read, not even without a peer."""
         return self._encrypts
 
     def is_secret(self, peer: int) -> bool:
-        """Must nothing that others can read leave a side of this pair?"""
+        """Whether nothing that others can read must leave a side of this pair."""
         return self._encrypts or (peer in self._kept and self._kept[peer].secret)
 
     def require_seal(self, message: Message, data: bytes) -> None:
@@ -236,11 +236,11 @@ class Keys:
         return True
 
     def is_disputed(self, peer: int) -> bool:
-        """Was more than one key offered in the peer's name, or is that not known any more?"""
+        """Whether more than one key was offered in the peer's name, or that is not known any more."""
         return self._secret is not None and (peer in self.disputed or peer not in self._first)
 
     def is_other(self, peer: int, more: Mapping[str, Any] | None) -> bool:
-        """Does a hello in the peer's name offer another key than the peer did?"""
+        """Whether a hello in the peer's name offers another key than the peer did."""
         return peer in self._kept and self._kept[peer].public != _offered(more)
 
     def misfit(self, name: str, more: Mapping[str, Any] | None) -> str:
@@ -248,11 +248,13 @@ class Keys:
         return f"{name} cannot encrypt, and this side must" if self._encrypts and _asks(more) is None else ""
 
     def must_prove(self, more: Mapping[str, Any] | None) -> bool:
-        """Must a side that offers this prove itself? All must who offer a key, and where there is a word everybody."""
+        """Whether a side that offers this must prove itself. All must who offer a key, and where there is a word
+        everybody.
+        """
         return self._secret is not None and (self._secret.has_word or _offered(more) is not None)
 
     def has_key(self, more: Mapping[str, Any] | None) -> bool:
-        """Does it offer a key?"""
+        """Whether it offers a key."""
         return _offered(more) is not None
 
     def key_for(self, other: int, more: Mapping[str, Any] | None) -> bytes | None:
@@ -271,7 +273,7 @@ class Keys:
         return key
 
     def is_proven(self, other: int, more: Mapping[str, Any] | None, data: bytes) -> bool:
-        """Is the hello or welcome `data` sealed with the key that it offers, and so with the word?
+        """Whether the hello or welcome `data` is sealed with the key that it offers, and so with the word.
 
         Raises BadMessage: what `other` offers is no key.
         """
@@ -279,7 +281,9 @@ class Keys:
         return key is not None and is_sealed(key, more, data)
 
     def may_refuse(self, other: int, more: Mapping[str, Any] | None, data: bytes) -> bool:
-        """Does a stranger's refusal count? It is sealed if it has offered a key; where there is a word, in any case."""
+        """Whether a stranger's refusal counts. It is sealed if it has offered a key; where there is a word, in any
+        case.
+        """
         if self._secret is None:
             return True
         if not self._secret.has_word and self._first.get(other) is None:
@@ -303,7 +307,7 @@ def _offered(more: Mapping[str, Any] | None) -> bytes | None:
 
 
 def _asks(more: Mapping[str, Any] | None) -> bool | None:
-    """Does a hello or a welcome ask for encryption? None: its sender cannot encrypt."""
+    """Whether a hello or a welcome asks for encryption. None: its sender cannot encrypt."""
     asks: bool | None = (more or {}).get(ENCRYPTS)
     return asks
 

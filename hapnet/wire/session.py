@@ -133,12 +133,12 @@ class Session:
 
     @property
     def monitor(self) -> PeerMonitor:
-        """What is known of when the peer was heard."""
+        """The monitor of when the peer was heard."""
         return self._monitor
 
     @property
     def handshake_over(self) -> bool:
-        """Has the handshake nothing more to send?"""
+        """Whether the handshake has nothing more to send."""
         return self._handshake.next_due_ns is None
 
     def sample(self, every: int) -> None:
@@ -196,7 +196,7 @@ class Session:
 
     @property
     def proof(self) -> str | None:
-        """What proves who the peer is: "word", "certificate", "socket" or "nobody"; None: this side shares no keys."""
+        """The proof of who the peer is: "word", "certificate", "socket" or "nobody"; None: this side shares no keys."""
         return self._handshake.keys.proof
 
     def outward(self, frame: bytes) -> bytes | None:
@@ -207,7 +207,9 @@ class Session:
 
     @property
     def encrypts(self) -> bool:
-        """Must nothing that others can read leave this side? A pair that merely can encrypt does, but need not."""
+        """Whether nothing that others can read must leave this side. A pair that merely can encrypt does, but need
+        not.
+        """
         keys = self._handshake.keys
         return keys.must_encrypt if self.peer is None else keys.is_secret(self.peer.incarnation)
 
@@ -226,7 +228,9 @@ class Session:
         return self._monitor.outages(now_ns)
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
-        """What to send now, and the energy that is credited now because it had to wait for the token bucket."""
+        """Return the messages to send now, and the energy that is credited now because it had to wait for the token
+        bucket.
+        """
         events = self._credited(self._channel.admit(now_ns))
         outgoing: list[Outgoing] = []
         peer = self._handshake.peer

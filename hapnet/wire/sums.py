@@ -1,4 +1,4 @@
-"""Does what comes in the peer's name about energy fit together?
+"""A check that the energy messages in the peer's name fit together.
 
 The further entry ``sums`` of an energy message holds its `number`, counted from 1 for each pair; `sent_nJ`, all that
 its sender has given to the addressee by then; and `seen`, the highest number of the addressee's energy messages that
@@ -67,7 +67,9 @@ class Sums:
         return self._number, sent_nJ, 0 if self._newest is None else self._newest[0]
 
     def take(self, message: Energy, announced_nJ: int) -> tuple[Event, ...]:
-        """What contradicts in the peer's message; each kind is reported once a pair. Nothing else depends on it."""
+        """Take the peer's message and return its contradictions; each kind is reported once a pair. Nothing else
+        depends on it.
+        """
         reported = f"it reports {message.total_nJ} nJ sent, and {message.acked_nJ} nJ credited"
         found = self._found(self._contradiction(message), reported)
         return found + self.acknowledged(message.acked_nJ, announced_nJ)
@@ -109,6 +111,8 @@ class Sums:
         return CREDITED if sent_nJ < self._credited_by(seen) else ""
 
     def _credited_by(self, number: int) -> int:
-        """What this side had credited when it sent its message of that number [nJ]; 0, if that is forgotten."""
+        """The energy that this side had credited when it sent its message of that number [nJ]; 0, if that is
+        forgotten.
+        """
         place = number - self._number - 1
         return self._credited_nJ[place] if 0 <= len(self._credited_nJ) + place < len(self._credited_nJ) else 0

@@ -147,7 +147,7 @@ def _property(name: str, of: type, shape: tuple[int, ...]) -> property:
 
 
 def _view(place: Any, name: str, of: type, shape: tuple[int, ...], value: Any) -> Any:
-    """What a bound record has for a vector, as long as `value`; records in a vector are Python's own."""
+    """Return a bound record's form of a vector as long as `value`; records in a vector are Python's own."""
     if issubclass(of, Record) or not shape:
         return value
     whole = getattr(place, name)

@@ -33,7 +33,7 @@ CREDITS = 256
 
 
 class Endpoint(Record):
-    """What one endpoint keeps besides its channel and its path.
+    """The state of one endpoint besides its channel and its path.
 
     first, waiting, backlog : the samples that wait for the next tick are a ring. credits : how many credits wait too.
     used : the newest sample in use.
@@ -193,7 +193,7 @@ def finish(wire: Wire, message: Message, now_ns: int, amount: float) -> None:
 
 @equation
 def _within(n: int, vector: Reals) -> bool:
-    """May a message carry these coordinates?"""
+    """Whether a message may carry these coordinates."""
     fits = True
     for i in range(n):
         fits = fits and bool(abs(vector[i]) <= _MAX_COORDINATE)
@@ -214,5 +214,5 @@ def _width(value: int) -> int:
 
 @equation
 def has_room(link: Link) -> bool:
-    """Are there draws for what one event may send?"""
+    """Whether there are draws for all that one event may send."""
     return link.drawn - (link.counters.offered - link.begun) >= 2

@@ -45,7 +45,7 @@ class Kind(NamedTuple):
         return "-".join([*ends, "Solids"] if self.solid else ends)
 
     def choices(self) -> Choices:
-        """What is compiled in place of other functions."""
+        """The functions to compile in place of others."""
         chosen: Choices = OF_SET_POSITIONS | link.CHOICES
         if (device := self.device) is not None:
             chosen |= device.lines() | {

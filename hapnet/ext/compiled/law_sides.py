@@ -47,7 +47,7 @@ class LawWorld(Record):
 
 @equation
 def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
-    """`SampledDeviceSide.tick` with a `LawServo`: is there a sample to send? It is then in `message`."""
+    """`SampledDeviceSide.tick` with a `LawServo`; return whether there is a sample to send. It is then in `message`."""
     device, servo, law, n = side.plant, side.servo, side.law, side.plant.dof
     dt = max((now_ns - counts.device_last_ns) * _NANO, device.period)
     counts.device_last_ns = now_ns
@@ -101,7 +101,7 @@ def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Messa
 
 @equation
 def of_device(row: DeviceRow, side: LawDevice, n: int) -> None:
-    """What a law has of a `DeviceSample`: no parts of the force."""
+    """Fill in a law's part of a `DeviceSample`: no parts of the force."""
     copy(n, side.law.y, row.set_position_m)
     copy(n, side.law.y, row.target_m)
     for i in range(n):
@@ -112,7 +112,7 @@ def of_device(row: DeviceRow, side: LawDevice, n: int) -> None:
 
 @equation
 def of_world(row: WorldRow, side: LawWorld, n: int) -> None:
-    """What a law has of a `WorldSample`."""
+    """Fill in a law's part of a `WorldSample`."""
     copy(n, side.law.y, row.set_position_m)
     copy(n, side.law.y, row.target_m)
     row.reservoir_J, row.potential_J = side.coupling.account, 0.0

@@ -1,4 +1,4 @@
-"""What numba makes of an array in a record, in less code: vectors in records are what equations read and write most.
+"""A shorter form of numba's code for an array in a record: vectors in records are what equations read and write most.
 
 Numba builds a whole array (data, shape, strides, ...) in memory at each use, and looks all of that up again for one
 number. Shape and strides are in the type, so an address is enough: all code is a third shorter, and compiling takes two

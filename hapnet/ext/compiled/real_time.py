@@ -61,13 +61,13 @@ def make_ready(name: str) -> Any:
 
 
 def named(end: str, axes: int) -> str:
-    """What an end, `SERVO` or `WORLD`, with room for so many axes is called."""
+    """Return the name of an end, `SERVO` or `WORLD`, with room for so many axes."""
     room = room_for(axes)
     return end if room == AXES else f"{end}-{room}"
 
 
 def part_of_device(params: Params) -> str:
-    """What of the simulated device is compiled by itself: an arm, or the handle of a tool; empty: nothing.
+    """Name the part of the simulated device that is compiled by itself: an arm, or the handle of a tool; empty: none.
 
     params : with the units of the world.
     """

@@ -1,4 +1,4 @@
-"""What is recorded at a tick and at a step: a `DeviceSample` and a `WorldSample`, as rows of numbers."""
+"""The record of a tick and of a step: a `DeviceSample` and a `WorldSample`, as rows of numbers."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Rows(Record):
 
 @equation
 def have_room(rows: Rows) -> bool:
-    """Is there room for one more sample of each side?"""
+    """Whether there is room for one more sample of each side."""
     return rows.device_rows < MOST and rows.world_rows < MOST
 
 
@@ -84,7 +84,7 @@ def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns:
 
 @equation
 def of_device(row: DeviceRow, side: DeviceSide, n: int) -> None:
-    """What a coupling of set-positions has of it. `within` : its force is not held."""
+    """Fill in the sample's part that a coupling of set-positions has. `within` : its force is not held."""
     coupling, servo, state, x = side.coupling, side.servo, side.plant.state, row.position_m
     spring, ybar, within = coupling.modulator.spring, coupling.modulator.ybar, side.plant.state.coupled != 0
     copy(n, ybar, row.set_position_m)
@@ -106,7 +106,7 @@ def of_device(row: DeviceRow, side: DeviceSide, n: int) -> None:
 
 @equation
 def of_world(row: WorldRow, side: WorldSide, n: int) -> None:
-    """What a coupling of set-positions has of it."""
+    """Fill in the sample's part that a coupling of set-positions has."""
     coupling = side.coupling
     copy(n, coupling.modulator.ybar, row.set_position_m)
     copy(n, coupling.aim, row.target_m)

@@ -38,7 +38,7 @@ _MOST_REACH_M = MOST_REACH_M
 
 
 class Counts(Record):
-    """What the two sides count: ticks and steps."""
+    """The counts of the two sides: ticks and steps."""
 
     device_last_ns: int
     ticks: int
@@ -70,7 +70,7 @@ class WorldSide(Record):
 
 @equation
 def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
-    """`DeviceSide.tick`: is there a position to send? It is then in `message`."""
+    """`DeviceSide.tick`; return whether there is a position to send. It is then in `message`."""
     dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
     if side.plant.state.coupled:
         _tick_within(side, wire, hand, dt, now_ns)
@@ -120,7 +120,7 @@ def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: in
 
 @equation
 def _dissipated(device: SimulatedDevice, interval: float) -> float:
-    """What the coupling's damper dissipated since the last call, or its bound (10), as after `passage`."""
+    """The energy that the coupling's damper dissipated since the last call, or its bound (10), as after `passage`."""
     state, lost = device.state, 0.0
     bound = by_range(device.dof, device.model.b, state.low, state.high, interval, 0.0)
     for i in range(device.dof):

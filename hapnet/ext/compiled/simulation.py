@@ -178,7 +178,7 @@ def _run(scenario: Scenario, until_ns: int) -> int:
 
 @equation
 def _is_provided(scenario: Scenario, kind: int) -> bool:
-    """Is there enough of everything for one more event of this kind?"""
+    """Whether there is enough of everything for one more event of this kind."""
     if kind == TICK and scenario.hand.at == scenario.hand.known:
         return False
     if kind == STEP and scenario.clock.steps_used == STEPS:
@@ -188,7 +188,7 @@ def _is_provided(scenario: Scenario, kind: int) -> bool:
 
 @equation
 def _impossible(scenario: Scenario) -> bool:
-    """Has something happened that the kernel cannot do?"""
+    """Whether something has happened that the kernel cannot do."""
     wires = scenario.device_wire.endpoint.impossible + scenario.world_wire.endpoint.impossible
     return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.plant.model.coupling.unsolved > 0
 

@@ -1,4 +1,4 @@
-"""What the kernel is compiled from, and whether it was compiled from just that, without loading the compiler."""
+"""The sources of the kernel, and whether it was compiled from just these, found without loading the compiler."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def digest() -> str:
 
 
 def name_of(kind: str) -> str:
-    """What the machine code of a kind is called: nothing else has this name, neither another kind nor other sources."""
+    """Return the name of a kind's machine code: nothing else has it, neither another kind nor other sources."""
     return f"{kind}-{digest()[:16]}"
 
 
 def are_compiled(kind: str) -> bool:
-    """Is there machine code of the present sources for this kind of scenario?"""
+    """Whether there is machine code of the present sources for this kind of scenario."""
     try:
         return _mark(kind).read_text("utf-8") == digest()
     except OSError:

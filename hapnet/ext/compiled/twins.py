@@ -161,7 +161,7 @@ def reporting(reported: Reported) -> Iterator[None]:
 
 @contextmanager
 def as_one_unit() -> Iterator[None]:
-    """What is compiled meanwhile is linked, optimised, and turned into machine code, with the entry alone.
+    """Link, optimise, and turn into machine code all that is compiled meanwhile, with the entry alone.
 
     By itself numba does all of that with each function and what it calls: so every function is copied and optimised
     again for its callers, for theirs, and so on, which takes five times as long. No other thread compiles meanwhile.

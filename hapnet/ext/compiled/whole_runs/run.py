@@ -45,7 +45,9 @@ if TYPE_CHECKING:
 
 @cache
 def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
-    """What runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a process."""
+    """Return the function that runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a
+    process.
+    """
     run = entry(enter, sources.name_of(kind.name), kind.choices())
     record = new(scenario(kind))
     with as_one_unit(), reporting(progress.reported.get()):
