@@ -28,7 +28,7 @@ class Log:
     so its later steps do not show.
 
     role : of this side.
-    words : the console for people; None: none.
+    console : for people; None: none.
     target : where JSON lines go: a file, "-" for standard output, None: nowhere.
     progress : log the run's progress too.
 

@@ -64,7 +64,7 @@ class MotionPredictor(Record):
     Parameters
     ----------
     window : how far back the fit reaches from the newest position [s].
-    longest : maximum time to predict [s]; a hand may change its mind within its reaction time.
+    maximum : the longest time to predict [s]; a hand may change its mind within its reaction time.
     max_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
 
     Attributes

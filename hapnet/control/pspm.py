@@ -85,7 +85,7 @@ class SetPositionModulator(Record):
     energy : E(0) [J]; None: the ceiling, as in the paper. A restarted side starts with 0.
     reserve : energy that the spring's jumps must leave in the reservoir [J]; at most the ceiling.
     held_m, drag_N : of a torque that is held, as `hapnet.control.reserve.spendable`; 0: none is held.
-    lends : does the energy in the spring come back by itself? See `hapnet.control.reservoir_level`.
+    injects : whether the energy in the spring comes back by itself, see `hapnet.control.reservoir_level`.
 
     Raises InvalidParameter: a value is not allowed, or the dimensions do not agree.
 
@@ -93,7 +93,8 @@ class SetPositionModulator(Record):
     ----------
     ybar : the modulated set-position [m]. energy : E(k) [J].
     deficit : the part of a measured, negative D that the reservoir could not cover [J].
-    modulated : is ybar another than the y of the last update? stored : phi after it [J]. sent, discarded, jump : of it,
+    modulated : whether ybar differs from the y of the last update. stored : phi after it [J]. sent, discarded, jump :
+    of it,
         as in `Modulation`.
     level : how full the reservoir was after it, see `hapnet.control.reservoir_level`.
     offset : room for an offset, while `modulate` runs.

@@ -373,7 +373,7 @@ class SetPositionSteps:
     """The world's end: a `WorldCoupling` whose mass has its own spring, tied to ybar.
 
     coupling : this side's set-position coupling.
-    teller : makes the sample of the proxy and of what is around it; None: only its position is sent.
+    reporter : makes the sample of the proxy and of what is around it; None: only its position is sent.
     """
 
     def __init__(self, coupling: SetPositionCoupling, reporter: Teller | None = None) -> None:

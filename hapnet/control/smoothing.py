@@ -136,12 +136,13 @@ class VelocityPredictor(Record):
     The velocity is computed from the sender's time stamps, so jitter does not disturb it and no common clock is needed.
 
     horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
-    longest : maximum extrapolation [s], however long the silence.
+    maximum : the longest extrapolation [s], however long the silence.
 
     Attributes
     ----------
-    last, last_s : the newest sample [m], and when it was sent [s]; has_last : is there one? velocity : of the last two
-        [m/s]; has_velocity : are there two? age : time since the newest came [s]. in_use : as of a `SmoothingFilter`.
+    last, last_s : the newest sample [m], and when it was sent [s]; has_last : whether there is one. velocity : of the
+        last two [m/s]; has_velocity : whether there are two. age : time since the newest came [s]. in_use : as of a
+        `SmoothingFilter`.
     """
 
     horizon: float

@@ -16,7 +16,8 @@ class TwoPort(Record):
 
     Attributes
     ----------
-    least : the minimum up to the running step [J]. at_device, at_world : the ports' W. device_low : the device's lowest
+    minimum : the least sum up to the running step [J]. at_device, at_world : the ports' W. device_low : the device's
+    lowest
         since the running step began; device_min : up to there.
     before : the minimum up to the end of the start; NaN: that is still to come. open : the device's lowest in the step
         in which the start ended, up to there; NaN: no such step runs.

@@ -11,9 +11,9 @@ _ONE = re.compile(r"(-?)([xyz])")
 
 
 class Axes:
-    """The choice of axes `words` of a device with `native` axes, for a scene with `dof` of them.
+    """The choice of axes `text` of a device with `native` axes, for a scene with `dof` of them.
 
-    words : one letter for each axis of the scene, with a minus if its direction is reversed; empty: the first ones.
+    text : one letter for each axis of the scene, with a minus if its direction is reversed; empty: the first ones.
 
     Raises InvalidParameter: they do not fit.
     """

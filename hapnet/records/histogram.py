@@ -87,7 +87,7 @@ class Histogram(Record):
     def interpolated(self, q: float, minimum: int) -> int | None:
         """As `quantile`, but on average not too high: as if the values of a bin were spread evenly.
 
-        least : no value is below it.
+        minimum : no value is below it.
         """
         if (place := self._place(q)) is None:
             return None

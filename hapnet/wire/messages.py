@@ -135,8 +135,7 @@ class Motion(_Message, frozen=True):
 
 
 class Port(_Message, frozen=True):
-    """A message of one port to the other: the device's position [m] or the world's force [N], and the energy that went
-    in.
+    """A port's message to the other: the device's position [m] or the world's force [N], and the energy that went in.
 
     `energy_nJ` is the total that went into the channel at the sender's port. The peer may take it out.
     """

@@ -43,9 +43,9 @@ MAX_NS = 60_000_000_000
 class PathFigures:
     """A side's path since its start, or its last seconds. Times are in ns, and None before anything is known.
 
-    jitter : how much longer the messages to this side took than the fastest lately.
-    age : the age of what this side used, at its oldest: just before the next took its place. A message without jitter
-        is assumed to take half of the minimum round trip.
+    jitter_p50_ns, jitter_p99_ns : how much longer the messages to this side took than the fastest lately.
+    age_p50_ns, age_p99_ns : the age of what this side used, at its oldest: just before the next took its place. A
+        message without jitter is assumed to take half of the minimum round trip.
     """
 
     round_trip_min_ns: int | None

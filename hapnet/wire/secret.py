@@ -199,11 +199,11 @@ class Keys:
 
     @property
     def must_encrypt(self) -> bool:
-        """Whether this side must send nothing that others can read, not even without a peer."""
+        """Whether this side may send nothing that others can read, not even without a peer."""
         return self._encrypts
 
     def is_secret(self, peer: int) -> bool:
-        """Whether nothing that others can read must leave a side of this pair."""
+        """Whether a side of this pair may send nothing that others can read."""
         return self._encrypts or (peer in self._kept and self._kept[peer].secret)
 
     def require_seal(self, message: Message, data: bytes) -> None:

@@ -207,7 +207,7 @@ class Session:
 
     @property
     def encrypts(self) -> bool:
-        """Whether nothing that others can read must leave this side. A pair that merely can encrypt does, but need
+        """Whether this side may send nothing that others can read. A pair that merely can encrypt does, but need
         not.
         """
         keys = self._handshake.keys

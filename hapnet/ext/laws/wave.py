@@ -58,14 +58,15 @@ class DelayLine(Record):
     Parameters
     ----------
     dof : components of a wave.
-    longest : maximum wait [s]; when the queue grows beyond it, the oldest waves are dropped.
+    maximum : the longest wait [s]; when the queue grows beyond it, the oldest waves are dropped.
     hold : a missing wave is replaced by the last one, which is not passive; if false, by zero, which is passive.
     recovery : time constant with which displacement that the queue has lost comes out after all [s]; 0: never.
 
     Attributes
     ----------
     values, spans : a ring of the waves that wait, `count` from `first` on; waiting : their total time span [s]. last :
-        the wave that was played last. pace : how fast they are played in this window; least : the shortest queue in it,
+        the wave that was played last. pace : how fast they are played in this window; minimum : the shortest queue in
+        it,
         which was `watched` for so long [s]. total, squares : integrals of what was played last.
     """
 
