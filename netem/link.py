@@ -68,8 +68,8 @@ class Link(Generic[T]):
     last_due_ns : nothing arrives before this one.
     since_reorder : number of messages offered since the last one that was sent ahead.
     gate : with slots; ready : due messages. later : messages that reach the line later than they were offered, if
-    there may be any (`beside`): (when, number, item, sent, size, delay). acts : are there further impairments?
-    has_traces : are the draws' results changed by traces? limit, gap : of the profile.
+    there may be any (`beside`): (when, number, item, sent, size, delay). acts : whether there are further impairments.
+    has_traces : whether traces change the draws' results. limit, gap : of the profile.
     """
 
     def __init__(

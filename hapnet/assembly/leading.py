@@ -18,7 +18,7 @@ Switch = Callable[[float], bool]
 
 
 def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
-    """Say when the device leads. units : of its axes. has_switch : has it a dead-man switch?
+    """Say when the device leads. units : of its axes. has_switch : whether it has a dead-man switch.
 
     Raises InvalidParameter.
     """

@@ -71,7 +71,7 @@ class AddedDamping(Record):
         """y' [m].
 
         age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
-        swings : does b_swing act, as there is no contact model?
+        swings : whether b_swing acts, as there is no contact model.
         """
         self.velocity.step(dt, x)
         damping = wanted(self, age, freedom)

@@ -39,8 +39,8 @@ YIELDING_S = 0.3
 class Answer(Record):
     """The world's newest answer: its proxy's position and force, and `count` planes; below 0: it cannot send any.
 
-    pending : does the next step take it? sent_s : when it was sent; age_s : how old it was then [s]. reach_m, level :
-    as in `Proxy`; below 0: not sent. before : y of what was known before, but for lead and fading [m].
+    pending : whether the next step takes it. sent_s : when it was sent; age_s : how old it was then [s]. reach_m,
+    level : as in `Proxy`; below 0: not sent. before : y of what was known before, but for lead and fading [m].
     """
 
     pending: int
@@ -66,9 +66,10 @@ class ContactState(Record):
     freedom : 1 in free motion, 0 in contact. fading : what is left of a change of planes [m].
     earlier, earlier_s : the proxy's position in the answer before [m], and when it was sent [s]; `has_earlier`.
     start : where y begins [m], at the first step after a reset (`starts`).
-    bends : does any of the planes? seen : the planes as tangent planes. rubbing : the proxy where any of them rubs.
-    acts : has any of the surfaces effects?
-    is_isotropic : are the springs alike in all directions?
+    bends : whether any of the planes does. seen : the planes as tangent planes. rubbing : the proxy where any of them
+        rubs.
+    acts : whether any of the surfaces has effects.
+    is_isotropic : whether the springs are alike in all directions.
     made_x, made_s, made_fading, made_before, made_y : of the last step: x, s, fading, y without and with damping [m].
     s, touches : where the proxy rests [m], and whether it touches anything. forces : of the planes there [N].
     leading, before : room for vectors. answer : the world's. in_use : always, but for the records of compiled code.

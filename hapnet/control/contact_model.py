@@ -61,7 +61,7 @@ class ContactModel(ContactState):
     lead_s : time constant of that velocity [s]. fade_s : time constant with which a change of planes takes effect, and
         the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
     yields_below : level of the world's reservoir below which the lead yields, so that the hand pays for what the
-        world's walls dissipate; 0: never. remembers : do planes that are no longer sent stay known?
+        world's walls dissipate; 0: never. remembers : whether planes that are no longer sent stay known.
     untold_share : the share of the spring's stiffness with which a world without planes is felt.
     self_motion : computes y for a world that cannot send planes. added : damps the oscillations that remain.
     """

@@ -113,7 +113,7 @@ class Sender(Record):
 
     Attributes
     ----------
-    sends : does the last run send one?
+    sends : whether the last run sends one.
     """
 
     due: float

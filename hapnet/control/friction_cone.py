@@ -53,8 +53,8 @@ class RubbingProxy(Record):
 
     compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N]. position : where it is [m].
 
-    give : at least the largest eigenvalue of the compliance [m/N]; is_isotropic : are all the same?
-    place : where it rested before: s of the last tick [m]. rubs : does any of the planes rub?
+    give : at least the largest eigenvalue of the compliance [m/N]; is_isotropic : whether all are the same.
+    place : where it rested before: s of the last tick [m]. rubs : whether any of the planes rubs.
     worlds : where the world's proxy rested, if it touched something (`has_worlds`) [m]; vague : its way since [m].
     count, normals, forces, tractions : of the planes, from the last tick. before, and those after it: room.
     seen : the planes as tangent planes.

@@ -53,7 +53,7 @@ class MeasuredHarvest(Record):
 
     Attributes
     ----------
-    work : energy put in at the actuator's port since the last `take` [J]. trusts : is any of the damping above 0?
+    work : energy put in at the actuator's port since the last `take` [J]. trusts : whether any damping is above 0.
     """
 
     n: int

@@ -252,7 +252,7 @@ class PredictedDevice(Record):
 
     Attributes
     ----------
-    y : the last y [m]. age : of the newest position [s]; fresh : has one come since the last step?
+    y : the last y [m]. age : of the newest position [s]; fresh : whether one has come since the last step.
     mean_step : of the world's steps [s]. aimed_s : the time at which y aims, on the device's clock [s]; has_aimed : is
         there one? around : what stands around the virtual mass. in_use : always, but for the records of compiled code.
     """

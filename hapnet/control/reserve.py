@@ -75,7 +75,7 @@ class ForceGuard(Record):
 
     Attributes
     ----------
-    has_account : does the account limit the force?
+    has_account : whether the account limits the force.
     square, linear, constant : ``S(F) <= square F^2 + linear F + constant``, with equality where F is an odd number of
         half steps.
     held_m, plain, more : A, F_0 and ``A F_0 - a S(F_0)`` of L_A; 0, infinite and 0 where L counts.

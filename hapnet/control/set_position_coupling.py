@@ -94,14 +94,14 @@ class SetPositionCoupling(Record):
     max_step : how far the set-position may move in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
     kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
-    shares : does it report how full its reservoir is, and send energy to a side that needs it more?
+    shares : whether it reports how full its reservoir is, and sends energy to a side that needs it more.
 
     Attributes
     ----------
-    passive : is the modulator PSPM, not a zero-order hold? ledger : its account.
+    passive : whether the modulator is PSPM, not a zero-order hold. ledger : its account.
     y : the set-position that is being chosen [m]. aim : y(k) after the stages and silence, before the step limit [m].
     received : the newest set-position that came [m]; fresh : since the last update, sent at `sent_s` [s].
-    waiting : energy that has come and that no update has used yet [J]. has_sample : has a sample or energy come so?
+    waiting : energy that has come and that no update has used yet [J]. has_sample : whether either has come so.
     account : the reservoir's content as the ledger counts it [J]: energy less deficit.
     peer_level : how full the other side's reservoir is; below 0: it does not report that.
     updates, modulated : how many there were, and of these, how many could not pay for the whole of y.

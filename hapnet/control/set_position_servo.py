@@ -57,7 +57,7 @@ class SampledServo(Record):
     position, velocity : at the last tick [m], [m/s]. low, high : the position's extremes since PSPM last ran [m].
     measured : the harvest since then. ranged : is it (10) instead? potential : phi then [J]. elapsed : since then [s].
     due : PSPM runs in the tick at which so much time has passed [s].
-    guarded : number of ticks whose force the guard changed; clipped : has it changed one since PSPM last ran?
+    guarded : number of ticks whose force the guard changed; clipped : whether it has changed one since PSPM last ran.
     speed_max : maximum speed measured over one tick [m/s]; `rounding` is taken off the travel.
     before, torque_path, boundary : for `quantisation`: the force that was held before, the sum of its changes [N], and
         its maximum distance from the spring's force [N].

@@ -55,7 +55,7 @@ class FilteredVelocity(Record):
 
     Attributes
     ----------
-    known : is x_f known? filtered : x_f [m]. velocity : of the last step [m/s].
+    known : whether x_f is known. filtered : x_f [m]. velocity : of the last step [m/s].
     """
 
     time_constant: float
@@ -97,7 +97,7 @@ class SmoothingFilter(Record):
 
     Attributes
     ----------
-    has_state : is there a state yet? in_use : always, but for the records of compiled code.
+    has_state : whether there is a state yet. in_use : always, but for the records of compiled code.
     """
 
     time_constant: float
@@ -175,7 +175,7 @@ class VelocityPredictor(Record):
 
 @equation
 def extrapolate(stage: VelocityPredictor, n: int, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
-    """`VelocityPredictor.step`, in place. fresh : is y a new sample, sent at `sent_s`?"""
+    """`VelocityPredictor.step`, in place. fresh : whether y is a new sample, sent at `sent_s`."""
     stage.age += dt
     if fresh:
         if stage.has_last and sent_s < stage.last_s - stage.maximum:

@@ -53,7 +53,8 @@ def default_stiffness(
 
     own_damping : the device's own damping [Ns/m]; 0: unknown. damping, servo_hz : as `colgate_bound`.
     declared : the smallest and the largest stiffness that the device renders, as it says [N/m]; None: it does not say.
-    resolution_m : of its encoders [m]; 0: unknown, or none. exact : is `own_damping` the damping, not a lower bound?
+    resolution_m : of its encoders [m]; 0: unknown, or none. exact : whether `own_damping` is the damping, not a lower
+        bound.
     """
     bound = SHARE * colgate_bound(own_damping, damping, servo_hz) if own_damping else 0.0
     minimum, maximum = declared or (0.0, MOST)

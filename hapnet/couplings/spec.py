@@ -93,11 +93,11 @@ class CouplingSpec(Generic[T]):
         the rendering is left to it?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
     limited : does it limit the set-position's step, and the force to what the account covers under zero-order hold?
-    scaled : is the felt force K/K' of the virtual one, as with PSPM?
+    scaled : whether the felt force is K/K' of the virtual one, as with PSPM.
     springs : the springs through which a wall is felt at rest [N/m]: K and K', as with PSPM, or the only one, K. None:
         they are not known, so neither is how stiff a wall is felt.
-    halves : does each side keep a half of Theorem 1, with its own reservoir?
-    joint : does energy pass through the link itself? Then the energy put in at one port alone means nothing.
+    halves : whether each side keeps a half of Theorem 1, with its own reservoir.
+    joint : whether energy passes through the link itself. Then the energy put in at one port alone means nothing.
     covers : when does it claim to be passive? allowance_J : energy that may then come out beyond d^2 [J].
     warn : warnings for the user before the start.
     compiled : the records of its two ends, where hapnet compiles the law (None: a set-position's); no user's own.

@@ -30,8 +30,8 @@ class Ellipsoid(Record):
 
     Attributes
     ----------
-    coupled : is K not diagonal? Then `basis` has its eigenvectors as columns, and `modes` as rows.
-    isotropic : are all eigenvalues the same? largest : the largest of them.
+    coupled : whether K is not diagonal. Then `basis` has its eigenvectors as columns, and `modes` as rows.
+    isotropic : whether all eigenvalues are the same. largest : the largest of them.
     ratios, weights : for each eigenvalue largest/lambda, and lambda times its square.
     u, p : room for a point in the eigenbasis, while `project` runs.
     """

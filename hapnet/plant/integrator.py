@@ -46,7 +46,7 @@ class PassiveIntegrator(Record, Mass):
 
     Attributes
     ----------
-    n : the number of axes. M, B, K : the matrices; diagonal : are all three diagonal? x, v : x_k and v_k.
+    n : the number of axes. M, B, K : the matrices; diagonal : whether all three are diagonal. x, v : x_k and v_k.
     factored_dt, factored_drag : the step that A was factored for last, and its drag, see `OWN`. L, inverse_pivots : A's
         factors.
     vhat, force, coupling_force, work, dissipated, penetration : of the last step, as in `Step`.

@@ -29,10 +29,12 @@ class DeviceState(Record):
     """The state of a device that rests at `position` [m], as it changes from tick to tick.
 
     position [m], velocity [m/s]. hand_force, actuator_force : on the device, mean over the last substep [N].
-    torque : the force, under zero-order hold [N]. coupled : is there a coupling? set_position : of the coupling [m].
+    torque : the force, under zero-order hold [N]. coupled : whether there is a coupling. set_position : the
+    coupling's [m].
     low, high : extremes of the position on each axis since the last `passage` [m]. dissipated : by the coupling's
-    damper since then, in parts [J]. limited : was that damper limited since then?
-    at_limit : was the spring saturated or the damper limited at the end of the last tick? It only decides how the next
+    damper since then, in parts [J]. limited : whether that damper was limited since then.
+    at_limit : whether the spring was saturated or the damper limited at the end of the last tick? It only decides how
+        the next
     tick is computed.
     """
 
@@ -67,8 +69,8 @@ class TickModel(Record):
 
     Attributes
     ----------
-    decoupled : are the axes independent? k, pull, inverse, b, middle_gain : then of each axis k, k + K_h, 1/A, B and
-        k h/2 - B. inverse_of_all : else A^-1.
+    decoupled : whether the axes are independent. k, pull, inverse, b, middle_gain : then of each axis k, k + K_h, 1/A,
+        B and k h/2 - B. inverse_of_all : else A^-1.
     tried_... : what a tick leads to if no limit acts. results : of one tick, as in `along_axes`. work : of one
         in which no limit acted.
     pushing, change, driving, middle : room for what a substep computes.

@@ -97,7 +97,7 @@ class SideTask:
         return self._task.result()
 
     async def leave(self, *, hurry: bool) -> None:
-        """End the side; returns when nothing of it is left. Cancelled meanwhile, it hurries, and raises that then.
+        """End the side; returns when nothing of it is left. Cancelled meanwhile, it ends at once, and raises that then.
 
         hurry : do not wait for the energy in flight.
         """

@@ -25,7 +25,7 @@ IsOpen = Callable[[float], bool]
 class Clutch:
     """Between a device's own axes and the coupling's.
 
-    frame : where they are. is_open : see `IsOpen`. meets : does the device begin where the other side is first?
+    frame : where they are. is_open : see `IsOpen`. meets : whether the device begins where the other side is first.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ SLOW = 1.3
 class DriverTimes:
     """Watches the calls of a driver, in their order. name : of the device. period_ns : of the servo.
 
-    limit_ns : a longer call is a stall. paced : does the servo wait for its own deadlines, and not in `read`?
+    limit_ns : a longer call is a stall. paced : whether the servo waits for its own deadlines, and not in `read`.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ class Reindexing:
 
     frame : its own coordinates are those of the robot's coupling, the coupled ones those of the link.
     silence_ns : a leader that was silent for longer is met where it then is [ns].
-    meets : does the robot meet it at all, and not go to where it is?
+    meets : whether the robot meets it at all, and does not go to where it is.
     """
 
     def __init__(self, frame: Frame, silence_ns: int, *, meets: bool) -> None:

@@ -13,7 +13,7 @@ from hapnet.wire.messages import Identity, Motion, Port, Proxy, Wave
 class Paired:
     """`peer` has answered this side, and the two are a pair. `number` counts this session's pairs from 1.
 
-    encrypts : does the pair encrypt?
+    encrypts : whether the pair encrypts.
     proof : what proves who the peer is: a word, a certificate, a socket of this machine, or nobody; None: no keys.
     fingerprint : of the pair's key; empty: there is none.
     """

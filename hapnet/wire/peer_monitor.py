@@ -45,7 +45,7 @@ class PeerMonitor(Record):
     numbers : the numbering of the present pair's stream; what came before was for somebody else.
     life_ns : when the last new position came, or the pair began. last_ns : the same, but a new pair does not end a
         silence. sign_ns : when the first message of any kind came in this silence. `NEVER`: there was none.
-    reported : was the present silence reported?
+    reported : whether the present silence was reported.
     silences, max_ns, total_ns, recovery_max_ns, received, missing : as in `Outages`, of silences that ended.
     ended_ns, recovery_ns, missed : of the silence that the last new position ended; ended_ns is 0 if it ended none.
     """

@@ -41,7 +41,7 @@ _WITHIN = 1.0 - 1e-9
 class Port(Record):
     """Where hand and coupling hold the arm, between two postures; `axes` of them, of the tip [m] or the joints [rad].
 
-    by_joints : are the axes the joints? origin : q where their positions are 0 [rad].
+    by_joints : whether the axes are the joints. origin : q where their positions are 0 [rad].
 
     Attributes
     ----------
@@ -62,15 +62,16 @@ class Arm(Record):
     period : of a tick [s]. h : length of a step [s]; steps : their number in a tick.
     damping [Nms/rad], friction [Nm] : of each joint; the friction is Coulomb's above `slip` [rad/s]. lower, upper :
     the stops [rad]; stop_stiffness [Nm/rad], stop_damping [Nms/rad^2] : of these. effort : the motors' greatest torque
-    [Nm]; has_limits : is any finite? speed : above that [rad/s] the drive brakes with `brake` [Nms/rad]. compensated :
-    do the motors carry the arm's weight? hand_mass [kg], hand_stiffness [N/m], hand_damping [Ns/m] : of the hand.
+    [Nm]; has_limits : whether any is finite. speed : above that [rad/s] the drive brakes with `brake` [Nms/rad].
+    compensated : whether the motors carry the arm's weight. hand_mass [kg], hand_stiffness [N/m], hand_damping [Ns/m] :
+        of the hand.
     port : where it holds; with joints as axes [m], [N] and so on are [rad], [Nm], ...
 
     Attributes
     ----------
     q [rad], z : of the state; rates : q' [rad/s]. x [m], v [m/s] : of the port.
     commanded : the force to be held [N]; force : the one that was, in the last tick. hand_force : mean in it [N].
-    lost : by damping, friction, brakes and stops since the start [J]. limited : was the last tick's force cut?
+    lost : by damping, friction, brakes and stops since the start [J]. limited : whether the last tick's force was cut.
     rounds : of the longest fixed point so far; unsettled : how many have not ended.
     """
 

@@ -24,7 +24,7 @@ class SerialEmulator(Emulator):
     in each direction. stall : for 0.5 s, so many seconds after its first command, it neither sends nor listens. rubbish
     : share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of
     units.
-    button : is its dead-man switch held? seed : of what is random.
+    button : whether its dead-man switch is held. seed : of what is random.
     """
 
     dof = 1

@@ -129,7 +129,7 @@ class Engine(Protocol):
 
 @runtime_checkable
 class CoupledEngine(Engine, Protocol):
-    """One that can integrate the proxy on its virtual coupling: it is told the set-position and the two gains."""
+    """One that can integrate the proxy on its virtual coupling: it takes the set-position and the two gains."""
 
     @abstractmethod
     def coupled_substep(self, dt: float, set_position: Vector, stiffness: Array, damping: Array) -> float | None:

@@ -198,7 +198,7 @@ class Franka(Driver):
     def apply(self, force: Vector) -> Vector:
         """Hold this force; returns it after the limits of torques and of their rate.
 
-        Raises DeviceSilent: the robot cannot be told.
+        Raises DeviceSilent: the robot cannot be reached.
         """
         if self._control is None or self._stopped:
             return (0.0,) * self.dof

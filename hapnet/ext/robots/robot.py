@@ -16,8 +16,8 @@ from hapnet.wire.signals import LEADS
 class RobotSide(RealDeviceSide):
     """A driver's robot in the world's place.
 
-    releases : does it lose its force when its leader lets go? Else it holds its set-position. Other parameters as for
-    `RealDeviceSide`.
+    releases : whether it loses its force when its leader lets go. Else it holds its set-position. Other parameters as
+        for `RealDeviceSide`.
     """
 
     def __init__(self, *given: Any, releases: bool = False, **named: Any) -> None:

@@ -36,7 +36,7 @@ class SolidContact(Record):
 
     count, secants : the solids. touching, met : how many a step meets, and which.
     energy_J : e + E_c after the last step. scale : s of the last step; 1: its depths were the true ones.
-    rubs : does any solid rub? is_scalar : is A a multiple of the identity, for three axes? Below 0: nobody asked.
+    rubs : whether any solid rubs. is_scalar : is A a multiple of the identity, for three axes? Below 0: nobody asked.
     went, end, velocity : where the last step ended, and with which velocity, if one `went`. response, and those after
         it: room for what a step computes. sights, order : room for what is seen of the solids, the deepest first.
     """
