@@ -55,7 +55,7 @@ class SampledServo(Record):
     ----------
     held : the force that is held now [N]. commanded : the one that the guard admitted last [N].
     position, velocity : at the last tick [m], [m/s]. low, high : the position's extremes since PSPM last ran [m].
-    measured : the harvest since then. ranged : is it (10) instead? potential : phi then [J]. elapsed : since then [s].
+    measured : the harvest since then. ranged : whether it is (10). potential : phi then [J]. elapsed : since then [s].
     due : PSPM runs in the tick at which so much time has passed [s].
     guarded : number of ticks whose force the guard changed; clipped : whether it has changed one since PSPM last ran.
     speed_max : maximum speed measured over one tick [m/s]; `rounding` is taken off the travel.

@@ -33,9 +33,8 @@ class DeviceState(Record):
     coupling's [m].
     low, high : extremes of the position on each axis since the last `passage` [m]. dissipated : by the coupling's
     damper since then, in parts [J]. limited : whether that damper was limited since then.
-    at_limit : whether the spring was saturated or the damper limited at the end of the last tick? It only decides how
-        the next
-    tick is computed.
+    at_limit : whether the spring was saturated or the damper limited at the end of the last tick. It only decides
+        how the next tick is computed.
     """
 
     position: OfAxes

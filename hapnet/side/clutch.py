@@ -29,7 +29,7 @@ class Clutch:
 
     Attributes
     ----------
-    open : does the device move alone? disengaged : does it so by `is_open`?
+    open : whether the device moves alone. disengaged : whether it does so by `is_open`.
     """
 
     def __init__(self, frame: Frame, is_open: IsOpen = lambda t: False, *, meets: bool = False) -> None:

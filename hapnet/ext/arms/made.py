@@ -30,7 +30,7 @@ def arm_of(
 ) -> Arm:
     """The arm at rest at home, in a hand.
 
-    period : of a tick [s]; steps : in a tick. compensated : do the motors carry the arm's weight?
+    period : of a tick [s]; steps : in a tick. compensated : the motors carry the arm's weight.
     by_joints : hand and coupling act on each joint, not at the tip.
     """
     arm = Arm()

@@ -32,8 +32,8 @@ class Robot(Mass):
     """The robot among its contacts, in the leader's units: the `Mass` of a follower.
 
     body : moves it among `contacts`, in its own units. frame : see `Frame`. damping : its own [Ns/m].
-    resolution : of its encoders [m]. held : is its force held, so that its port is the actuator's?
-    engine : does a physics engine move it, whose port is the actuator's? Then its damping is the engine's.
+    resolution : of its encoders [m]. held : its force is held, so its port is the actuator's.
+    engine : whether a physics engine moves it, whose port is the actuator's. Then its damping is the engine's.
     here : where it stands at the start is where the leader stands, wherever that is; else both share one origin.
     """
 
@@ -144,7 +144,7 @@ class Robot(Mass):
 
 
 class RobotContacts(Surroundings):
-    """The contacts around the robot, in the leader's units. sees : is the leader sent the planes there?"""
+    """The contacts around the robot, in the leader's units. sees : whether the leader gets the planes."""
 
     def __init__(self, robot: Robot, sees: bool) -> None:
         self._robot, self._contacts, self._sees = robot, robot.contacts, sees
