@@ -1,8 +1,8 @@
 """The table of the parts that the core takes from the extensions that come with hapnet.
 
-The core imports no extension. Where a run asks for one (an arm, a tool that turns, a robot that follows, a world that
-is not made of flat walls, a picture), the core takes the extension's module from here, which loads it then. Other
-packages publish theirs as entry points: of `hapnet.couplings`, `hapnet.worlds` and `hapnet.devices`.
+The core imports no extension. When a run needs one (an arm, a tool that turns, a robot that follows, a world that is
+not made of flat walls, a picture), the core looks it up here, and only then is its module loaded. Other packages
+publish theirs as entry points of `hapnet.couplings`, `hapnet.worlds` and `hapnet.devices`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WORLDS = {
 
 @cache
 def extension(name: str) -> Any:
-    """The module with what an extension brings, by the extension's name; see `hapnet.assembly` for what is used."""
+    """The module of an extension, by its name in the table. `hapnet.assembly` and `hapnet.simulation` use it."""
     return import_module(_MODULES[name])
 
 

@@ -35,7 +35,7 @@ from hapnet.extensions import extension
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.live_hand import led_in
+from hapnet.plant.live_hand import live_hand_of
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
@@ -227,7 +227,7 @@ def device_side(
         side = led = SampledDeviceSide(endpoint, simulated, hold, driven)
         led.clutch = clutch_of(setup.params, setup.units, simulated, ())
         let_lead(setup.params, setup.units, led)
-    side.live_hand = led_in(hand)
+    side.live_hand = live_hand_of(hand)
     return side
 
 

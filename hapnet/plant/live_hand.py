@@ -58,13 +58,13 @@ class LiveHand:
         return self._position
 
 
-class HeldAround:
-    """A hand that moves as `hand` does, and does something besides."""
+class WrappedHand:
+    """A hand that follows another one, `hand`, and adds something to its motion."""
 
     hand: Operator
 
 
-def led_in(hand: Operator) -> LiveHand | None:
-    """The hand that the user guides, where this is one or moves as one does."""
-    moving = hand.hand if isinstance(hand, HeldAround) else hand
+def live_hand_of(hand: Operator) -> LiveHand | None:
+    """The hand that the user guides: `hand` itself, or the one that it wraps; None: the user guides neither."""
+    moving = hand.hand if isinstance(hand, WrappedHand) else hand
     return moving if isinstance(moving, LiveHand) else None

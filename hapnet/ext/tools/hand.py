@@ -7,7 +7,7 @@ from math import cos, pi, sin, sqrt
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.mechanics.pose import ARM_M, coordinates
-from hapnet.plant.live_hand import HeldAround, LiveHand
+from hapnet.plant.live_hand import LiveHand, WrappedHand
 from hapnet.plant.operator import Impedance, Operator, minimum_jerk
 
 RATES = (1.0, 0.73, 0.59)
@@ -17,7 +17,7 @@ _START_S = 1.0
 """The hand begins to turn over so long a time."""
 
 
-class TurningHand(HeldAround):
+class TurningHand(WrappedHand):
     """An operator of poses: its point follows `hand`, and it turns about all three axes.
 
     Its impedance along the pose's coordinates is that of `hand`, so K_h turns with ``2 K_h l^2`` Nm/rad.
