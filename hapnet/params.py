@@ -363,6 +363,9 @@ class Params(Section):
         with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
             found = sections_of(self.coupling)
         own = {name: kind() for name, kind in found.items()} | dict(self.laws)
+        asked = {name.partition(".")[0] for name in self.given - {name for name, *_ in leaves(self)}}
+        if asked - own.keys():  # set for another law, to its default
+            own |= {name: section for name, section in self.law_sections().items() if name in asked}
         return nested(self) | {name: nested(section) for name, section in own.items()}
 
     def described(self) -> Iterator[tuple[str, str, str]]:

@@ -92,7 +92,8 @@ class CouplingSpec(Generic[T]):
     world_tells : does the world send its proxy with the planes around it, and do the stages stand before the law, if
         the rendering is left to it?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
-    limited : whether it limits the set-position's step, and the force to the account's under zero-order hold.
+    limited : whether it limits the set-position's step, and the force to what the account covers under a
+        zero-order hold.
     scaled : whether the felt force is K/K' of the virtual one, as with PSPM.
     springs : the springs through which a wall is felt at rest [N/m]: K and K', as with PSPM, or the only one, K. None:
         they are not known, so neither is how stiff a wall is felt.

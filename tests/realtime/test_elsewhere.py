@@ -3,6 +3,7 @@
 import json
 import signal
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,7 @@ def test_a_device_there_and_its_world_here(platform: str, tmp_path: Path) -> Non
         for role, side in sides.items():
             log = tmp_path / f"{role}.jsonl"
             side.until("a pair", lambda log=log: log.exists() and '"paired"' in log.read_text("utf-8"))  # type: ignore[misc]
+        time.sleep(0.5)  # control begins after the pairing
         for side in sides.values():
             side.process.send_signal(signal.SIGTERM)
         for side in sides.values():
