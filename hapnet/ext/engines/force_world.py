@@ -23,7 +23,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.implicit import solved
 from hapnet.ext.engines.observed_world import ObservedWorld, compliance_of, nearest
 from hapnet.ext.engines.obstacle import Body, Law, Obstacle
-from hapnet.ext.solids.obstacles_picture import ObstaclesPicture
+from hapnet.ext.engines.obstacles_picture import ObstaclesPicture
 from hapnet.mechanics.contacts import Inverse
 from hapnet.mechanics.plane import Plane
 from hapnet.records.vectors import added
