@@ -109,7 +109,13 @@ def test_it_follows_over_4g_and_meets_a_wall_in_the_air(feedback: str, simulator
     for side, most_m in ((leader.device, 0.5 / 200.0), (robot.world, 0.5 / 1000.0)):
         to, at = side["set_position_m"], side["position_m"]
         jumps = np.linalg.norm(np.diff(to, axis=0), axis=1)
-        released = np.all(to == at, axis=1)[1:]  # a servo that was away renders no force
+        # The robot goes on from where it stood when its leader is heard again. The recording is in the leader's
+        # coordinates, so both places jump there, faster than the robot can move, and the spring's stretch does not.
+        fastest_m = 1.7 * np.diff(side["time_ns"]) / 1e9
+        again = np.linalg.norm(np.diff(at, axis=0), axis=1) > fastest_m
+        jumps[again] = np.linalg.norm(np.diff(to - at, axis=0), axis=1)[again]
+        assert again.sum() <= (side is robot.world)
+        released = np.all(to == at, axis=1)[1:]  # a servo that stalled renders no force
         assert jumps[~released].max() <= most_m * (1.0 + 1e-6)
     assert np.abs(leader.device["force_N"]).max() > 0.1  # of the wall and the arm, at the leader
     assert np.any(robot.world["contact_force_N"]) == (feedback == "force")  # the plane's: the simulator has none
