@@ -1,6 +1,6 @@
 """Every physical and timing parameter of a run. They are read from TOML and `--set`, and recorded with a run.
 
-Defaults, units and meanings are in hapnet/param_sections.py, and in the laws' own files (hapnet/couplings).
+Defaults, units and meanings are in hapnet/param_sections.py, and in the laws' own files (hapnet/ext/laws).
 """
 
 from __future__ import annotations
@@ -346,10 +346,12 @@ class Params(Section):
         """The values that are set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is
         `params` again.
         """
-        core = {name: value for name, value, _ in leaves(self) if name in self.given}
-        if len(core) == len(self.given):  # else a law's are among them
-            return core
-        return {name: value for name, value, _ in self.leaves() if name in self.given}
+        all_leaves = self.leaves() if self._given_of_laws() else leaves(self)  # only then are laws loaded
+        return {name: value for name, value, _ in all_leaves if name in self.given}
+
+    def _given_of_laws(self) -> frozenset[str]:
+        """The names of the laws' own parameters that are given."""
+        return self.given - {name for name, *_ in leaves(self)}
 
     def flat(self) -> dict[str, Any]:
         """Every parameter under its dotted name, whether it is set or not."""
@@ -363,8 +365,7 @@ class Params(Section):
         with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
             found = sections_of(self.coupling)
         own = {name: kind() for name, kind in found.items()} | dict(self.laws)
-        asked = {name.partition(".")[0] for name in self.given - {name for name, *_ in leaves(self)}}
-        if asked - own.keys():  # set for another law, to its default
+        if asked := {name.partition(".")[0] for name in self._given_of_laws()} - own.keys():  # to its default
             own |= {name: section for name, section in self.law_sections().items() if name in asked}
         return nested(self) | {name: nested(section) for name, section in own.items()}
 
