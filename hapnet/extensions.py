@@ -20,25 +20,18 @@ _MODULES = {
     "compiled ends": "hapnet.ext.compiled.real_time",
     "compiled runs": "hapnet.ext.compiled.whole_runs.run",
     "pictures": "hapnet.ext.pictures.result",
-}
-
-WORLDS = {
     "mujoco": "hapnet.ext.engines.mujoco_engine",
     "soft": "hapnet.ext.soft.soft",
-    "tool": "hapnet.ext.tools.scene",
+    "tools' worlds": "hapnet.ext.tools.scene",
     "solids": "hapnet.ext.solids.rigid",
-    "own": "hapnet.ext.engines.own_worlds",
+    "own worlds": "hapnet.ext.engines.own_worlds",
 }
-"""The kinds of worlds beside those of walls, in the order in which they are asked: `hapnet.plant.worlds.registry`."""
+
+WORLDS = ("mujoco", "soft", "tools' worlds", "solids")
+"""The kinds of worlds that a text describes, in the order in which they are asked: `hapnet.plant.worlds.registry`."""
 
 
 @cache
 def extension(name: str) -> Any:
     """The module of an extension, by its name in the table. `hapnet.assembly` and `hapnet.simulation` use it."""
     return import_module(_MODULES[name])
-
-
-@cache
-def world_kind(name: str) -> Any:
-    """The module of one of `WORLDS`."""
-    return import_module(WORLDS[name])

@@ -225,7 +225,7 @@ def device_side(
         with named_section("device"):
             hold(simulated.position, False)
         side = led = SampledDeviceSide(endpoint, simulated, hold, driven)
-        led.clutch = clutch_of(setup.params, setup.units, simulated, ())
+        led.clutch = clutch_of(setup.params, setup.units, simulated)
         let_lead(setup.params, setup.units, led)
     side.live_hand = live_hand_of(hand)
     return side

@@ -13,9 +13,6 @@ from hapnet.side.clutch import ALLOWED, ENABLED, Clutch, button, spans
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.units import POSE
 
-Switch = Callable[[float], bool]
-"""Whether it is closed at a time [s]."""
-
 
 def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
     """Say when the device leads. units : of its axes. has_switch : whether it has a dead-man switch.
@@ -35,8 +32,10 @@ def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch:
         raise InvalidParameter("device.enable", text, allowed)
 
 
-def clutch_of(params: Params, units: str, device: Device, buttons: Sequence[Switch]) -> Clutch | None:
-    """The clutch of the device; None: it has none. buttons : that the device has. Raises InvalidParameter."""
+def clutch_of(
+    params: Params, units: str, device: Device, buttons: Callable[[], Sequence[bool]] = tuple
+) -> Clutch | None:
+    """The clutch of the device; None: it has none. buttons : reads those of the device. Raises InvalidParameter."""
     text = params.device.clutch
     if not text:
         return None
@@ -44,9 +43,9 @@ def clutch_of(params: Params, units: str, device: Device, buttons: Sequence[Swit
     if (number := button(text)) is None:
         open_at = spans("device.clutch", text, ALLOWED)
         return Clutch(frame, lambda t: any(begin <= t < end for begin, end in open_at))
-    if not number < len(buttons):
+    if not number < len(buttons()):
         raise InvalidParameter("device.clutch", text, "spans of time [s], or a button that the device has")
-    return Clutch(frame, buttons[number])
+    return Clutch(frame, lambda t: buttons()[number])
 
 
 def _same(units: str, dof: int) -> Frame:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 from hapnet.assembly.build import Setup, drive, held
 from hapnet.assembly.leading import clutch_of, let_lead
@@ -43,12 +42,6 @@ def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
             return simulating
         check = device.check(params.device)
         side = RealDeviceSide(endpoint, device, hold, driven, device.declared, device.limiter(params.device), check)
-        buttons = [partial(_pressed, device, number) for number in range(len(device.buttons()))]
-        side.clutch = clutch_of(setup.params, setup.units, device, buttons)
+        side.clutch = clutch_of(setup.params, setup.units, device, device.buttons)
         let_lead(setup.params, setup.units, side, has_switch=side.limiter.has_switch)
         return side
-
-
-def _pressed(device: UserDevice, number: int, t: float) -> bool:
-    """Whether the device's button of this number is pressed now; `t` [s] is what other switches go by."""
-    return device.buttons()[number]

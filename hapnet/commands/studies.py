@@ -23,7 +23,6 @@ from hapnet.ext.study.spec import Case, Spec, Values, params_of
 from hapnet.ext.study.task import reason, run_case
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
-from hapnet.records.machine_code import no_compiler
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -175,8 +174,7 @@ def estimate(
     """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
     reported, sum_s, parts = [], 0.0, 0
     with Progress(output.progress_console(), "compiling") as progress:
-        if no_compiler() is None:
-            coverage.compile_for(run for kind in kinds for run in kind.runs)  # as the run would
+        coverage.compile_for(run for kind in kinds for run in kind.runs)  # as the run would
         progress.stage("running a few, to see how long they take")
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)

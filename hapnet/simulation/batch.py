@@ -14,7 +14,6 @@ from hapnet.extensions import extension
 from hapnet.params import Params, as_params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.processes.pool import Progress, dealt
-from hapnet.records.machine_code import no_compiler
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide
 from hapnet.simulation.simulation import Simulation
@@ -86,9 +85,8 @@ def simulate_batch(
         require_room("seeds", seeds, len(chosen) * len(seeds), RUN_BYTES, "runs")
     seed_list = [checks.whole("seeds", seed, at_least=0) for seed in seeds]
     cases = [(one, seed) for one in chosen for seed in seed_list]
-    if no_compiler() is None:
-        ticks = ((one, len(seed_list) * one.duration_s * one.device.servo_hz) for one in chosen)
-        extension("compiled").compile_for(ticks)
+    ticks = ((one, len(seed_list) * one.duration_s * one.device.servo_hz) for one in chosen)
+    extension("compiled").compile_for(ticks)
     workers = min(workers, len(cases))
     if workers <= 1:
         return _simulate(cases, progress or (lambda share: None))

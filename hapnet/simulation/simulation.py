@@ -89,20 +89,20 @@ class Simulation:
             self.setup = extension("compiled").with_device(self.setup)
         self._motion_only = motion_only
         self._begin()
-        watched = type(self) is not Simulation and "_run" in vars(type(self))
-        if kernel is False or watched:
-            why_not = f"{type(self).__name__} runs the events itself" if kernel is not False else "it is switched off"
+        if kernel is False:
+            why_not = "it is switched off"
+        elif type(self) is not Simulation and "_run" in vars(type(self)):
+            why_not = f"{type(self).__name__} runs the events itself"
         elif why_not is None:
             why_not = extension("compiled").chosen(self.setup, kernel)
         self.not_compiled: str | None = why_not  #: why compiled code does not run it; None: it does
 
     def _begin(self) -> None:
         """Make both sides and both links, at the time 0."""
-        seed = self.seed
         self.now_ns: int = 0
         self.two_port: TwoPort = TwoPort()
         self.hand: TwoPort = self.two_port if self.setup.servo == "continuous" else TwoPort()
-        up, down, steps, names = np.random.SeedSequence(seed).spawn(4)
+        up, down, steps, names = np.random.SeedSequence(self.seed).spawn(4)
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._writer()
         write_motion = self._recorder.write if self._motion_only else None

@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.extensions import WORLDS, world_kind
+from hapnet.extensions import WORLDS, extension
 from hapnet.loading import published
 from hapnet.plant.scenes import SCENES as SCENES
 from hapnet.plant.worlds.protocol import World
@@ -75,7 +75,7 @@ def make_scene(name: str, **parameters: object) -> World:
     if not is_own(name) or _described(name) is not None:
         made = builder(**parameters)
     else:
-        made = world_kind("own").made(builder, name, parameters)
+        made = extension("own worlds").made(builder, name, parameters)
     return made
 
 
@@ -85,21 +85,18 @@ def _builder(name: str) -> Callable[..., Any]:
         return partial(SCENES[plain], **named_parameters(name)) if words else SCENES[plain]
     if (described := _described(name)) is not None:
         return described
-    kinds = [one for kind in reversed(_DESCRIBED) for one in world_kind(kind).FIRST_WORDS]
+    kinds = [one for kind in reversed(WORLDS) for one in extension(kind).FIRST_WORDS]
     names = (*SCENES, *kinds, *published(GROUP))
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
-    own: Callable[..., Any] = world_kind("own").builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
+    own: Callable[..., Any] = extension("own worlds").builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
     return own
-
-
-_DESCRIBED = [kind for kind in WORLDS if kind != "own"]
 
 
 def _described(name: str) -> Callable[..., Any] | None:
     """Return the function that makes the world that the text `name` describes; None: it describes none of an
     extension's kind.
     """
-    found = (world_kind(kind).builder(name) for kind in _DESCRIBED)
+    found = (extension(kind).builder(name) for kind in WORLDS)
     return next((build for build in found if build is not None), None)
 
 
