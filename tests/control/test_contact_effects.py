@@ -27,8 +27,8 @@ from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
-from tests.support.grains import SWEEP, asked, line, slid
-from tests.support.rubbing import FACE_M, K, run, slack_of
+from tests.measure.grains import SWEEP, asked, line, slid
+from tests.measure.rubbing import FACE_M, K, run, slack_of
 from tests.wire.test_messages import A, rejected
 
 DEEP = 0.01

@@ -8,7 +8,7 @@ import pytest
 from hapnet.checks import Vector
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane
-from tests.support.rubbing import check_no_energy, lied_to, slack_of
+from tests.measure.rubbing import check_no_energy, lied_to, slack_of
 
 
 def effects_lied(seed: int, coupling: str) -> Any:

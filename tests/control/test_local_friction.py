@@ -23,7 +23,7 @@ from hapnet.mechanics.plane import Plane, checked
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
-from tests.support.rubbing import LINKS, K, check_no_energy, lied_to, rubbed, run, slack_of
+from tests.measure.rubbing import LINKS, K, check_no_energy, lied_to, rubbed, run, slack_of
 from tests.wire.test_messages import A, rejected
 
 seeds = st.integers(0, 2**32 - 1)

@@ -1,1 +1,1 @@
-"""Programs that measure hapnet itself; each is a command: ``python -m tests.measure.NAME``."""
+"""Programs that measure hapnet: ``python -m tests.measure`` lists them, ``python -m tests.measure NAME`` runs one."""

@@ -1,4 +1,4 @@
-"""Which extensions a run at a flat wall needs, and what it loads: ``python -m tests.measure.without``.
+"""Which extensions a run at a flat wall needs, and what it loads.
 
 Each extension is blocked in turn, then all of them together: a simulation must run without.
 """

@@ -21,8 +21,8 @@ from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, after, model, reported
-from tests.support.curved import error_N
-from tests.support.rubbing import check_no_energy, slack_of
+from tests.measure.curved import error_N
+from tests.measure.rubbing import check_no_energy, slack_of
 from tests.wire.test_messages import A, rejected
 
 seeds = st.integers(0, 2**32 - 1)

@@ -26,9 +26,9 @@ from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.side.real_device import RealDeviceSide
 from hapnet.summary.run import device_summary
 from tests.conftest import mostly_slow
+from tests.measure.reversed_motors import flipped, run
 from tests.support.commands import Capture
 from tests.support.handles import FAULTS, DeadEncoder, Handle, Late
-from tests.support.reversed_motors import flipped, run
 
 MS = 1_000_000
 

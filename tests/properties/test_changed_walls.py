@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.changed_walls import CHANGES, HANDS, Denied, denied
+from tests.measure.changed_walls import CHANGES, HANDS, Denied, denied
 
 STEP_N = 0.5  # device.step_limit_N
 LEAD_N = 0.06  # half of the damper's drag is cancelled in free motion, with a delay: the light hand leaves at 0.1 m/s

@@ -1,4 +1,4 @@
-"""What holds for ten seconds holds for minutes: see tests/support/endurance.py, which prints the whole table."""
+"""What holds for ten seconds holds for minutes: see tests/measure/endurance.py, which prints the whole table."""
 
 import statistics
 from concurrent.futures import ProcessPoolExecutor
@@ -12,10 +12,11 @@ from hapnet.checks import Array
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 from hapnet.simulation.simulation import simulate
-from tests.support.endurance import (
+from tests.measure.endurance import (
     HANDS,
     LINKS,
     PARTS,
+    SCENES,
     TAPS,
     WALL_M,
     Long,
@@ -28,7 +29,6 @@ from tests.support.endurance import (
     taps,
     visits,
 )
-from tests.support.endurance_scenes import SCENES
 from tests.support.processes import read_json, started
 from tests.support.undelayed import undelayed
 

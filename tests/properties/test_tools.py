@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.support.insertions import DEEP_M, insert
-from tests.support.tools import felt, run
+from tests.measure.insertions import DEEP_M, insert
+from tests.measure.tools import felt, run
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ import pytest
 from hapnet import simulate
 from hapnet.errors import InvalidParameter
 from tests.conftest import mostly_slow
-from tests.support.stops import CAUSES, KINDS, ONE_WAY_MS, Rig, moved_mm
+from tests.measure.stops import CAUSES, KINDS, ONE_WAY_MS, Rig, moved_mm
 
 CELLS = [(kind, cause) for kind in KINDS for cause in CAUSES]
 FIRST = [*zip(KINDS, CAUSES, strict=False), *[one for one in CELLS if one not in zip(KINDS, CAUSES, strict=False)]]

@@ -15,8 +15,8 @@ from hapnet.ext.solids.mesh_surface import volume
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.ext.solids.shapes import Cuboid, HalfSpace, Shape
 from hapnet.plant.integrator import PassiveIntegrator
+from tests.measure import curved
 from tests.metrics.test_contact import random_spd
-from tests.support import curved
 from tests.support.mesh_runs import ball, boxes, extruded, felt, pressed, words
 from tests.support.solids import Account, torus
 

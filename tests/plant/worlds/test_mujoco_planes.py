@@ -153,7 +153,7 @@ def test_what_no_plane_describes_is_felt_through_the_proxy(tmp_path: Path) -> No
 
 def test_planes_make_the_force_truer_and_steadier_over_a_bad_link() -> None:
     """Against the springs in series, felt without delay, with steps of 10 to 30 ms."""
-    from tests.support.mujoco_rendering import felt
+    from tests.measure.mujoco_rendering import felt
 
     without, reported = felt("block", "none"), felt("block", "auto")
     assert reported.error < 0.015 * reported.own < 0.03 * without.own < without.error

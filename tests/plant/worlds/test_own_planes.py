@@ -9,8 +9,8 @@ from hapnet import ForceWorld, HapnetError, Obstacle, Params, Plane, simulate
 from hapnet.ext.engines.own_worlds import SteppedWorld
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.registry import SCENES, make_scene
+from tests.measure.curved import error_N
 from tests.plant.worlds.test_own_worlds import HeldWall, wall
-from tests.support.curved import error_N
 
 
 def press(*, dof: int = 1) -> ForceWorld:
@@ -87,8 +87,8 @@ def test_what_fails_names_the_scene() -> None:
 
 def test_a_ball_of_ones_own_is_felt_as_a_ball() -> None:
     """Told with its curvature, what is felt is the law, without delay; untold, the delay is felt."""
-    reported, own = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.support.curved:own_ball", seconds=2.0)
-    untold, _ = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.support.curved:untold", seconds=2.0)
+    reported, own = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.measure.curved:own_ball", seconds=2.0)
+    untold, _ = error_N(0.05, (0.01, 0.05), dof=2, scene="tests.measure.curved:untold", seconds=2.0)
     assert reported < 0.01 * own
     assert untold > 0.1 * own
 

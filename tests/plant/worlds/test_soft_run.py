@@ -7,7 +7,7 @@ import pytest
 
 from hapnet.errors import HapnetError
 from hapnet.simulation.simulation import simulate
-from tests.support.soft_figures import LTE, TRACES, felt
+from tests.measure.soft_figures import LTE, TRACES, felt
 
 SMALL = "soft?nodes=216"
 

@@ -1,4 +1,4 @@
-"""What a driver costs beside the bare port or library: `python -m tests.support.device_round_trips`. Rounds take turns.
+"""What a driver costs beside the bare port or library; the rounds take turns.
 
 serial: against its emulator in another process. A round trip is the time from a command to the first state that has
 its number; the emulator sends a state each millisecond, so it is between 0 and a little over 1 ms. dhd: against the
@@ -130,7 +130,3 @@ def main() -> None:
         subprocess.run(["gcc", *flags, ROOT / "tests" / "sketch" / "dhd.c", "-o", library, "-lm"], check=True)
         both = [(dhd(str(library), driven=False), dhd(str(library), driven=True)) for _ in range(ROUNDS)]
         show("dhd", [bare for bare, _ in both], [driven for _, driven in both])
-
-
-if __name__ == "__main__":
-    main()

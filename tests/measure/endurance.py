@@ -1,14 +1,13 @@
 """What holds for ten seconds must hold for as long as somebody holds the device: long runs, seen through windows.
 
-``python -m tests.support.endurance`` prints every figure over the hands 21 to 40, on which nothing was tuned;
-``python -m tests.support.endurance --without PART`` takes a part of the design away; test_endurance.py asserts some;
+``python -m tests.measure endurance`` prints every figure over the hands 21 to 40, on which nothing was tuned;
+``python -m tests.measure endurance --without PART`` takes a part of the design away; test_endurance.py asserts some;
 ``--scene torus`` (or any text that hapnet takes) puts something else than the wall in front of the hand.
 The figures are computed here from recordings, by none of hapnet's metrics.
 """
 
-import argparse
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +22,8 @@ from hapnet.params import is_tool
 from hapnet.recording.samples import Columns, Recording
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import Summary
-from tests.support.endurance_scenes import SCENES
+from tests.support.mesh_runs import ball, boxes
+from tests.support.solids import torus, write_stl
 from tests.support.undelayed import undelayed
 
 LINKS = {
@@ -237,38 +237,85 @@ HEADING = f"{'link':17}{'coupling':9}" + " ".join(
     f"{name:>{width}}" for name, width in zip(COLUMNS, WIDTHS, strict=True)
 )
 
+_DRAWER = """<mujoco><option timestep="0.002" integrator="implicitfast"/>
+<default><geom solref="0.006 1" condim="1" priority="1"/></default>
+<worldbody><body pos="0.035 0 0"><joint type="slide" axis="1 0 0" stiffness="1000" damping="{damping}"/>
+<geom type="box" size="0.01 0.08 0.08" mass="{mass}"/></body></worldbody></mujoco>"""
+
+
+def _mesh(file: Path, scene: str) -> dict[str, object]:
+    return {"scene": scene.format(file)}
+
+
+def _ball(directory: Path) -> dict[str, object]:
+    """Of 20,480 triangles."""
+    return _mesh(write_stl(directory / "ball.stl", *ball(5, 0.03, (0.05, 0.0, 0.0))), "mesh:{}?unit=mm&at=file")
+
+
+def _torus(directory: Path) -> dict[str, object]:
+    """Of 10,000 triangles; the hand slides over the tube, off it, and through the hole."""
+    return _mesh(write_stl(directory / "torus.stl", *torus()), "mesh:{}?unit=mm&at=file")
+
+
+def _bracket(directory: Path) -> dict[str, object]:
+    """As CAD programs write one: a base and a rib that overlap, two parts in a file."""
+    parts = boxes(((0.04, 0.0, 0.0), (0.04, 0.16, 0.16)), ((0.0, 0.022, 0.0), (0.06, 0.02, 0.12)))
+    return _mesh(write_stl(directory / "bracket.stl", *parts), "mesh:{}?unit=mm&at=file&friction=0.2")
+
+
+def _moving(directory: Path) -> dict[str, object]:
+    """A wall that moves by 3 mm within half a second, to and fro, every four seconds for ten minutes."""
+    changes = [f"at {2 + 4 * k}s: shift {(-3, 3)[k % 2]}mm over 500ms" for k in range(150)]
+    return {"scene": "moving", "world.wall.timeline": "; ".join(changes)}
+
+
+def _drawer(mass: float, damping: float) -> Callable[[Path], dict[str, object]]:
+    def made(directory: Path) -> dict[str, object]:
+        """A slab on a spring that the hand pushes in, in MuJoCo; no plane describes it."""
+        file = directory / f"drawer-{mass:g}.xml"
+        file.write_text(_DRAWER.format(mass=mass, damping=damping))
+        return {"scene": f"mujoco:{file}"}
+
+    return made
+
+
+SCENES: Mapping[str, Callable[[Path], dict[str, object]]] = {
+    "ball": _ball, "torus": _torus, "bracket": _bracket, "moving": _moving, "drawer": _drawer(2.0, 30.0),
+    "light-drawer": _drawer(0.2, 10.0),
+}  # fmt: skip
+
 TAPS = ((0.0, 0.2), (-0.02, 0.4), (-0.05, 0.6), (-0.1, 0.525), (-0.13, 0.8))
 """Where the hand begins [m], and its peak speed [m/s]: 20 to 150 mm from the wall."""
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--hands", type=int, default=len(HANDS), help="how many of them")
-    parser.add_argument("--links", nargs="*", default=list(LINKS), choices=LINKS)
-    parser.add_argument("--couplings", nargs="*", default=["pspm", "zoh"])
-    parser.add_argument("--without", default="nothing", choices=PARTS, help="what to take away")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--only", choices=("long", "taps", "steps"))
-    parser.add_argument("--scene", help=f"instead of all this, long runs with {', '.join(SCENES)}, or any scene's text")
-    given = parser.parse_args()
-    changes, hands = PARTS[given.without], HANDS[: given.hands]
-    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool, TemporaryDirectory() as directory:
-        if given.scene is not None:
-            made = SCENES.get(given.scene, lambda _: {"scene": given.scene, "dof": 0 if is_tool(given.scene) else 3})
-            given.only, changes = "long", made(Path(directory)) | changes
-        if given.only in (None, "long"):
+def main(
+    seconds: float = 600.0,
+    hands: int = len(HANDS),
+    links: str = ",".join(LINKS),
+    couplings: str = "pspm,zoh",
+    without: str = "nothing",
+    workers: int = 2,
+    only: str = "",
+    scene: str = "",
+) -> None:
+    """hands : how many. without : one of `PARTS`. only : long, taps or steps. scene : long runs with this one only."""
+    changes = PARTS[without]
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool, TemporaryDirectory() as directory:
+        if scene:
+            made = SCENES.get(scene, lambda _: {"scene": scene, "dof": 0 if is_tool(scene) else 3})
+            only, changes = "long", made(Path(directory)) | changes
+        if only in ("", "long"):
             print(HEADING)
-            for line in long_lines(given.links, given.couplings, hands, given.seconds, changes, pool):
+            for line in long_lines(links.split(","), couplings.split(","), HANDS[:hands], seconds, changes, pool):
                 print(line, flush=True)
-        if given.only in (None, "taps"):
+        if only in ("", "taps"):
             print("rendered stiffness in each tenth of 60 s of taps, in % of what springs and actuator can render")
-            for link in given.links:
+            for link in links.split(","):
                 for start_m, speed in TAPS:
                     tenths = taps(link, start_m, speed, 60.0, changes)
                     shown = " ".join(f"{each:4.0f}" for each in tenths)
                     print(f"{link:17}{start_m * 1e3:5.0f} mm, {speed:5.3f} m/s: {shown}", flush=True)
-        if given.only in (None, "steps"):
+        if only in ("", "steps"):
             print("largest step of the force from tick to tick, 60 s: beyond K times the device's way, and in all [N]")
             for stiffness in (700.0, 1500.0):
                 for resolution_m in (0.0, 55e-6):
@@ -290,7 +337,3 @@ def long_lines(
         for coupling in couplings:
             runs = over_hands(link, hands, seconds, coupling, changes, pool)
             yield f"{link:17}{coupling:9}{row(runs)}"
-
-
-if __name__ == "__main__":
-    main()

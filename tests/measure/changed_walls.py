@@ -1,10 +1,9 @@
 """A world that changes under the hand, or lies about its planes: what the device feels, and what it costs.
 
-``python -m tests.support.changed_walls`` prints a table over all changes, hands and moments; test_changed_walls.py
+``python -m tests.measure changed_walls`` prints a table over all changes, hands and moments; test_changed_walls.py
 asserts it.
 """
 
-import argparse
 import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -116,20 +115,14 @@ def rows(moments: int, couplings: tuple[str, ...]) -> Iterator[tuple[str, str, l
             yield change, coupling, runs
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--moments", type=int, default=8, help="moments of the change, with each hand")
-    asked = parser.parse_args()
+def main(moments: int = 8) -> None:
+    """Moments : of the change, with each hand."""
     print("| the wall | coupling | largest step [N] | smallest slack [J] | min margin [J] | off by, median, most [N] |")
     print("|---|---|---|---|---|---|")
-    for change, coupling, runs in rows(asked.moments, ("pspm", "zoh")):
+    for change, coupling, runs in rows(moments, ("pspm", "zoh")):
         wrong = [one.wrong for one in runs if one.wrong is not None]
         off = f"{statistics.median(wrong):.3f}, {max(wrong):.3f}" if wrong else "-"
         print(
             f"| {change} | {coupling} | {max(one.step for one in runs):.3f} | {min(one.slack for one in runs):.1e} | "
             f"{min(one.margin for one in runs):.4f} | {off} |"
         )
-
-
-if __name__ == "__main__":
-    main()

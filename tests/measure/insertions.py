@@ -1,9 +1,8 @@
-"""A peg in a hole 0.2 mm wider, by random hands: ``python -m tests.support.insertions`` prints how they went.
+"""A peg in a hole 0.2 mm wider, by random hands: how deep it goes, and what that costs.
 
 Beside each run over a link stands the same hand with the same springs on the spot: no link, and steps of 1 ms.
 """
 
-import argparse
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from hapnet.ext.tools.hand import turned
 from hapnet.mechanics.pose import ARM_M
 from hapnet.plant.operator import Impedance, minimum_jerk
 from hapnet.simulation.simulation import Simulation
-from tests.support.tools import wrench
+from tests.measure.tools import wrench
 
 RADIUS_M, CLEARANCE_M, LENGTH_M, MOUTH_M, DEEP_M = 0.005, 0.0002, 0.03, 0.02, 0.02
 SCENE = (
@@ -87,17 +86,12 @@ def insertions(numbers: range, link: str, workers: int) -> Iterator[Insertion]:
         yield from pool.map(partial(insert, link=link), numbers)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--links", default="4g,wan-intercontinental")
-    parser.add_argument("--hands", type=int, default=100)
-    parser.add_argument("--workers", type=int, default=2)
-    given = parser.parse_args()
-    numbers = range(given.hands)
-    spot = list(insertions(numbers, "", given.workers))
-    print(f"on the spot: in {sum(one.deep_m > 0.9 * DEEP_M for one in spot)} of {given.hands}", flush=True)
-    for link in given.links.split(","):
-        found = list(insertions(numbers, link, given.workers))
+def main(links: str = "4g,wan-intercontinental", hands: int = 100, workers: int = 2) -> None:
+    numbers = range(hands)
+    spot = list(insertions(numbers, "", workers))
+    print(f"on the spot: in {sum(one.deep_m > 0.9 * DEEP_M for one in spot)} of {hands}", flush=True)
+    for link in links.split(","):
+        found = list(insertions(numbers, link, workers))
         worse = [k for k, (one, local) in enumerate(zip(found, spot, strict=True)) if one.deep_m < local.deep_m - 1e-3]
         print(
             f"{link}: in {sum(one.deep_m > 0.9 * DEEP_M for one in found)}, less deep than on the spot: {worse}; "
@@ -108,7 +102,3 @@ def main() -> None:
             f"modulated {100.0 * max(one.modulated for one in found):.1f} %",
             flush=True,
         )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """A hand that slides over a surface that rubs, through a bad link: the friction at the device beside Coulomb's.
 
-``python -m tests.support.rubbing`` prints the table of hapnet/ext/solids/rigid.md.
+``python -m tests.measure rubbing`` prints the table of hapnet/ext/solids/rigid.md.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,7 @@ def run(
     aside_m: float = 0.0, seconds: float = 3.0, dof: int = 3, seed: int = 1,
     watch: Callable[[Simulation], None] | None = None, **more: object,
 ) -> Felt:  # fmt: skip
-    hand: Any = import_module("tests.support.rubbing").Rub  # of the module that the run imports
+    hand: Any = import_module("tests.measure.rubbing").Rub  # of the module that the run imports
     hand.speed_mps, hand.aside_m = speed_mps, aside_m
     params = Params().set({
         "device.stiffness": K,
@@ -147,7 +147,3 @@ def main() -> None:
                     f"| {mu} | {link} | {1e3 * steps[0]:.0f} to {1e3 * steps[1]:.0f} | {without:.3f} | {mean:.3f} "
                     f"({minimum:.3f} to {most:.3f}) | {1e3 * p95:.1f} mN | {slack:.0e} J |"
                 )
-
-
-if __name__ == "__main__":
-    main()

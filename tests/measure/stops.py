@@ -1,13 +1,14 @@
 """A leader and a robot of each kind in virtual time, and what stops the robot.
 
-``python -m tests.support.stops 20`` prints how far each kind moved after each cause, of so many random times.
+``python -m tests.measure stops --times 20`` prints how far each kind moved after each cause, of so many random times.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -190,16 +191,9 @@ def moved_mm(kind: str, cause: str, folder: Path, seed: int, **changes: object) 
     return 1e3 * float(np.ptp([x for t, x in before if t > at_ms - 400])), 1e3 * float(np.ptp(late))
 
 
-def main(times: int, folder: Path) -> None:
-    for kind in KINDS:
-        for cause in CAUSES:
-            found = [moved_mm(kind, cause, folder, seed) for seed in range(times)]
+def main(times: int = 20) -> None:
+    with TemporaryDirectory() as folder:
+        for kind, cause in product(KINDS, CAUSES):
+            found = [moved_mm(kind, cause, Path(folder), seed) for seed in range(times)]
             before, after = np.median(found, axis=0)[0], np.max(found, axis=0)[1]
             print(f"{kind:13} {cause:13} before {before:5.1f} mm, after at most {after:7.4f} mm", flush=True)
-
-
-if __name__ == "__main__":
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as made:
-        main(int(sys.argv[1]), Path(made))

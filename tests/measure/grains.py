@@ -1,6 +1,6 @@
 """A hand that slides over a grain, over 4G: the normal force at the device beside what was asked.
 
-``python -m tests.support.grains`` prints the table of hapnet/plant/worlds/effects.md.
+``python -m tests.measure grains`` prints the table of hapnet/plant/worlds/effects.md.
 """
 
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hapnet.simulation.simulation import Simulation
-from tests.support.rubbing import K_WALL, K_WORLD, Felt, K, run
+from tests.measure.rubbing import K_WALL, K_WORLD, Felt, K, run
 
 HEIGHT_M = 2e-4
 SWEEP = ((10.0, 0.05), (20.0, 0.05), (50.0, 0.05), (100.0, 0.05), (200.0, 0.1), (300.0, 0.15))
@@ -77,7 +77,3 @@ def main() -> None:
             f"{1e3 * here.force_N:.2f} mN | {1e3 * here.other_N:.2f} mN | {1e3 * there.force_N:.2f} mN | "
             f"{slack:.0e} J |"
         )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,11 +1,10 @@
 """What a step of a soft body costs, and how a device feels it.
 
-``python -m tests.support.soft_figures`` prints the figures of hapnet/ext/soft/soft.md; set OMP_NUM_THREADS=1, since
+``python -m tests.measure soft_figures`` prints the figures of hapnet/ext/soft/soft.md; set OMP_NUM_THREADS=1, since
 times are of one core. ``--flex`` adds MuJoCo's flex of that size, ``--felt press hand-21`` prints
 the error of the force over links instead.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -133,29 +132,18 @@ def felt(
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--flex", action="store_true")
-    parser.add_argument("--felt", nargs="*", default=[], help="operators; only this is printed then")
-    parser.add_argument("--reference", type=float, default=0.001, help="the steps without a link [s]")
-    chosen = parser.parse_args()
-    for nodes in () if chosen.felt else (1000, 4913):
+def main(flex: bool = False, felt_by: str = "", reference_s: float = 0.001) -> None:
+    """felt_by : operators; nothing else is printed then. reference_s : the steps without a link."""
+    for nodes in () if felt_by else (1000, 4913):
         for degrees in (0.0, 50.0):
             middle, late, rounds, touching = step_ms(nodes, degrees)
             print(
                 f"{nodes} nodes, {degrees:g} deg: {middle:.1f} ms (95 %: {late:.1f}), {rounds:.1f} rounds, {touching}"
             )
         print(f"{nodes} nodes: one bare sparse solve {bare_solve_ms(nodes):.0f} ms")
-    if chosen.flex:
+    if flex:
         print("MuJoCo's flex, 1000 nodes: {:.1f} ms a step of 2 ms, {:.0f} ms for 30 ms".format(*flex_ms(1000)))
-    if chosen.felt:
-        for operator in chosen.felt:
-            found = felt("soft", operator, ("wifi", "4g", *TRACES), 8.0, chosen.reference)
-            for link, (error, of_peak, slack) in found.items():
-                print(
-                    f"{operator} {link}: {error:.1f} % of rms, {of_peak:.1f} % of peak, slack {slack:.0e} J", flush=True
-                )
-
-
-if __name__ == "__main__":
-    main()
+    for operator in felt_by.split(",") if felt_by else ():
+        found = felt("soft", operator, ("wifi", "4g", *TRACES), 8.0, reference_s)
+        for link, (error, of_peak, slack) in found.items():
+            print(f"{operator} {link}: {error:.1f} % of rms, {of_peak:.1f} % of peak, slack {slack:.0e} J", flush=True)

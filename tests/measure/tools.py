@@ -1,10 +1,9 @@
-"""Figures of tools that turn: ``python -m tests.support.tools`` prints them, ``--endurance`` those of 600 s.
+"""Figures of tools that turn.
 
 The true wrench is the one of the tool that rests where coupling and solids balance, for the device's pose now: found
 by scipy's least squares over rotation vectors, with none of hapnet's contact code.
 """
 
-import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -149,22 +148,14 @@ def endurance(link: str, coupling: str, seconds: float) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--endurance", type=float, nargs="?", const=600.0, metavar="SECONDS")
-    parser.add_argument("--links", default="4g")
-    parser.add_argument("--turns", default="0,0.05,0.1,0.2", help="amplitudes of the hand's rotation [rad]")
-    given = parser.parse_args()
-    if given.endurance:
-        for link in given.links.split(","):
+def main(links: str = "4g", turns_rad: str = "0,0.05,0.1,0.2", long_s: float = 0.0) -> None:
+    """turns_rad : amplitudes of the hand's rotation. long_s : so long runs with PSPM and `zoh`, and nothing else."""
+    if long_s:
+        for link in links.split(","):
             for coupling in ("pspm", "zoh"):
-                print(endurance(link, coupling, given.endurance), flush=True)
+                print(endurance(link, coupling, long_s), flush=True)
         return
-    for link in given.links.split(","):
-        for turn in map(float, given.turns.split(",")):
+    for link in links.split(","):
+        for turn in map(float, turns_rad.split(",")):
             made = felt(run({"link.up": link, "link.down": link, "operator_hand.turn_rad": turn}))
             print(link, turn, made, flush=True)
-
-
-if __name__ == "__main__":
-    main()

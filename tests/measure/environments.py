@@ -1,6 +1,6 @@
 """Each line of README and pages, in an environment with few extras, which grows by the commands of its messages.
 
-``python -m tests.support.environments DIRECTORY report view ...`` makes an environment without pip for each of these
+``python -m tests.measure environments DIRECTORY report view ...`` makes an environment without pip for each of these
 extras ("" for none; "report,view" for both) from this tree, runs each line there as in an activated environment, and
 prints what each said. A message that says what to install is followed, and the line must then run: no traceback, and
 no message twice.
@@ -49,7 +49,6 @@ RUNS_ON = ("hapnet play", "hapnet view")
 """Lines that end only when they are told to."""
 
 PAGE = """
-import sys
 from hapnet.assembly.build import prepare
 from hapnet.commands.play import led
 from hapnet.commands.run import check_sides
@@ -116,7 +115,7 @@ def tried(line: str, folder: Path, environment: Path) -> list[str]:
                 return [f"{command}: {done.stderr[-500:]}"]
 
 
-def main(folder: Path, extras: list[str]) -> int:
+def main(folder: Path, extras: list[str]) -> None:
     wrong = []
     for number, extra in enumerate(extras):
         environment, work = folder.absolute() / f"e{number}", folder.absolute() / f"w{number}"
@@ -130,8 +129,4 @@ def main(folder: Path, extras: list[str]) -> int:
         for line in LINES:
             wrong += [f"[{extra}] {one}" for one in tried(line, work, environment)]
     print("\n".join(wrong) or "nothing is wrong")
-    return len(wrong)
-
-
-if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), sys.argv[2:]))
+    sys.exit(len(wrong))

@@ -1,7 +1,6 @@
-"""What planes do for the rendering of a MuJoCo scene over a bad link: the force's error and ripple, with and without
-them.
+"""Planes beside none in a MuJoCo scene over a bad link: error and ripple of the force.
 
-``python -m tests.support.mujoco_rendering`` prints the table of hapnet/plant/worlds/README.md.
+``python -m tests.measure mujoco_rendering`` prints the table of hapnet/plant/worlds/README.md.
 """
 
 from pathlib import Path
@@ -71,15 +70,11 @@ def main() -> None:
     for name, operator, words in (
         ("block", "press", "a block without friction, pressed"),
         ("block that rubs", "press", "a block with friction 1, pressed (`planes=all`)"),
-        ("block", "tests.support.curved:Slide", "a block without friction, slid over at 50 mm/s"),
-        ("ball", "tests.support.curved:Slide", "a ball without friction, slid over at 50 mm/s"),
+        ("block", "tests.measure.curved:Slide", "a block without friction, slid over at 50 mm/s"),
+        ("ball", "tests.measure.curved:Slide", "a ball without friction, slid over at 50 mm/s"),
     ):
         without, reported = (felt(name, planes, round_=name == "ball", operator=operator) for planes in ("none", "all"))
         print(
             f"| {words} | {without.error:.3f} N | {reported.error:.3f} N | {reported.own:.2f} N "
             f"| {1e3 * without.ripple:.1f} mN | {1e3 * reported.ripple:.1f} mN |"
         )
-
-
-if __name__ == "__main__":
-    main()

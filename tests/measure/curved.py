@@ -1,6 +1,6 @@
 """A device that slides over a ball through a bad link: the force that it gets beside the ball's own.
 
-``python -m tests.support.curved`` prints the table of hapnet/ext/solids/rigid.md.
+``python -m tests.measure curved`` prints the table of hapnet/ext/solids/rigid.md.
 """
 
 from collections.abc import Callable
@@ -63,10 +63,10 @@ def error_N(
     scene: str = "sphere", watch: Callable[[Simulation], None] | None = None, **more: object,
 ) -> tuple[float, float]:  # fmt: skip
     """The root mean square of the force's difference from the ball's own, felt without delay, and of that force [N]."""
-    import_module("tests.support.curved").Slide.speed_mps = speed_mps  # of the module that the run imports
+    import_module("tests.measure.curved").Slide.speed_mps = speed_mps  # of the module that the run imports
     given = {
         "device.stiffness": K,
-        "scene": scene, "dof": dof, "operator": "tests.support.curved:Slide", "link.up": LINK, "link.down": LINK,
+        "scene": scene, "dof": dof, "operator": "tests.measure.curved:Slide", "link.up": LINK, "link.down": LINK,
         "duration_s": seconds, "record_hz": 1000.0, "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1],
         **more,
     }  # fmt: skip
@@ -100,7 +100,3 @@ def main() -> None:
                 f"| {1e3 * speed:.0f} mm/s | {1e3 * steps[0]:.0f} to {1e3 * steps[1]:.0f} | {flat:.4f} N, "
                 f"{100 * flat / own:.1f} % | {bent:.4f} N, {100 * bent / own:.2f} % | {own:.2f} N |"
             )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,9 +1,8 @@
-"""Figures of one robot that follows another: ``python -m tests.support.followers`` prints them.
+"""Figures of one robot that follows another.
 
 ``--endurance`` : the first ten seconds and the last minute of 600 s.
 """
 
-import argparse
 from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
@@ -92,27 +91,15 @@ def endurance(link: str, hands: tuple[str, ...], duration_s: float) -> None:
             print(f"{name:18} {hand:>8} {figures}", flush=True)
 
 
-def main() -> None:
-    """Print what is asked for."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--link", default=LINK)
-    parser.add_argument("--endurance", action="store_true")
-    parser.add_argument("--duration", type=float, default=600.0)
-    parser.add_argument("--hands", type=int, default=len(HANDS))
-    given = parser.parse_args()
-    hands = HANDS[: given.hands]
-    if given.endurance:
-        endurance(given.link, hands, given.duration)
+def main(link: str = LINK, long: bool = False, duration_s: float = 600.0, hands: int = len(HANDS)) -> None:
+    if long:
+        endurance(link, HANDS[:hands], duration_s)
         return
     print(
         f"{'':18} {'apart':>6} {'drag':>6} {'force':>6} {'depth':>6} {'margin':>8} {'slack':>9}  [mm, N, N, mm, mJ, J]"
     )
     for name, changes in TAKEN_AWAY.items():
         try:
-            print(row(name, given.link, changes, hands), flush=True)
+            print(row(name, link, changes, HANDS[:hands]), flush=True)
         except InvalidParameter as error:
             print(f"{name:18} {error}")
-
-
-if __name__ == "__main__":
-    main()

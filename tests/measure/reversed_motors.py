@@ -1,6 +1,6 @@
-"""A motor whose sign flips at a random moment of a run, in virtual time: is it named, how soon, after how many mm?
+"""A motor whose sign flips at a random moment of a run, in virtual time: how soon it is named, after how many mm.
 
-``python -m tests.support.reversed_motors 40 80 1000`` counts 40 flips and 80 honest devices, from seed 1000 on, each
+``python -m tests.measure reversed_motors`` counts 40 flips and 80 honest devices, from seed 1000 on, each
 with an exact encoder and with one of 20 um. Hands are soft or firm, slow or fast, of one mass or two; the set-position
 is at a wall, with the hand, or rests.
 
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -217,11 +216,7 @@ def count_honest(honest: int, first: int, encoder_m: float) -> None:
     )
 
 
-def main(flips: int, honest: int, first: int) -> None:
+def main(flips: int = 40, honest: int = 80, first: int = 1000) -> None:
     for encoder_m in ENCODERS_M:
         count_flips(flips, first, encoder_m)
         count_honest(honest, first + 500, encoder_m)
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:4]))
