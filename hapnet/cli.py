@@ -1,21 +1,20 @@
-"""The `hapnet` command: it finds its commands, and makes a line and an exit code of every error.
+"""The `hapnet` command: the table of its commands, and one line and an exit code for every error.
 
-A command is a function of hapnet/commands/ that has its file's name: `run` in run.py. Its arguments are the flags, its
-docstring is the help, and the first paragraph of that stands in the list of commands. For `hapnet --help` and for TAB
-it is read from the file's text, so that no command is loaded; a command's file is imported when it is asked for.
+A command is a function: its arguments are the flags, and its docstring is the help below the line that stands here.
+`hapnet --help` and TAB read the table, and import no command; a command's module is imported when the command is run
+or explains itself. Other packages publish their commands as entry points of `hapnet.commands`.
 """
 
 from __future__ import annotations
 
 import io
 import os
-import re
 import sys
 import warnings
+from collections.abc import Mapping
 from contextlib import redirect_stdout, suppress
 from functools import cache
-from importlib import import_module
-from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any
 
 import typer
@@ -23,32 +22,112 @@ from typer.core import TyperCommand, TyperGroup
 
 from hapnet.commands import output
 from hapnet.errors import HapnetError, OutputError
+from hapnet.loading import any_published, load, published
 from netem.errors import NetemError, unknown
 from netem.version_flag import versions
 
-_FIRST = ("run", "simulate", "play", "view", "bridge", "device", "world", "reproduce", "replay", "report", "compare",
-          "export", "transparency", "tune", "devices", "emulate", "bench", "doctor", "sweep")  # fmt: skip
-"""The order of the list of commands; any other command comes behind these, by its name."""
+GROUP = "hapnet.commands"
+"""The entry points by which other packages publish their commands, as ``module:function``."""
 
-_COMMANDS = Path(__file__).parent / "commands"
+COMMANDS: Mapping[str, tuple[str, str]] = {
+    "run": (
+        "hapnet.commands.run:run",
+        "Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and "
+        "loss.",
+    ),
+    "simulate": (
+        "hapnet.commands.simulate:simulate",
+        "Simulate both sides in virtual time: in one process, deterministic for a seed, much faster than real time.",
+    ),
+    "play": (
+        "hapnet.commands.play:play",
+        "Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.",
+    ),
+    "view": (
+        "hapnet.commands.view:view",
+        "Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.",
+    ),
+    "bridge": (
+        "hapnet.commands.bridge:bridge",
+        "Publish a running pair on ROS 2's topics, by rmw_zenoh's layout and without ROS: `hapnet bridge ros2`.",
+    ),
+    "device": (
+        "hapnet.commands.device:device",
+        "Run the device's side only, for two hosts: simulated device and hand. Start it before or after "
+        "`hapnet world`.",
+    ),
+    "world": (
+        "hapnet.commands.world:world",
+        "Run the virtual world's side only, for two hosts. Start it before or after `hapnet device`.",
+    ),
+    "reproduce": (
+        "hapnet.commands.reproduce:reproduce",
+        "Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed).",
+    ),
+    "replay": (
+        "hapnet.commands.replay:replay",
+        "Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.",
+    ),
+    "report": (
+        "hapnet.commands.report:report",
+        "Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy.",
+    ),
+    "compare": (
+        "hapnet.commands.compare:compare",
+        "Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.",
+    ),
+    "export": (
+        "hapnet.commands.export:export",
+        "Write one or two recordings as tables: CSV, and Parquet. Those of two hosts are put on one clock.",
+    ),
+    "transparency": (
+        "hapnet.commands.transparency:transparency",
+        "Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.",
+    ),
+    "tune": (
+        "hapnet.commands.tune:tune",
+        "Search the parameters that are best for an objective and break no constraint; score them on other cases.",
+    ),
+    "devices": (
+        "hapnet.commands.devices:devices",
+        "List the devices that can be given to --device, what was found of each, and what is missing for it.",
+    ),
+    "emulate": (
+        "hapnet.commands.emulate:emulate",
+        "Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its own.",
+    ),
+    "bench": (
+        "hapnet.commands.bench:bench",
+        "Measure what the servo, the message path and the simulation cost here, each beside a bare reference.",
+    ),
+    "doctor": (
+        "hapnet.commands.doctor:doctor",
+        "Check what this machine allows a servo to do, and say how to allow the rest.",
+    ),
+    "sweep": (
+        "hapnet.commands.sweep:app",
+        "Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
+    ),
+}
+"""hapnet's own commands in the order of the list: the function, or the `typer.Typer` of several, and what it does."""
 
 
 @cache
-def _about(name: str) -> str | None:
-    """The first paragraph of a command's help; None: there is no such command."""
-    file = _COMMANDS / f"{name}.py"
-    if not name.isidentifier() or not file.exists():
-        return None
-    pattern = rf'^def {name}\(.*?"""(.*?)(?:\n\n|""")'
-    head = re.search(pattern, file.read_text("utf-8"), re.MULTILINE | re.DOTALL)
-    return head and " ".join(head[1].split())
-
-
 def commands() -> dict[str, str]:
-    """Each command with the first paragraph of its help, in the order of the list."""
-    names = sorted(file.stem for file in _COMMANDS.glob("*.py"))
-    found = {name: about for name in names if (about := _about(name)) is not None}
-    return {name: found[name] for name in sorted(found, key=lambda each: (*_FIRST, each).index(each))}
+    """Each command with its line in the list. For another package's that is the package's summary."""
+    own = {name: line for name, (_, line) in COMMANDS.items()}
+    return own | {name: _summary(package) for name, (_, package) in sorted(_others().items()) if name not in own}
+
+
+def _others() -> Mapping[str, tuple[str, str]]:
+    """The commands of other packages: the function of each, and the package."""
+    return published(GROUP) if any_published(GROUP) else {}
+
+
+def _summary(package: str) -> str:
+    from importlib.metadata import metadata
+
+    return str(metadata(package).json.get("summary", f"A command of {package}."))
 
 
 class _Commands(TyperGroup):
@@ -59,26 +138,38 @@ class _Commands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the entry for a command in the list."""
-        return None if (about := _about(cmd_name)) is None else TyperCommand(cmd_name, help=about)
+        return None if (line := commands().get(cmd_name)) is None else TyperCommand(cmd_name, help=line)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, *rest = args
-        if _about(name) is not None:
-            return name, _load(name), rest
+        if (command := _command(name)) is not None:
+            return name, command, rest
         if not ctx.resilient_parsing and (hint := unknown("command", name, commands())):
             raise HapnetError(hint)
         return super().resolve_command(ctx, args)
 
 
-def _load(name: str) -> Any:
-    """A command, ready to be run: the function, or the group `app` of its file."""
+def _command(name: str) -> Any:
+    """A command, ready to be run; None: there is none of this name."""
+    if name in COMMANDS:
+        where, line = COMMANDS[name]
+        command = _for_typer(name, resolve_name(where))
+        command.help = "\n\n".join(filter(None, (line, command.help)))
+        return command
+    if name in _others():
+        where, package = _others()[name]
+        return _for_typer(name, load(f"the command {name} of {package}", where, "a function that can be imported"))
+    return None
+
+
+def _for_typer(name: str, command: Any) -> Any:
     from netem.groups import grouped
 
-    module = import_module(f"hapnet.commands.{name}")
-    if (own := getattr(module, "app", None)) is None:
-        own = typer.Typer(add_completion=False)
-        own.command(name)(grouped(getattr(module, name)))
-    return typer.main.get_command(own)
+    if not isinstance(command, typer.Typer):
+        alone = typer.Typer(add_completion=False)
+        alone.command(name)(grouped(command))
+        command = alone
+    return typer.main.get_command(command)
 
 
 app = typer.Typer(

@@ -35,11 +35,9 @@ def bench(
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-bench")] = None,
 ) -> int:
-    """Measure what the servo, the message path and the simulation cost here, each beside a bare reference.
-
-    Prints a table; writes bench.json and a figure of the histograms. The default takes some twelve minutes on two idle
-    cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Use --seconds 60
-    --rounds 5 for figures to publish.
+    """Prints a table; writes bench.json and a figure of the histograms. The default takes some twelve minutes on two
+    idle cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Use
+    --seconds 60 --rounds 5 for figures to publish.
     """
     from hapnet.ext.bench.registry import select
     from hapnet.ext.bench.row import Options

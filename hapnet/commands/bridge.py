@@ -35,10 +35,9 @@ def bridge(
     zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls", "encrypt")],
     json_to: flags.Json = None,
 ) -> int:
-    """Publish a running pair on ROS 2's topics, by rmw_zenoh's layout and without ROS: `hapnet bridge ros2`.
-
-    Poses, twists, wrenches, joint states and diagnostics, as `hapnet view` would show them. It only watches; the other
-    direction is a device or robot: --device ros2:/target_pose, --follower ros2:/current_pose,command=/target_wrench.
+    """Poses, twists, wrenches, joint states and diagnostics, as `hapnet view` would show them. It only watches; the
+    other direction is a device or robot: --device ros2:/target_pose, --follower
+    ros2:/current_pose,command=/target_wrench.
     """
     from hapnet import checks
     from hapnet.commands.side import zenoh_settings

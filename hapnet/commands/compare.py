@@ -138,9 +138,7 @@ def compare(
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-compare")] = None,
 ) -> int:
-    """Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.
-
-    Says first how many cases there are. `hapnet compare` alone has a set of its own; as soon as couplings, links,
+    """Says first how many cases there are. `hapnet compare` alone has a set of its own; as soon as couplings, links,
     operators, seeds or deadbands are named, it runs these and no others. Prints one table per link. Writes all cases as
     JSON, the traces of one case and a figure of all cases.
     """

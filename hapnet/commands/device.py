@@ -42,7 +42,6 @@ def device(
         ),
     ] = "leader",
 ) -> int:
-    """Run the device's side only, for two hosts: simulated device and hand. Start it before or after `hapnet world`."""
     if role == "leader":
         return one_side("device", model, side, zenoh, links, params)
     if role != "follower":

@@ -8,7 +8,6 @@ from hapnet.commands import flags, output
 
 
 def devices(json_to: flags.Json = None) -> int:
-    """List the devices that can be given to --device, what was found of each, and what is missing for it."""
     from hapnet.devices import registry
 
     words = output.console(json_to)

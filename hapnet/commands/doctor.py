@@ -37,10 +37,9 @@ def doctor(
     ] = 0.0,
     json_to: flags.Json = None,
 ) -> int:
-    """Check what this machine allows a servo to do, and say how to allow the rest.
-
-    With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers probes.
-    With --device, measure that device instead: rate, latency, noise and resolution; --ramp and --damping use a force.
+    """With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers
+    probes. With --device, measure that device instead: rate, latency, noise and resolution; --ramp and --damping use a
+    force.
     """
     if hardware is not None:
         return examine_device(hardware, dof or 1, ramp, damping, json_to)

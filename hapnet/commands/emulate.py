@@ -30,10 +30,7 @@ def emulate(
     params: Annotated[ParamsOptions, Without("show_params", "schema")],
     json_to: flags.Json = None,
 ) -> int:
-    """Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its own.
-
-    It says how to reach it, and at its end how much energy its actuators gave to the hand.
-    """
+    """It says how to reach it, and at its end how much energy its actuators gave to the hand."""
     from hapnet import checks
     from hapnet.processes.signals import handled
 

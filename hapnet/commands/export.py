@@ -27,10 +27,8 @@ def export(
     json_to: flags.Json = None,
     out: Annotated[Path | None, typer.Option(help="Directory for the tables.", show_default="beside FILE")] = None,
 ) -> int:
-    """Write one or two recordings as tables: CSV, and Parquet. Those of two hosts are put on one clock.
-
-    One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty. With
-    --format rosbag2 it is a bag that `ros2 bag` plays; that needs no ROS here, but the extra ros2.
+    """One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty.
+    With --format rosbag2 it is a bag that `ros2 bag` plays; that needs no ROS here, but the extra ros2.
     """
     from hapnet.recording import alignment
     from hapnet.recording.export import ROSBAG, export as exported, formats

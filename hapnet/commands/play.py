@@ -33,9 +33,7 @@ def play(
     realtime: flags.Realtime = False,
     page: PageOptions,
 ) -> int:
-    """Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.
-
-    Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
+    """Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
     PSPM. Each coupling is a new pair, with a verdict of its own; --json writes the last one's summary. The page
     says what the force is made of, and can also pause, restart and record. The hand is a relaxed one unless
     `operator_hand` is set.

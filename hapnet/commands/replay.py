@@ -37,9 +37,7 @@ def replay(
     out: flags.Out = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.
-
-    Parameters and seed are the recording's, except those given here. Writes recording, figures and summary.
+    """Parameters and seed are the recording's, except those given here. Writes recording, figures and summary.
     A recording may name a module as its scene, coupling or operator: it is imported if you say yes, or with --trust.
     """
     file = () if params.params_file is None else Params().load(params.params_file).flat().values()

@@ -30,7 +30,6 @@ def report(
     out: Annotated[Path | None, typer.Option(help="Directory for output files.", show_default="beside FILE")] = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy."""
     from hapnet.ext.pictures.report import names_of, report as reported
     from hapnet.recording.mcap import repair
     from hapnet.recording.opened import fitting

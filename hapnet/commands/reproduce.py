@@ -36,7 +36,6 @@ def reproduce(
     out: flags.Out = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed)."""
     base = Params().set(SECTION_4, COMMAND)
     if figure == "fig6":
         base = base.set({"device.smoothing_s": SMOOTHING_S}, COMMAND)

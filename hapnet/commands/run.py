@@ -36,9 +36,7 @@ def run(
     log_to: flags.Log = None,
     realtime: flags.Realtime = False,
 ) -> int:
-    """Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and loss.
-
-    By default for 10 s, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
+    """By default for 10 s, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
 
     Writes two recordings, a report, its figure and a summary.
     """

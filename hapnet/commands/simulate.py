@@ -26,7 +26,6 @@ def simulate(
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one per core.")] = 0,
 ) -> int:
-    """Simulate both sides in virtual time: in one process, deterministic for a seed, much faster than real time."""
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
         return params.show(chosen)

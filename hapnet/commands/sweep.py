@@ -45,11 +45,6 @@ class RunByDefault(TyperGroup):
 app: typer.Typer = typer.Typer(cls=RunByDefault, add_completion=False)
 
 
-@app.callback()
-def sweep() -> None:
-    """Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them."""
-
-
 @app.command(
     RUN,
     short_help="Run every case that a spec describes; `hapnet sweep SPEC.toml` is enough.",

@@ -93,9 +93,7 @@ def transparency(
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-transparency")] = None,
 ) -> int:
-    """Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.
-
-    Prints a table; writes a figure and all numbers as JSON. With --scene 'tool:box + plane' a tool is moved along an
+    """Prints a table; writes a figure and all numbers as JSON. With --scene 'tool:box + plane' a tool is moved along an
     axis and turned about another: in N/m and Nm/rad, beside the tool itself. --z-width adds the stiffest wall without
     limit cycles, and the stiffest stable spring of the device, over servo rates and own dampings, beside Colgate's
     bound.

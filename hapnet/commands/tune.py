@@ -41,10 +41,8 @@ def tune(
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/tune-<SPEC>")] = None,
 ) -> int:
-    """Search the parameters that are best for an objective and break no constraint; score them on other cases.
-
-    SPEC.toml names the parameters with their ranges, the objective, the constraints, and the cases as a sweep's does:
-    see examples/tune/pspm.toml. After a stop or a crash the same command continues.
+    """SPEC.toml names the parameters with their ranges, the objective, the constraints, and the cases as a sweep's
+    does: see examples/tune/pspm.toml. After a stop or a crash the same command continues.
 
     Writes found.toml (for --params), trials.csv, a figure, results.csv with all cases, and journal.sqlite.
     """

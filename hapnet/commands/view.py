@@ -39,9 +39,7 @@ def view(
     zenoh: Annotated[ZenohOptions, Without("users", "mutual_tls", "encrypt")],
     page: PageOptions,
 ) -> int:
-    """Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.
-
-    Dial the side that listens. Its access control decides what others may see. With a recording
+    """Dial the side that listens. Its access control decides what others may see. With a recording
     (`hapnet view run.mcap`) the page plays it back, again and again.
     """
     if files:

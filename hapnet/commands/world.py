@@ -17,5 +17,4 @@ def world(
     links: OneWay,
     params: ParamsOptions,
 ) -> int:
-    """Run the virtual world's side only, for two hosts. Start it before or after `hapnet device`."""
     return one_side("world", model, side, zenoh, links, params)

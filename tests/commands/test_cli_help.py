@@ -1,11 +1,8 @@
 """Help and versions: complete, quick, plain in a pipe."""
 
-import importlib
-import inspect
 import json
 import os
 import platform
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +14,7 @@ import pytest
 
 from hapnet import cli
 from netem import cli as netem_cli
+from tests.conftest import ROOT
 from tests.support.commands import Capture, empty_directory as empty_directory, python
 
 COMMANDS = (
@@ -86,40 +84,79 @@ def test_the_list_of_commands_needs_none_of_them(argv: list[str]) -> None:
     found = of_hapnet(f"sys.argv[1:] = {argv!r}\nfrom hapnet.__main__ import main\nmain()")
     ours = {"hapnet", "hapnet.__main__", "hapnet.cli", "hapnet.commands", "hapnet.errors"}
     ours |= {f"hapnet.commands.{name}" for name in ("output", "progress")}
-    ours |= {"hapnet.extras", "hapnet.ext", "hapnet.ext.compiled", "hapnet.ext.compiled.progress"}  # without numba
+    ours |= {
+        "hapnet.loading",
+        "hapnet.extras",
+        "hapnet.ext",
+        "hapnet.ext.compiled",
+        "hapnet.ext.compiled.progress",
+    }  # without numba
     theirs = {"netem", "netem.errors", "netem.version_flag", "netem.versions"}
     assert ours <= found <= ours | theirs
 
 
 def test_a_command_loads_no_other() -> None:
     found = of_hapnet("from hapnet.cli import main\nmain(['run', '--help'])")
-    assert {name for name in cli.commands() if f"hapnet.commands.{name}" in found} == {"run"}
+    assert {name for name, (where, _) in cli.COMMANDS.items() if where.partition(":")[0] in found} == {"run"}
 
 
-def test_the_list_says_of_each_command_what_its_own_help_begins_with(capsys: Capture) -> None:
-    assert set(COMMANDS) < set(cli.commands())
-    for name, text in cli.commands().items():
-        found = getattr(importlib.import_module(f"hapnet.commands.{name}"), name)
-        assert " ".join(inspect.getdoc(found).partition("\n\n")[0].split()) == text
-        assert cli.main([name, "--help"]) == 0
-    assert not capsys.readouterr().err
+@pytest.mark.parametrize("name", sorted(cli.COMMANDS.keys() - {"sweep"}))  # it is two commands, each with its help
+def test_the_help_of_a_command_begins_with_its_line_in_the_list(
+    name: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    assert cli.main([name, "--help"]) == 0
+    out, err = capsys.readouterr()
+    usage, line, *_ = (line.strip() for line in out.splitlines() if line.strip())
+    assert usage.startswith(f"Usage: hapnet {name} ")
+    assert line == cli.commands()[name]
+    assert not err
 
 
-def test_the_pages_example_is_a_command_once_it_is_in_the_folder(tmp_path: Path) -> None:
-    folder = tmp_path / "hapnet"
-    shutil.copytree(Path(cli.__file__).parent, folder, ignore=shutil.ignore_patterns("__pycache__"))
-    page = (folder / "README.md").read_text("utf-8").partition("**A command.**")[2]
-    (folder / "commands" / "greet.py").write_text(page.partition("```python\n")[2].partition("```")[0], "utf-8")
+GREETING = """[hapnet.commands]
+greet = hapnet_greet:greet
+run = hapnet_greet:greet
+torn = hapnet_greet:missing
+"""
 
-    def hapnet(*argv: str) -> str:
-        command = [sys.executable, "-m", "hapnet", *argv]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True).stdout
+
+def test_the_pages_example_is_a_command_once_its_package_is_installed(tmp_path: Path) -> None:
+    page = (Path(cli.__file__).parent / "README.md").read_text("utf-8").partition("**A command.**")[2]
+    (tmp_path / "hapnet_greet.py").write_text(page.partition("```python\n")[2].partition("```")[0], "utf-8")
+    about = tmp_path / "hapnet_greet-1.0.dist-info"
+    about.mkdir()
+    about.joinpath("METADATA").write_text(
+        "Metadata-Version: 2.1\nName: hapnet-greet\nVersion: 1.0\nSummary: Greets.\n", "utf-8"
+    )
+    about.joinpath("entry_points.txt").write_text(GREETING, "utf-8")
+    path = os.pathsep.join((str(ROOT), str(tmp_path)))
+
+    def hapnet(*argv: str, code: int = 0, **more: str) -> str:
+        command, environment = [sys.executable, "-m", "hapnet", *argv], {**os.environ, "PYTHONPATH": path, **more}
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, env=environment)
+        assert done.returncode == code, done.stderr
+        return done.stderr if code else done.stdout
 
     listed = hapnet("--help")
-    assert listed.index("Thousands of cases") < listed.index("Say hello to somebody.")
+    assert listed.index("Thousands of cases") < listed.index("greet ") < listed.index("Greets.")
+    assert "Run both processes" in listed  # a package cannot replace hapnet's own
+    assert "Run both processes" in hapnet("run", "--help")
     assert "Somebody's name." in hapnet("greet", "--help")
     assert hapnet("greet", "Ada", "--scene", "box") == "hello Ada in box\n"
     assert json.loads(hapnet("greet", "Ada", "--json", "-")) == {"length": 3}
+    assert hapnet("gret", code=2).startswith("hapnet: unknown command 'gret'; did you mean greet?")
+    assert hapnet("torn", code=2).count("\n") == 1
+    offered = hapnet(code=0, _HAPNET_COMPLETE="complete_bash", COMP_WORDS="hapnet\ngre", COMP_CWORD="1")
+    assert offered.split() == ["greet"]
+
+
+def test_the_list_loads_no_package_that_publishes_a_command(tmp_path: Path) -> None:
+    (tmp_path / "hapnet_greet.py").write_text("raise AssertionError", "utf-8")
+    (tmp_path / "hapnet_greet-1.0.dist-info").mkdir()
+    (tmp_path / "hapnet_greet-1.0.dist-info" / "METADATA").write_text("Name: hapnet-greet\n", "utf-8")
+    (tmp_path / "hapnet_greet-1.0.dist-info" / "entry_points.txt").write_text(GREETING, "utf-8")
+    listed = python(f"import sys; sys.path.append({str(tmp_path)!r}); from hapnet.cli import main; main(['--help'])")
+    assert "A command of hapnet-greet." in listed
 
 
 def test_the_package_is_one_module_until_a_name_is_used() -> None:

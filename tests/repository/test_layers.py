@@ -79,6 +79,7 @@ EQUATIONS_TOO = ("laws", "solids", "engines", "soft", "tools", "arms", "compiled
 
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",
+    "hapnet/loading.py": "looks whether any package publishes a part, before it loads what reads that",
     "hapnet/file_content.py": "reads what others may have written: all that is a plain file and not too large",
     "hapnet/params.py": "--params names a file",
     "hapnet/installing.py": "looks for an interpreter that has pip",
