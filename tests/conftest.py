@@ -157,11 +157,19 @@ def _homes(module: ModuleType) -> set[str]:
     return {str(getattr(value, "__module__", None) or getattr(value, "__name__", "")) for value in values}
 
 
-def mostly_slow(values: Iterable[object], first: int) -> list[Any]:
-    """Of parameters, a tuple for several names: the `first` in every run, the rest in the slow one."""
+def mostly_slow(values: Iterable[object], first: int, last: int | None = None) -> list[Any]:
+    """Of parameters, a tuple for several names: the `first` in every run, those up to `last` in the slow one.
+
+    The rest are run by hand; last : None: there is no such rest.
+    """
+
+    def marks(i: int) -> list[pytest.MarkDecorator]:
+        if last is not None and i >= last:
+            return [pytest.mark.soak]
+        return [pytest.mark.slow] * (i >= first)
+
     return [
-        pytest.param(*(each if isinstance(each, tuple) else (each,)), marks=[pytest.mark.slow] * (i >= first))
-        for i, each in enumerate(values)
+        pytest.param(*(each if isinstance(each, tuple) else (each,)), marks=marks(i)) for i, each in enumerate(values)
     ]
 
 

@@ -14,6 +14,7 @@ from hapnet.control.deadband import MAX_S, MIN_M, MIN_MPS, MIN_N, MIN_WAVE, Dead
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
+from tests.conftest import mostly_slow
 
 HERE = (0.0,)
 
@@ -203,8 +204,7 @@ def test_set_position_modulation_is_passive_with_any_deadband(case: dict[str, An
     assert_passive(case)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", cases(120), ids=str)
+@pytest.mark.parametrize("case", mostly_slow(cases(120), 0, 40), ids=str)
 def test_set_position_modulation_is_passive_with_any_deadband_at_length(case: dict[str, Any]) -> None:
     assert_passive({**case, "duration_s": 10.0})
 

@@ -241,20 +241,9 @@ def never_above_the_truth(words: dict[str, float], most_N: float) -> None:
 
 
 @pytest.mark.usefixtures("slide")
-@pytest.mark.filterwarnings("ignore:.*function_scoped_fixture")
-def test_the_bound_is_never_above_the_truth() -> None:
-    @settings(max_examples=2, phases=NO_SHRINKING)
-    @given(words=SLIDES, most_N=st.floats(0.1, 1.0))
-    def check(words: dict[str, float], most_N: float) -> None:
-        never_above_the_truth(words, most_N)
-
-    check()
-
-
-@SLOW
-@pytest.mark.usefixtures("slide")
-def test_the_bound_is_never_above_the_truth_over_many_devices() -> None:
-    @settings(max_examples=25, phases=NO_SHRINKING)
+@pytest.mark.parametrize("devices", [2, pytest.param(12, marks=SLOW)])
+def test_the_bound_is_never_above_the_truth(devices: int) -> None:
+    @settings(max_examples=devices, phases=NO_SHRINKING)
     @given(words=SLIDES, most_N=st.floats(0.1, 1.0))
     def check(words: dict[str, float], most_N: float) -> None:
         never_above_the_truth(words, most_N)

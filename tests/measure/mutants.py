@@ -81,6 +81,15 @@ def mutants_of(file: Path) -> Iterator[Mutant]:
         ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
     }  # fmt: skip
 
+    def constant(node: ast.Constant) -> Iterator[Mutant]:
+        match node.value:
+            case bool():
+                return
+            case int(value):
+                yield Mutant(file, node.lineno, *span(node), repr(value + 1))
+            case float(value) if value > TINY or value == 0.0:
+                yield Mutant(file, node.lineno, *span(node), repr(value * 1.5 or 0.5))
+
     def visit(node: ast.AST) -> Iterator[Mutant]:
         if isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert | ast.AnnAssign | ast.Subscript):
             return
@@ -94,12 +103,11 @@ def mutants_of(file: Path) -> Iterator[Mutant]:
                 yield Mutant(file, node.lineno, *span(node), f"({ast.unparse(operand)})")
             case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in OTHER:
                 yield from between(left, right, signs[type(op)], OTHER[type(op)], right.lineno)
-            case ast.Constant(value=int() | float() as value) if type(value) is int or value > TINY or value == 0.0:
-                new = repr(value + 1) if isinstance(value, int) else repr(value * 1.5 if value else 0.5)
-                yield Mutant(file, node.lineno, *span(node), new)
             case ast.Return(value=ast.BinOp() as value):
                 yield Mutant(file, node.lineno, *span(value), f"-({ast.unparse(value)})")
         for child in ast.iter_child_nodes(node):
+            if isinstance(node, ast.BinOp | ast.Compare | ast.Return | ast.IfExp) and isinstance(child, ast.Constant):
+                yield from constant(child)
             yield from visit(child)
 
     for function in ast.walk(ast.parse(text)):

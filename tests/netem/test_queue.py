@@ -7,6 +7,7 @@ import tracemalloc
 import pytest
 
 from netem import Link, LinkProfile
+from tests.conftest import mostly_slow
 from tests.netem.support import MS, drive, link_of
 
 
@@ -44,8 +45,7 @@ def test_a_smaller_limit_loses_nothing_in_flight() -> None:
     assert link.stats.dropped_limit == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [50_000, 1_000_000])
+@pytest.mark.parametrize("count", mostly_slow([50_000, 1_000_000], 0, 1))
 def test_a_million_messages_in_flight_cost_their_own_memory_only(count: int) -> None:
     """One tuple of five, three numbers and a place in a list each; all of it given back when they have left."""
     link: Link[None] = Link(LinkProfile.parse(f"delay 10s 1s loss 1% rate 1tbit limit {count}"))

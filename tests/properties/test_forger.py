@@ -43,9 +43,9 @@ def lie(rng: random.Random) -> Lie:
 
 
 def seeds_up_to(many: int) -> pytest.MarkDecorator:
-    """Two, eighteen more among the slow tests, and all of them by hand."""
+    """Two, eight more among the slow tests, and all of them by hand."""
     slow, soak = pytest.mark.slow, pytest.mark.soak
-    sets = [range(2), pytest.param(range(2, 20), marks=slow), pytest.param(range(many), marks=soak)]
+    sets = [range(2), pytest.param(range(2, 10), marks=slow), pytest.param(range(many), marks=soak)]
     return pytest.mark.parametrize("seeds", sets, ids=["two", "more", "all"])
 
 

@@ -76,10 +76,10 @@ def test_both_ports_are_passive_in_4_random_cases() -> None:
 
 
 @pytest.mark.slow
-def test_both_ports_are_passive_in_100_random_cases() -> None:
-    halves, whole = survey(range(100), range(100))
-    assert halves >= 80
-    assert whole >= 50
+def test_both_ports_are_passive_in_50_random_cases() -> None:
+    halves, whole = survey(range(50), range(50))
+    assert halves >= 40
+    assert whole >= 25
 
 
 @pytest.mark.soak

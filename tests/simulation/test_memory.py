@@ -20,7 +20,7 @@ LOOKS = 8
 
 @pytest.mark.parametrize(
     ("spans", "span_s"),
-    [pytest.param(3, 20.0, marks=pytest.mark.slow), pytest.param(10, 60.0, marks=pytest.mark.soak)],
+    [pytest.param(3, 10.0, marks=pytest.mark.slow), pytest.param(10, 60.0, marks=pytest.mark.soak)],
 )
 def test_memory_is_flat(spans: int, span_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both sides, both links, energy in both directions and a recording on disk: after the first span nothing is
