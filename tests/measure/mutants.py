@@ -182,7 +182,7 @@ class Copy:
         except subprocess.TimeoutExpired:
             os.killpg(program.pid, 9)
             out = program.communicate()[0]
-        found = re.search(r"^(?:FAILED|ERROR) (\S+)", out, re.MULTILINE)
+        found = re.search(r"^(?:FAILED|ERROR) (\S+?\[.*?\]|\S+)(?: - |$)", out, re.MULTILINE)
         return found[1] if found else None if program.returncode in (0, 5, -9) else "tests"
 
     def caught_by(self, mutant: Mutant) -> str | None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.errors import InvalidParameter
@@ -99,6 +100,17 @@ def test_a_step_of_a_handle_that_is_not_found_at_once_is_cut() -> None:
 def test_turned_is_the_rotation_vector() -> None:
     x = turned((0.0, 0.0, 0.0), (0.0, 0.0, np.pi / 2), ARM_M)
     assert np.array(x[3:6]) == pytest.approx([-ARM_M, ARM_M, 0.0], abs=1e-15)
+
+
+def test_a_turning_hand_has_three_frequencies() -> None:
+    """Its rotation vector, by scipy from where the arms of the pose are, beside the sines that its parameters say."""
+    hand = TurningHand(Sine(3, Impedance(0.1, 1.0, 10.0)), turn_rad=0.3, turn_hz=0.8)
+    for t in (1.0, 1.37, 2.9, 7.1):
+        pose = np.array(hand.reference(t))
+        assert pose[:3] == pytest.approx(hand.hand.reference(t))
+        arms = np.eye(3) + pose[3:].reshape(3, 3).T / ARM_M
+        expected = [0.3 * np.sin(2.0 * np.pi * 0.8 * rate * t) for rate in (1.0, 0.73, 0.59)]
+        assert Rotation.from_matrix(arms).as_rotvec() == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.slow
