@@ -8,6 +8,7 @@ import pytest
 from hapnet.checks import Vector
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.mechanics.plane import Plane
+from tests.conftest import mostly_slow
 from tests.measure.rubbing import check_no_energy, lied_to, slack_of
 
 
@@ -36,7 +37,7 @@ def effects_lied(seed: int, coupling: str) -> Any:
     return lied_to(planes, link, seed=seed, dof=2 + seed // 2 % 2, coupling=coupling)
 
 
-@pytest.mark.parametrize("seed", [*range(2), *[pytest.param(k, marks=pytest.mark.slow) for k in range(2, 20)]])
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 2))
 def test_no_effect_creates_energy(seed: int) -> None:
     check_no_energy(effects_lied(seed, "pspm"))
 

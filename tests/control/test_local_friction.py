@@ -22,6 +22,7 @@ from hapnet.ext.solids.shapes import Sphere
 from hapnet.mechanics.plane import Plane, checked
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
+from tests.conftest import mostly_slow
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, TICK, after, model, reported
 from tests.measure.rubbing import LINKS, K, check_no_energy, lied_to, rubbed, run, slack_of
 from tests.wire.test_messages import A, rejected
@@ -347,7 +348,7 @@ def friction_lied(seed: int, coupling: str) -> Any:
     return lied_to(planes, "40±10 ms, 2 %", seed=seed, dof=2 + seed % 2, coupling=coupling)
 
 
-@pytest.mark.parametrize("seed", [*range(2), *[pytest.param(k, marks=pytest.mark.slow) for k in range(2, 20)]])
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 2))
 def test_no_lie_about_friction_creates_energy(seed: int) -> None:
     check_no_energy(friction_lied(seed, "pspm"))
 

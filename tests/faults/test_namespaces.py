@@ -240,42 +240,21 @@ def _later(time_ns: int) -> Callable[[], bool]:
     return lambda: time.monotonic_ns() >= time_ns
 
 
-def _kill(protocol: str, victim: Role, *, slow: bool) -> Any:
-    return pytest.param(protocol, victim, marks=[pytest.mark.slow] if slow else [], id=f"{protocol}-{victim}")
+@pytest.mark.slow
+@pytest.mark.parametrize("pulled", [False, True], ids=["process", "host"])
+@pytest.mark.parametrize("victim", ["device", "world"])
+@pytest.mark.parametrize("protocol", ["tcp", "udp"])
+def test_one_side_dies_in_contact(protocol: str, victim: Role, pulled: bool, tmp_path: Path) -> None:
+    """Started again it is a new pair with the survivor, soon after it runs.
 
-
-KILLS = [
-    _kill("tcp", "device", slow=True),
-    _kill("udp", "world", slow=True),
-    _kill("tcp", "world", slow=True),
-    _kill("udp", "device", slow=True),
-]
-
-
-@pytest.mark.parametrize(("protocol", "victim"), KILLS)
-def test_one_side_is_killed_in_contact(protocol: str, victim: Role, tmp_path: Path) -> None:
-    """Started again it is a new pair with the survivor, soon after it runs."""
+    If its host died nothing reaches the survivor: the cable is out when the process ends, and until it runs again.
+    """
     with joined(tmp_path, protocol) as pair:
         pair.start_both(*LITTLE)
-        _kill_in_contact(pair, victim)
+        _kill_in_contact(pair, victim, pull=pulled)
         restarted = _start_again(pair, victim)
-        from_ns = restarted.until_said("")
-        _assert_recovers(pair, victim, from_ns, protocol)
-
-
-@pytest.mark.parametrize(
-    ("protocol", "victim"),
-    [pytest.param(*kill.values, marks=pytest.mark.slow, id=kill.id) for kill in KILLS],
-)
-def test_a_host_dies_in_contact(protocol: str, victim: Role, tmp_path: Path) -> None:
-    """Nothing reaches the survivor: the cable is out when the process ends, and until it has been started again."""
-    with joined(tmp_path, protocol) as pair:
-        pair.start_both(*LITTLE)
-        _kill_in_contact(pair, victim, pull=True)
-        restarted = _start_again(pair, victim)
-        restarted.until_said("waiting")
-        from_ns = pair.hosts[victim].plug()
-        _assert_recovers(pair, victim, from_ns, protocol)
+        from_ns = restarted.until_said("waiting" if pulled else "")
+        _assert_recovers(pair, victim, pair.hosts[victim].plug() if pulled else from_ns, protocol)
 
 
 def _kill_in_contact(pair: Pair, victim: Role, *, pull: bool = False) -> None:

@@ -20,6 +20,7 @@ from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Proxy as ProxyMessage, decode
 from hapnet.wire.stream import PositionStream
+from tests.conftest import mostly_slow
 from tests.control.test_contact_model import K_WALL, K_WORLD, SOFT, after, model, reported
 from tests.measure.curved import error_N
 from tests.measure.rubbing import check_no_energy, slack_of
@@ -339,7 +340,7 @@ def lied_to(seed: int, coupling: str, monkeypatch: pytest.MonkeyPatch) -> Any:
 LINK = "delay 40ms 10ms loss 2%"
 
 
-@pytest.mark.parametrize("seed", [*range(2), *[pytest.param(k, marks=pytest.mark.slow) for k in range(2, 20)]])
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 2))
 def test_no_lie_about_curvature_creates_energy(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     check_no_energy(lied_to(seed, "pspm", monkeypatch))
 

@@ -24,7 +24,7 @@ from hapnet.recording.samples import MemoryRecorder, Recording
 from hapnet.simulation import simulation
 from hapnet.simulation.simulation import Simulation
 from hapnet.summary.from_samples import motion
-from tests.conftest import random_spd
+from tests.conftest import mostly_slow, random_spd
 from tests.support import independent_account
 from tests.support.extreme_cases import UNCHECKED, Examined, examine, extreme_case
 from tests.support.independent_account import Witness
@@ -57,19 +57,10 @@ def assert_violates_unchecked(one: Examined) -> None:
         assert examine(one.case, one.params).wrong, f"case {one.case} is refused, but holds: {one.refused}"
 
 
-def test_what_is_promised_holds_in_12_extreme_cases() -> None:
-    """Several of these broke a promise when they were drawn: limits of force and step, the margins; some diverged."""
-    survey(range(40, 52))
-
-
-@pytest.mark.slow
-def test_what_is_promised_holds_in_150_extreme_cases() -> None:
-    survey(range(150))
-
-
-@pytest.mark.soak
-def test_what_is_promised_holds_in_4000_extreme_cases() -> None:
-    survey(range(4000))
+@pytest.mark.parametrize("cases", mostly_slow([range(40, 52), range(150), range(4000)], 1, 2), ids=len)
+def test_what_is_promised_holds_in_extreme_cases(cases: range) -> None:
+    """Several of the first broke a promise when they were drawn: limits of force and step, margins; some diverged."""
+    survey(cases)
 
 
 def test_the_cases_reach_over_five_decades() -> None:

@@ -7,6 +7,7 @@ import re
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -233,28 +234,28 @@ def test_what_a_newer_version_adds_is_passed_over_and_what_is_missing_is_unknown
 def test_messages_that_do_not_fit_are_told_in_one_line(
     tmp_path: Path, encoding: str, descriptor: bytes, data: bytes
 ) -> None:
-    with (tmp_path / "x.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.add_metadata("hapnet", {"json": json.dumps(META)})
+    def add(writer: Writer) -> None:
         schema = writer.register_schema("hapnet.DeviceSample", encoding, descriptor)
         writer.add_message(writer.register_channel("/device/state", encoding, schema), 1, data, 1)
-        writer.finish()
-    with pytest.raises(RecordingError, match=r"x\.mcap is not a recording: its content does not fit") as info:
-        read_recording(tmp_path / "x.mcap")
-    assert "\n" not in str(info.value)
+
+    assert_refused(tmp_path / "x.mcap", add)
 
 
 @pytest.mark.parametrize("name", ["hapnet", "hapnet.summary"])
 def test_settings_nested_without_end_are_told_in_one_line(tmp_path: Path, name: str) -> None:
-    with (tmp_path / "x.mcap").open("wb") as file:
+    assert_refused(tmp_path / "x.mcap", lambda writer: writer.add_metadata(name, {"json": "[" * 200_000}))
+
+
+def assert_refused(path: Path, add: Callable[[Writer], object]) -> None:
+    """A file with settings as they should be, and with what `add` adds."""
+    with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
         writer.add_metadata("hapnet", {"json": json.dumps(META)})
-        writer.add_metadata(name, {"json": "[" * 200_000})
+        add(writer)
         writer.finish()
     with pytest.raises(RecordingError, match=r"x\.mcap is not a recording: its content does not fit") as info:
-        read_recording(tmp_path / "x.mcap")
+        read_recording(path)
     assert "\n" not in str(info.value)
 
 

@@ -1,8 +1,11 @@
 """Small engines for tests: a bead on a rail with a wall, in plain Python, and beads that fail or lie."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hapnet import EngineWorld
+from hapnet import EngineWorld, Params
+from hapnet.simulation.simulation import Result, Simulation
+from tests.support.theorem_cases import random_case
 
 M, K, AT = 0.05, 2000.0, 0.01
 """The bead's mass [kg], the wall's stiffness [N/m] and place [m]."""
@@ -19,6 +22,29 @@ def scene(name: str) -> str:
 def made(engine: Any) -> tuple[EngineWorld, Any]:
     world = EngineWorld(engine)
     return world, world.proxy(M, B_PROXY, K_PROXY)
+
+
+def over_random_link(
+    scene: str, index: int, steps_s: Sequence[tuple[float, float]], changes: Mapping[str, object]
+) -> Result:
+    """A run at a scene over one of the theorem's random links; every other one has next to no energy to begin with."""
+    link = {key: value for key, value in random_case(index).flat().items() if key.startswith("link.")}
+    shortest, longest = steps_s[index % len(steps_s)]
+    own = {"world.step_min_s": shortest, "world.step_max_s": longest, "scene": scene}
+    poor = {"world.ceiling_J": 2e-4, "device.ceiling_J": 2e-4} if index % 2 else {}
+    return Simulation(Params().set({**link, **own, **poor, **changes}), index).run()
+
+
+def check_account(result: Result, rounding_J: float) -> None:
+    """Both halves of Theorem 1, and the environment's account, from what the run measured."""
+    summary = result.summary
+    assert summary["theorem"]["margin_J"] >= -1e-9
+    for part in (summary["device"], summary["world"]):
+        assert part["ledger"]["slack_J"] >= -1e-12
+        assert part["reservoir_min_J"] >= 0.0
+        assert part["deficit_max_J"] == 0.0
+    assert summary["environment"]["env_slack_J"] >= -rounding_J
+    assert summary["verdict"]["passive"] is True
 
 
 class Bare:

@@ -17,8 +17,8 @@ from hapnet.params import Params
 from hapnet.simulation.simulation import Result, Simulation
 from hapnet.summary.structure import Environment
 from tests.conftest import mostly_slow
+from tests.support.engines import check_account, over_random_link
 from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, engine_of, found_of, made, model
-from tests.support.theorem_cases import random_case
 
 mujoco: Any = pytest.importorskip("mujoco", reason="MuJoCo is not installed: hapnet-haptics[mujoco]")
 
@@ -33,25 +33,13 @@ SCENES = {
 
 
 def over_a_link(scene: str, index: int, **changes: object) -> Result:
-    link = {key: value for key, value in random_case(index).flat().items() if key.startswith("link.")}
     hand = {"operator": ("sine", "press", "rest")[index % 3], "operator_hand.frequency_hz": 0.3 + 0.2 * (index % 5)}
-    steps = ((0.001, 0.001), (0.01, 0.05), (0.1, 0.1), (0.004, 0.02))[index % 4]
-    own = {"world.step_min_s": steps[0], "world.step_max_s": steps[1], "duration_s": 1.2}
-    if index % 2:
-        own |= {"world.ceiling_J": 2e-4, "device.ceiling_J": 2e-4}
-    return Simulation(Params().set({**link, **hand, **own, "scene": scene, **changes}), index).run()
+    steps = ((0.001, 0.001), (0.01, 0.05), (0.1, 0.1), (0.004, 0.02))
+    return over_random_link(scene, index, steps, {**hand, "duration_s": 1.2, **changes})
 
 
 def check(result: Result) -> None:
-    summary = result.summary
-    assert summary["theorem"]["margin_J"] >= -1e-9
-    for side in ("device", "world"):
-        part = summary[side]
-        assert part["ledger"]["slack_J"] >= -1e-12
-        assert part["reservoir_min_J"] >= 0.0
-        assert part["deficit_max_J"] == 0.0
-    assert summary["environment"]["env_slack_J"] >= -1e-9
-    assert summary["verdict"]["passive"] is True
+    check_account(result, 1e-9)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "flex")) for name in SCENES])
