@@ -290,6 +290,19 @@ def test_a_factor_that_turns_with_the_body_saves_rounds() -> None:
     assert rounds_with(lambda turns: turns.transpose(0, 2, 1).copy()) > 1.5 * right
 
 
+@pytest.mark.parametrize("dt", [0.01, 0.05, 0.2])
+def test_a_free_body_answers_a_push_along_a_rigid_motion_exactly(dt: float) -> None:
+    """K r = 0, so ``S^-1 M r = (2/T)^-1 r`` for a translation or a rotation r, whatever step S was factored for."""
+    places, tets = soft_mesh.block((0.06, 0.05, 0.04), 64)
+    body = Body(places, tets, np.zeros(len(places), dtype=bool), Material())
+    centre = body.mass @ body.x / body.mass.sum()
+    nodes = np.arange(len(body.x))
+    for motion in (np.tile((0.3, -1.0, 2.0), (len(body.x), 1)), np.cross((1.0, 2.0, -0.5), body.x - centre)):
+        push = (body.mass[:, None] * motion).ravel()
+        assert body.factor.solve(dt, push) == pytest.approx(0.5 * dt * motion.ravel(), rel=1e-6, abs=1e-9)
+        assert body.factor.responses(dt, nodes) @ push == pytest.approx(0.5 * dt * motion.ravel(), rel=1e-6, abs=1e-9)
+
+
 def test_friction_holds_up_to_its_limit() -> None:
     """A ball that is dragged along pulls with mu times its push."""
     contacts = block(343, friction=0.3)
