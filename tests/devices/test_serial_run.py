@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.transport.config import free_address
+from tests.conftest import mostly_slow
 from tests.support.processes import Emulator, assert_passive, started
 
 
@@ -49,10 +50,9 @@ def test_the_axis_follows_a_leader(tmp_path: Path) -> None:
         assert 1.5 * emulator.ended()["most_given_J"] <= summary["theorem"]["bound_J"] + world["quantisation_J"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "says"),
-    [("stall=2", "is silent, no force: no whole state"), ("noise=0.01", ""), ("rubbish=0.5", "")],
+    mostly_slow([("stall=2", "is silent, no force: no whole state"), ("rubbish=0.5", ""), ("noise=0.01", "")], 0, 2),
 )
 def test_a_faulty_axis_is_survived(fault: str, says: str, tmp_path: Path) -> None:
     with Emulator("serial", tmp_path, fault) as emulator:

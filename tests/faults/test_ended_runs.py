@@ -127,10 +127,13 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
 
 
 CASES = [(who, number) for who in WHO for number in SIGNALS]
+OFTEN = [(who, number) for who, number in CASES if number == signal.SIGKILL] + [
+    ("launcher", signal.SIGTERM), ("device", signal.SIGTERM), ("world", signal.SIGSTOP), ("servo", signal.SIGSTOP),
+]  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("who", "number"), CASES)
+@pytest.mark.parametrize(("who", "number"), OFTEN)
 def test_whatever_ends_a_run_there_is_a_verdict(who: str, number: signal.Signals, tmp_path: Path) -> None:
     rng = random.Random(f"{who} {number}")
     ended(who, number, Moment("recording", rng.uniform(0.0, DURATION_S - 1.0)), tmp_path / "run")

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.wire.messages import Role
+from tests.conftest import mostly_slow
 from tests.faults.support import pair
 from tests.support.processes import Program
 
@@ -37,9 +38,9 @@ session.close()
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("way", ["down", "up"])
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize(
+    ("way", "more"), mostly_slow([("down", ("--realtime",)), ("up", ()), ("down", ()), ("up", ("--realtime",))], 0, 2)
+)
 def test_a_flood_does_not_keep_the_servo_from_its_work(way: str, more: tuple[str, ...], tmp_path: Path) -> None:
     """The device is hit (down), or the world is (up), and the flood takes a core."""
     hits: Role = "device" if way == "down" else "world"  # a stranger reaches only who listens

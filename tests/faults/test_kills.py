@@ -11,6 +11,7 @@ from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording
 from hapnet.summary.run import merge
 from hapnet.wire.messages import Role
+from tests.conftest import mostly_slow
 from tests.faults.invariants import (
     NANO,
     assert_credited_was_sent,
@@ -31,19 +32,14 @@ RESERVOIRS_J: dict[Role, float] = {"device": 0.1, "world": 0.05}
 """What each begins with: the defaults of `device.ceiling_J` and `world.ceiling_J`."""
 
 
-@pytest.mark.parametrize(
-    ("role", "on_silence", "kills", "rendering"),
-    [
-        pytest.param("device", "release", 5, "paper", marks=pytest.mark.slow),
-        pytest.param("world", "hold", 5, "paper", marks=pytest.mark.slow),
-        pytest.param("device", "hold", 2, "paper", marks=pytest.mark.slow),
-        pytest.param("world", "release", 2, "hapnet", marks=pytest.mark.slow),
-        pytest.param("device", "hold", 20, "paper", marks=pytest.mark.soak),
-        pytest.param("device", "release", 20, "hapnet", marks=pytest.mark.soak),
-        pytest.param("world", "hold", 20, "paper", marks=pytest.mark.soak),
-        pytest.param("world", "release", 20, "hapnet", marks=pytest.mark.soak),
-    ],
-)
+KILLS = [
+    ("device", "release", 5, "paper"), ("world", "release", 2, "hapnet"),
+    ("device", "hold", 20, "paper"), ("device", "release", 20, "hapnet"),
+    ("world", "hold", 20, "paper"), ("world", "release", 20, "hapnet"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("role", "on_silence", "kills", "rendering"), mostly_slow(KILLS, 0, 2))
 def test_a_side_killed_in_contact_comes_back(
     role: Role, on_silence: str, kills: int, rendering: str, tmp_path: Path
 ) -> None:

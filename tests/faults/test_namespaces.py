@@ -21,6 +21,7 @@ from hapnet.errors import RecordingError
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Columns
 from hapnet.wire.messages import Role
+from tests.conftest import mostly_slow
 from tests.faults.invariants import NANO, columns_of
 from tests.faults.namespaces import LIMIT_S, Host, Unavailable, two_hosts
 from tests.faults.support import OTHER, RECOVERY_S, RENDERING, Side
@@ -240,10 +241,13 @@ def _later(time_ns: int) -> Callable[[], bool]:
     return lambda: time.monotonic_ns() >= time_ns
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("pulled", [False, True], ids=["process", "host"])
-@pytest.mark.parametrize("victim", ["device", "world"])
-@pytest.mark.parametrize("protocol", ["tcp", "udp"])
+DEATHS = [
+    ("tcp", "device", False), ("udp", "world", False), ("tcp", "world", True), ("udp", "device", True),
+    ("tcp", "world", False), ("udp", "device", False), ("tcp", "device", True), ("udp", "world", True),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("protocol", "victim", "pulled"), mostly_slow(DEATHS, 0, 4))
 def test_one_side_dies_in_contact(protocol: str, victim: Role, pulled: bool, tmp_path: Path) -> None:
     """Started again it is a new pair with the survivor, soon after it runs.
 
@@ -306,14 +310,11 @@ def _credited_nJ(side: Side, time_ns: int) -> int:
     return round(float(columns["credited_J"][np.searchsorted(columns["time_ns"], time_ns, side="right") - 1]) / NANO)
 
 
+ANY, IPV6 = ("0.0.0.0", "10.117.0.1"), ("[::]", "[fd00:117::1]")
+
+
 @pytest.mark.parametrize(
-    ("protocol", "listen", "dial"),
-    [
-        pytest.param("tcp", "0.0.0.0", "10.117.0.1", id="tcp-any", marks=pytest.mark.slow),
-        pytest.param("udp", "0.0.0.0", "10.117.0.1", id="udp-any", marks=pytest.mark.slow),
-        pytest.param("tcp", "[::]", "[fd00:117::1]", id="tcp-ipv6", marks=pytest.mark.slow),
-        pytest.param("udp", "[::]", "[fd00:117::1]", id="udp-ipv6", marks=pytest.mark.slow),
-    ],
+    ("protocol", "listen", "dial"), mostly_slow([("tcp", *ANY), ("udp", *IPV6), ("udp", *ANY), ("tcp", *IPV6)], 0, 2)
 )
 def test_both_start_before_the_cable_is_in(protocol: str, listen: str, dial: str, tmp_path: Path) -> None:
     """A world on all addresses of its host, of either kind; the device dials one that cannot be reached yet.

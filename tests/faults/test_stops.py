@@ -9,6 +9,7 @@ import pytest
 
 from hapnet.recording.mcap import read_recording
 from hapnet.wire.messages import Role
+from tests.conftest import mostly_slow
 from tests.faults.invariants import NANO, assert_pair_kept_the_rules, columns_of
 from tests.faults.support import RECOVERY_S, Pair, asleep, let_pass, pair
 from tests.support.processes import child_of
@@ -21,8 +22,7 @@ BLOCKED_NS = 1_000_000_000
 """A control that pauses for longer was stopped, or waited for something that it must not wait for."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("asleep_s", [1.5, 5.0])
+@pytest.mark.parametrize("asleep_s", mostly_slow([1.5, 5.0], 0, 1))
 def test_each_host_asleep(asleep_s: float, tmp_path: Path) -> None:
     """The device's, then the world's."""
     with pair(tmp_path, *LINK, *SILENCE, device=("--set", "record_hz=1000")) as sides:

@@ -32,7 +32,7 @@ COMMANDS = ("cli.py", "aio.py", "bench.py", "output.py", "plot.py", "progress.py
 """Files by the end of their name: no formulas, but output and traffic."""
 TINY = 1e-5
 """Constants up to this keep a formula from dividing by zero: others do that too."""
-STAGES_S = (240, 240, 120)
+STAGES_S = (100, 100, 80)
 TEST_S = 60
 
 

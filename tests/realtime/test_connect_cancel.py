@@ -103,7 +103,7 @@ async def test_some_places(place: Place) -> None:
     ("realtime", "step"),
     [
         (False, 16),
-        pytest.param(False, 3, marks=pytest.mark.slow),
+        pytest.param(False, 3, marks=pytest.mark.soak),
         pytest.param(True, 12, marks=pytest.mark.slow),
         pytest.param(True, 3, marks=pytest.mark.soak),
     ],

@@ -62,6 +62,26 @@ def test_a_late_servo_does_not_make_time_run_faster(servo: str) -> None:
     assert device.time == pytest.approx(4.001, abs=0.0011)
 
 
+def test_a_tick_counts_for_the_time_since_the_last_and_for_no_less_than_the_device_moved() -> None:
+    """Late by 0.3 ms it counts for 1.3 ms; the next one, on time, for the millisecond that the device moved on."""
+    clock = LateClock()
+    setup = prepare(PAPER.set({"operator": "sine", "device.servo": "continuous"}), "continuous")
+    side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), clock, lambda sample: None)
+    counted: list[float] = []
+    tick = side.endpoint.tick_continuous
+
+    def noted(now_ns: int, dt: float, *given: Any, **more: Any) -> bytes | None:
+        counted.append(dt)
+        return tick(now_ns, dt, *given, **more)
+
+    side.endpoint.tick_continuous = noted  # type: ignore[method-assign]  # to see each tick
+    side.endpoint.paired = True
+    for now_ns in (0, MS, 2 * MS + 300_000, 3 * MS, 4 * MS):
+        clock.now_ns = now_ns
+        side.tick(now_ns)
+    assert counted[-4:] == pytest.approx([1e-3, 1.3e-3, 1e-3, 1e-3], rel=1e-9)
+
+
 def test_skipped_ticks_are_lived_through() -> None:
     _, device, _, _ = run_late({}, [0, 0, 7 * MS])
     assert device.time == pytest.approx(0.010, abs=1e-9)
