@@ -1,4 +1,4 @@
-"""The command that installs a missing library into this environment, so that it works when it is typed."""
+"""The libraries that an extra brings, which of them are missing, and the command that installs them here."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from functools import cache
 from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
+
+from hapnet.errors import MissingLibrary
 
 _INSTALLS_ELSEWHERE = (22, 3)
 """From this version on pip installs into another environment: ``pip --python``."""
@@ -62,3 +64,34 @@ def _has_pip(interpreter: Path) -> bool:
 
 def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split(".")[:2] if part.isdecimal())
+
+
+_RECORD = {"mcap": "mcap", "google.protobuf": "protobuf"}
+_REPORT = {**_RECORD, "matplotlib": "matplotlib"}
+
+_LIBRARIES = {  # of an extra: each module, and the library that has it
+    "record": _RECORD,
+    "report": _REPORT,
+    "view": {**_REPORT, "viser": "viser"},
+    "mesh": {"igl": "libigl", "trimesh": "trimesh", "scipy": "scipy"},
+    "mujoco": {"mujoco": "mujoco"},
+    "soft": {"numba": "numba", "scipy": "scipy", "meshio": "meshio", "threadpoolctl": "threadpoolctl"},
+}
+
+
+def lacks(extra: str) -> list[str]:
+    """The libraries of `extra` that are not installed."""
+    return [library for module, library in _LIBRARIES[extra].items() if not _is_there(module)]
+
+
+def require(extra: str, what: str) -> None:
+    """Raise MissingLibrary if a library of `extra` is not installed. what : needs it, as text."""
+    if missing := lacks(extra):
+        raise MissingLibrary(what, " ".join(missing), extra)
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except (ModuleNotFoundError, ValueError):  # not even the package that it is in, or made to be missing
+        return False

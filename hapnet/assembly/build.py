@@ -31,7 +31,7 @@ from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.errors import InvalidParameter
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.mechanics.contacts import Mass
 from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
 from hapnet.plant.integrator import PassiveIntegrator

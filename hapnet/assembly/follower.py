@@ -7,7 +7,7 @@ from typing import Any
 from hapnet.checks import Vector
 from hapnet.couplings.rendering import largest
 from hapnet.couplings.spec import CouplingSpec
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose import ARM_M
 from hapnet.mechanics.pose_frame import Arms, PoseFrame

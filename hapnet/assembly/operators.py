@@ -14,12 +14,11 @@ from hapnet.assembly.units import LEVER_M
 from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.params import RELAXED_HAND, Params
-from hapnet.plant.generated_hand import GeneratedHand
+from hapnet.plant.generated_hand import GeneratedHand, Tremor
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
-from hapnet.plant.tremor import Tremor
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion

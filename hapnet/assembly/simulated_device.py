@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.params import Params, arm_file, is_arm
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator

@@ -23,8 +23,7 @@ from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.extensions import extension
-from hapnet.loading import failure
+from hapnet.loading import extension, failure
 from hapnet.params import DeviceParams, FollowerParams, Params
 from hapnet.plant.actuator_check import ActuatorCheck
 from hapnet.plant.device import Device

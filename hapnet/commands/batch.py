@@ -88,7 +88,7 @@ def _table(runs: list[BatchRun], width: int) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from hapnet.ext.metrics.misses import quantile
+    from hapnet.ext.metrics.measured import quantile
 
     wanted = {"median": 0.5, "least": 0.0, "q1": 0.25, "q3": 0.75, "most": 1.0}
     shares = [(name, share) for name, share in wanted.items() if width >= _WIDE or name not in ("q1", "q3")]

@@ -16,7 +16,7 @@ from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.ext.study.sections import FULL, QUICK
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.params import Params
 from netem.groups import Without
 

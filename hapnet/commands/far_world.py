@@ -24,12 +24,11 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.page.controls import Direction, require_no_file
 from hapnet.ext.page.history import History
 from hapnet.ext.page.server import serve
-from hapnet.ext.page.telemetry_reader import TelemetryReader
-from hapnet.ext.page.watcher import Watcher
+from hapnet.ext.page.watcher import TelemetryReader, Watcher
 from hapnet.laws import COUPLING_NAMES
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
-from hapnet.processes.frames import frames
+from hapnet.processes.child import frames
 from hapnet.processes.signals import handled
 from hapnet.processes.start import PIPE, Program, end, module, started
 from hapnet.recording.telemetry import Status, Telemetry

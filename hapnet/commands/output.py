@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 from hapnet.commands import progress
 from hapnet.errors import HapnetError, OutputError, RecordingError
-from hapnet.extras import require
+from hapnet.installing import require
 
 if TYPE_CHECKING:
     from rich.console import Console

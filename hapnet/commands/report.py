@@ -13,7 +13,7 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.loading import only_imported, permitting
 from hapnet.param_values import flatten
 from hapnet.params import Params

@@ -11,7 +11,7 @@ from hapnet.commands.complete import FIGURES
 from hapnet.commands.options import ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 

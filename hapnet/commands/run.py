@@ -12,7 +12,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no_out_without_files
 from hapnet.commands.progress import Progress
 from hapnet.errors import HapnetError
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.params import Params, is_simulated
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.compiled import real_time
 from hapnet.params import Params
-from hapnet.processes.frames import FrameWriter
+from hapnet.processes.child import FrameWriter
 from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop, handled
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice

@@ -22,8 +22,7 @@ from operator import sub
 
 from hapnet.checks import Vector
 from hapnet.control.smoothing import FilteredVelocity, low_passed
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, MatrixOfAxes, Record
+from hapnet.records.record import Floats, MatrixOfAxes, Record, equation
 from hapnet.records.vectors import inner
 
 VELOCITY_S = 0.005

@@ -12,8 +12,7 @@ from hapnet.control.friction_cone import RubbingProxy
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record
+from hapnet.records.record import PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot, equal, length, times
 
 FORGET_S = 0.5

@@ -8,8 +8,7 @@ from hapnet.checks import Vector
 from hapnet.mechanics.curvature import FLAT, Bends, copy_bends, see_tangent
 from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane
-from hapnet.records.equation import equation
-from hapnet.records.record import PLANES, FloatRows, OfAxes, Reals, Record
+from hapnet.records.record import PLANES, FloatRows, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy, dot, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2

@@ -22,8 +22,7 @@ from hapnet.control.contact_equations import (
 )
 from hapnet.control.contact_plane import ContactPlane, copy_bent, depth, see_from
 from hapnet.control.friction_cone import ROUNDS
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, Floats, Reals
+from hapnet.records.record import AXES, Floats, Reals, equation
 from hapnet.records.vectors import copy, length
 
 SLIP_M = 5e-4

@@ -13,12 +13,10 @@ from hapnet.checks import Vector
 from hapnet.control import contact_equations, ledger as ledgers
 from hapnet.control.contact_equations import ContactState, share
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import ForceParts, Position, Update
+from hapnet.control.coupling import TICK_SLACK_S, ForceParts, Position, Update, ticks_before
 from hapnet.control.harvest import dissipated_by_range
 from hapnet.control.set_position_coupling import SetPositionCoupling, potential, update
-from hapnet.control.ticks import TICK_SLACK_S, ticks_before
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Reals, Record
+from hapnet.records.record import Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy
 
 Passage = Callable[[], tuple[Vector, Vector, float | None]]

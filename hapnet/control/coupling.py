@@ -31,10 +31,8 @@ from hapnet.control.samples import (
     level_of as level_of,
     vector_of as vector_of,
 )
-from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
-from hapnet.records.equation import equation
-from hapnet.records.record import Reals
+from hapnet.records.record import Reals, equation
 
 Made = TypeVar("Made")
 
@@ -391,3 +389,16 @@ class LawServo(HeldForce):
 
     def stop(self) -> None:
         self.held[:] = [0.0] * self.n
+
+
+TICK_SLACK_S = 1e-9
+"""A clock in whole nanoseconds may measure a period one nanosecond short [s]."""
+
+
+def ticks_before(due: float, elapsed: float, dt: float) -> int:
+    """How many ticks, `dt` seconds apart, come before the one in which `due` seconds have passed; `elapsed` have."""
+    ticks, elapsed = 0, elapsed + dt
+    while elapsed < due:
+        ticks += 1
+        elapsed += dt
+    return ticks

@@ -26,8 +26,7 @@ from math import dist, hypot
 from typing import Literal
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave, vector_of
-from hapnet.control.ticks import TICK_SLACK_S
+from hapnet.control.coupling import TICK_SLACK_S, CouplingSample, Motion, Port, Position, Proxy, Wave, vector_of
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 

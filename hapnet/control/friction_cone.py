@@ -21,7 +21,6 @@ from typing import Annotated
 
 from hapnet.checks import Vector
 from hapnet.control.contact_plane import SAME_COSINE, ContactPlane, no_planes, now, see_from
-from hapnet.records.equation import equation
 from hapnet.records.record import (
     PLANES,
     FloatRows,
@@ -32,6 +31,7 @@ from hapnet.records.record import (
     Reals,
     Record,
     VectorsOfPlanes,
+    equation,
 )
 from hapnet.records.vectors import added, copy, dot, length, times
 

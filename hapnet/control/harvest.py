@@ -8,8 +8,7 @@ positions. So a sampled servo measures the dissipation, and the energy that the 
 from __future__ import annotations
 
 from hapnet.checks import Vector
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.record import OfAxes, Reals, Record, equation
 
 
 def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: float, resolution: float = 0.0) -> float:

@@ -14,8 +14,7 @@ from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import CouplingSample, Motion, Port, Wave, vector_of
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot
 
 UNTOLD = -1.0

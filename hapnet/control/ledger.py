@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import math
 
-from hapnet.records.equation import equation
-from hapnet.records.record import Record
+from hapnet.records.record import Record, equation
 
 
 class Ledger(Record):

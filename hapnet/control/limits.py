@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Reals, Record
+from hapnet.records.record import Floats, Reals, Record, equation
 from hapnet.records.vectors import distance
 
 OnSilence = Literal["hold", "release"]

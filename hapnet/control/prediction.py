@@ -22,8 +22,18 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample, vector_of
 from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, OfPlanes, Reals, Record, VectorsOfPlanes
+from hapnet.records.record import (
+    AXES,
+    PLANES,
+    FloatRows,
+    Floats,
+    OfAxes,
+    OfPlanes,
+    Reals,
+    Record,
+    VectorsOfPlanes,
+    equation,
+)
 from hapnet.records.vectors import copy, dot
 
 _DEFAULTS = ContactModelParams()

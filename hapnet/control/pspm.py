@@ -31,8 +31,7 @@ from hapnet.control.reserve import spendable as spendable_of
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring, shared_spring
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.record import OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
 
 _ROUNDING = 2.0**-50

@@ -49,8 +49,7 @@ from typing import NamedTuple
 
 from hapnet.checks import Vector
 from hapnet.control.limits import limit_step
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Reals, Record
+from hapnet.records.record import Floats, Reals, Record, equation
 from hapnet.records.vectors import distance, dot, length
 
 FORGET_S = 10.0

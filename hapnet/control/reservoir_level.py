@@ -22,7 +22,7 @@ Both functions are compiled for the kernel as they stand.
 
 from __future__ import annotations
 
-from hapnet.records.equation import equation
+from hapnet.records.record import equation
 
 SHARING_S = 0.5
 """Time constant of the exchange [s]."""

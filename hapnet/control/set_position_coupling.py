@@ -21,8 +21,7 @@ from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.mechanics.spring import Spring
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy
 
 

@@ -14,15 +14,13 @@ from hapnet.control import ledger as ledgers
 from hapnet.control.contact_equations import ContactState
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.continuous_servo import Sender, choose, decide, parts_of, sent
-from hapnet.control.coupling import ForceParts, Update
+from hapnet.control.coupling import TICK_SLACK_S, ForceParts, Update, ticks_before
 from hapnet.control.harvest import MeasuredHarvest, by_range, hold, take
 from hapnet.control.reserve import ForceGuard, Holding, HoldTime, admit, needed
 from hapnet.control.set_position_coupling import SetPositionCoupling, potential, update
-from hapnet.control.ticks import TICK_SLACK_S, ticks_before
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.encoders import rounding
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.record import OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import added, copy, distance, length
 
 Harvest = Literal["range", "measured"]

@@ -11,8 +11,7 @@ from typing import Protocol
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import AXES, Floats, OfAxes, Reals, Record
+from hapnet.records.record import AXES, Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy
 
 

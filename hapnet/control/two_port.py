@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hapnet.records.equation import equation
-from hapnet.records.record import Record
+from hapnet.records.record import Record, equation
 
 
 class TwoPort(Record):

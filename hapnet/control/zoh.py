@@ -9,8 +9,7 @@ from __future__ import annotations
 from hapnet.checks import Vector
 from hapnet.control.pspm import Modulation, SetPositionModulator
 from hapnet.mechanics.spring import Spring, between
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Reals, Record
+from hapnet.records.record import OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
 
 

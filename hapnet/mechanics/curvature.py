@@ -6,8 +6,7 @@ from math import sqrt
 from typing import Annotated, NamedTuple
 
 from hapnet.checks import MOST_CURVATURES, Vector
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, Reals, Record
+from hapnet.records.record import AXES, FloatRows, Floats, Reals, Record, equation
 from hapnet.records.vectors import copy, length
 
 DEEPEST = 0.5

@@ -13,8 +13,7 @@ import math
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record
+from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 
 _MOST_ITERATIONS = 60  # Newton needs 3 to 8; the bound only makes the loop finite
 _INSIDE = 1.0 - 2.0**-50  # of the radius: what rounding adds then leaves the point inside at the first try

@@ -21,6 +21,7 @@ The arms' ends are the natural coordinates, or directors, of a rigid body (Betsc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
@@ -29,8 +30,7 @@ from numpy.typing import ArrayLike
 
 from hapnet import checks
 from hapnet.checks import Array, Vector
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Reals
+from hapnet.records.record import Floats, Reals, equation
 from hapnet.units import POSE_AXES
 
 AXES = POSE_AXES
@@ -196,3 +196,18 @@ def turning(x: Reals, f: Reals, arm_m: float, out: Floats) -> None:
         out[0] = out[0] + (b * f[i + 2] - c * f[i + 1])
         out[1] = out[1] + (c * f[i] - a * f[i + 2])
         out[2] = out[2] + (a * f[i + 1] - b * f[i])
+
+
+def quaternion(rows: Sequence[Sequence[float]]) -> Vector:
+    """The unit quaternion w, x, y, z of a rotation matrix: the largest component first, so that nothing cancels."""
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    squares = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
+    table = (
+        (squares[0], h - f, c - g, d - b),
+        (h - f, squares[1], b + d, c + g),
+        (c - g, b + d, squares[2], f + h),
+        (d - b, c + g, f + h, squares[3]),
+    )
+    row = table[max(range(4), key=squares.__getitem__)]
+    length = math.hypot(*row)
+    return tuple([part / length for part in row])

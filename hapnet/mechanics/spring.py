@@ -22,8 +22,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.ellipsoid import Ellipsoid, project, square
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record
+from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 
 
 class Spring(Record):

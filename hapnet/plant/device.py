@@ -23,8 +23,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Operator
 from hapnet.plant.tick import DeviceState, TickModel, TickResult as TickResult, tick
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import AXES, FloatRows, OfAxes, Reals, Record
+from hapnet.records.record import AXES, FloatRows, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import added, copy, length
 
 TICKS = 1024

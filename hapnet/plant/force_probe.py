@@ -1,5 +1,4 @@
-"""Check that a running device's motor still pushes in the commanded direction. Its force is interrupted shortly, where
-that shows.
+"""Checks of a running device: its positions change at all, and its motor still pushes in the commanded direction.
 
 A handle that moves against its force may be pushed by a hand, or by a motor whose sign has changed. In slow motion the
 two look alike. So while it does so, the force is cut to a part of it for two pulses, and what the handle does is fitted
@@ -20,7 +19,6 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.plant.actuator_check import LATE_TICKS, PLAUSIBLE_KG, pushed
-from hapnet.plant.agreement import GAP_S
 from hapnet.records.vectors import inner
 
 AGAINST_M, LEAST_N = 0.001, 0.25
@@ -164,3 +162,31 @@ class ForceProbe:
     def _rest(self) -> None:
         """Probe no more for a while, and forget the doubt."""
         self._doubt, self._probes, self._ended_s = 0.0, 0, self._at_s
+
+
+STILL_N, STILL_S = 1.0, 0.3
+"""A position that stays the same to the last digit while its force changes by so much, for so long."""
+GAP_S = 0.05
+"""After a longer time without a reading nothing is known of it: the device was silent, or the servo away."""
+
+
+class Agreement:
+    """Watches force and position."""
+
+    def __init__(self) -> None:
+        self._still: tuple[Vector, Vector] | None = None
+        self._still_s = self._most_N = 0.0
+
+    def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
+        """Take a reading, and the force that acted for `dt` seconds before it; says what is wrong, or nothing."""
+        if dt > GAP_S:
+            self._still = None
+            return ""
+        if self._still is None or x != self._still[0]:
+            self._still, self._still_s, self._most_N = (x, acted), 0.0, 0.0
+            return ""
+        self._still_s += dt
+        self._most_N = max(self._most_N, math.dist(acted, self._still[1]))
+        if self._still_s < STILL_S or self._most_N < STILL_N:
+            return ""
+        return f"it reads the same position while its force changes by {self._most_N:.2g} N: is its encoder connected?"

@@ -1,18 +1,23 @@
-"""Generated hands: each has a motion and an impedance of its own, so that nothing is tuned to one of them.
+"""Generated hands, and tremor. Each generated hand has a motion and an impedance of its own, so that nothing is tuned
+to one of them.
 
 A hand reaches from place to place with minimum jerk (Flash, Hogan 1985), into the wall and out of it, along the wall in
 between, and rests at each place. All is drawn from its number: hand 5 is the same everywhere.
+
+A tremor has 8 to 12 Hz (Deuschl, Bain, Brin 1998), and a few tenths of a millimetre.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
+from math import pi, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.plant.operator import Impedance, minimum_jerk, minimum_jerks
+from hapnet.plant.operator import Impedance, Operator, minimum_jerk, minimum_jerks
+from hapnet.records.vectors import added
 
 LASTS_S = 60.0
 """After this time the motion begins again [s]."""
@@ -90,3 +95,29 @@ def _reaches(rng: np.random.Generator, normal: np.ndarray, scale: float) -> list
         t += span + rng.uniform(*(PAUSE_S if inside else TOUCH_S))
     reaches.append(_Reach(t, REACH_S[1], place, home))
     return reaches
+
+
+HERTZ = (8.3, 9.4, 10.7, 11.9)
+"""No multiples of each other, so that the tremor waxes and wanes."""
+
+
+class Tremor:
+    """An operator whose reference trembles along every axis.
+
+    hand : the operator. amplitude : maximum distance from its reference, on each axis [m].
+    """
+
+    def __init__(self, hand: Operator, amplitude: float) -> None:
+        self.impedance: Impedance = hand.impedance
+        self._hand = hand
+        self._each = amplitude / len(HERTZ)
+
+    def reference(self, t: float) -> Vector:
+        """Where the hand aims at time t [s], (n,) [m]."""
+        intended = self._hand.reference(t)
+        return tuple(
+            [
+                x + self._each * added([sin(2.0 * pi * f * t + axis + f) for f in HERTZ])
+                for axis, x in enumerate(intended)
+            ]
+        )

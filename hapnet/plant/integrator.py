@@ -23,8 +23,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Mass, Step as Step, Surroundings
-from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
+from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import dot, times
 
 # A matrix with a greater condition number is refused: v' M v could round to a negative number.

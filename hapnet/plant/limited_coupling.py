@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import MatrixOfAxes, OfAxes, Record
+from hapnet.records.record import MatrixOfAxes, OfAxes, Record, compiled_as, equation
 from hapnet.records.vectors import copy, distance, dot, length, times
 
 ROUNDS = 25

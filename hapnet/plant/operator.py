@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -243,3 +244,14 @@ def minimum_jerks(s: Array) -> Array:
     """`minimum_jerk` of many numbers."""
     inside = s * s * s * (10.0 + s * (6.0 * s - 15.0))
     return np.where(s <= 0.0, 0.0, np.where(s >= 1.0, 1.0, inside))
+
+
+def hand_path(operator: Operator, times: Array) -> Array:
+    """Where the hand aims at these times [s], which increase, (N, n) [m]: what `reference` gives, bit by bit.
+
+    A kind of hand that can compute many points at once has a method `path`, with the same arguments and result.
+    """
+    many: Callable[[Array], Array] | None = getattr(operator, "path", None)
+    if many is not None:
+        return many(times)
+    return np.array([operator.reference(t) for t in times.tolist()])

@@ -16,8 +16,7 @@ from hapnet.checks import Array, Vector
 from hapnet.plant import limited_coupling
 from hapnet.plant.limited_coupling import LimitedCoupling
 from hapnet.plant.operator import Impedance
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record
+from hapnet.records.record import AXES, FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import added, dot, times
 
 TickResult = tuple[float, Vector, Vector, Vector, Vector]

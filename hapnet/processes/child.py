@@ -1,15 +1,22 @@
-"""Children that each run one function: all begin together, and none outlives the program that started them."""
+"""Children that each run one function: all begin together, and none outlives the program that started them.
+
+`FrameWriter` sends messages from a child to its parent over a pipe, each after its length.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from typing import Any
+from struct import Struct
+from typing import Any, BinaryIO
 
 from hapnet.errors import HapnetError
 from hapnet.processes.start import PIPE, Program, for_children, kill, started
@@ -116,3 +123,42 @@ def _run(pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...]) 
         answer = None, f"{type(error).__name__}: {error}"
     with contextlib.suppress(BrokenPipeError):
         pipe.send(answer)
+
+
+_LENGTH = Struct(">L")
+
+_MOST = 256
+"""So many messages wait for the parent; then the oldest is dropped."""
+
+
+class FrameWriter:
+    """Writes to the pipe `file` from a thread of its own, so that `put` never waits for who reads."""
+
+    def __init__(self, file: int) -> None:
+        self._file = file
+        self._frames: deque[bytes] = deque(maxlen=_MOST)
+        self._some = threading.Event()
+        threading.Thread(target=self._write, name="frames", daemon=True).start()
+
+    def put(self, data: bytes) -> None:
+        """Send a message, from any thread; returns at once."""
+        self._frames.append(data)
+        self._some.set()
+
+    def _write(self) -> None:
+        with os.fdopen(self._file, "wb") as pipe:
+            while self._some.wait():
+                self._some.clear()
+                try:
+                    while self._frames:
+                        data = self._frames.popleft()
+                        pipe.write(_LENGTH.pack(len(data)) + data)
+                    pipe.flush()
+                except OSError:  # nobody reads any more
+                    return
+
+
+def frames(pipe: BinaryIO) -> Iterator[bytes]:
+    """The messages that come over `pipe`, until it is closed."""
+    while len(head := pipe.read(_LENGTH.size)) == _LENGTH.size:
+        yield pipe.read(_LENGTH.unpack(head)[0])

@@ -18,8 +18,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import lent
 from hapnet.params import Params, as_params
 from hapnet.plant.device import Device
-from hapnet.plant.worlds.completed import is_world
-from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.protocol import World, is_world
 from hapnet.realtime.connected import ConnectedDevice, ConnectedWorld
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.realtime.side_task import SideTask

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, world_session
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.params import is_real_robot
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld

@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 
 from hapnet.errors import HapnetError
-from hapnet.realtime.account_reporter import AccountReporter
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.peerless import PeerAbsence
-from hapnet.realtime.reporter import Reporter
+from hapnet.realtime.reporter import AccountReporter, Reporter
 from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.side.notices import notice_of

@@ -29,10 +29,9 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from hapnet.checks import Vector
 from hapnet.errors import BadMessage, InvalidParameter, RecordingError
-from hapnet.extensions import extension
-from hapnet.extras import require
 from hapnet.file_content import read_json
-from hapnet.loading import cause
+from hapnet.installing import require
+from hapnet.loading import cause, extension
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.foxglove import PERIOD_NS, Shapes, Shown, bodies, shapes, shown

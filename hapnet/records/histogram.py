@@ -10,8 +10,7 @@ from itertools import accumulate
 from operator import sub
 from typing import Annotated
 
-from hapnet.records.equation import equation
-from hapnet.records.record import Record, Wholes
+from hapnet.records.record import Record, Wholes, equation
 
 BINS = 1216
 """Up to 2^42."""

@@ -7,6 +7,11 @@ what its body declares is a field.
 
 That was measured: with lists and loops over indices a case takes plain Python as long as with tuples and `map`, with
 numpy's arrays eight times as long. Tuples of arrays made compiling six times as long.
+
+`equation` marks the functions that plain Python runs and numba compiles, both from one source. Such a function takes
+numbers, records and their vectors, and writes its results into records; it calls only functions that are marked too.
+Nothing is compiled here, and numba is not imported: `hapnet.ext.compiled.twins` makes a compiled twin of each when a
+compiled run begins.
 """
 
 from __future__ import annotations
@@ -16,6 +21,27 @@ from functools import partial
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+EQUATIONS: dict[Any, Callable[..., Any] | None] = {}
+"""All of them, each with what is compiled in its place; None: itself."""
+
+
+def equation(function: F) -> F:
+    """Mark `function`."""
+    EQUATIONS[function] = None
+    return function
+
+
+def compiled_as(twin: Callable[..., Any]) -> Callable[[F], F]:
+    """Mark a function in whose place `twin` is compiled, since Python has something faster that gives the same."""
+
+    def mark(function: F) -> F:
+        EQUATIONS[function] = twin
+        return function
+
+    return mark
 
 
 class Axes(int):

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import FloatRows, Floats, Reals
+from hapnet.records.record import FloatRows, Floats, Reals, compiled_as, equation
 
 
 @equation

@@ -7,7 +7,7 @@ import math
 from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
-from hapnet.records.equation import equation
+from hapnet.records.record import equation
 from hapnet.wire import messages
 from hapnet.wire.fields import CURVATURES, EFFECTS, FRICTION, INTEGRAL, LEVEL, REACH
 

@@ -34,10 +34,10 @@ from hapnet.side.content import NANO as NANO, energy_nJ, moment_ns, sample_of, s
 from hapnet.side.inbox import ControlInbox
 from hapnet.side.reindexing import Reindexing, rest
 from hapnet.wire import messages
+from hapnet.wire.control_sender import Outgoing
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived, SignalReceived
 from hapnet.wire.fields import Signal
 from hapnet.wire.identity import EARLIER, ROBOT
-from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.path import InUse, age_of_content_s, age_s, transit_s
 from hapnet.wire.session import PositionStream, Session
 from hapnet.wire.signals import STOP

@@ -11,8 +11,7 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.plant import device as devices
 from hapnet.plant.device import Hand, SimulatedDevice, advance
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import OfAxes, Record
+from hapnet.records.record import OfAxes, Record, compiled_as, equation
 from hapnet.records.vectors import copy
 
 

@@ -19,8 +19,7 @@ from hapnet.control.held_steps import FollowerServo
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.actuator_check import ActuatorCheck
-from hapnet.plant.agreement import Agreement
-from hapnet.plant.force_probe import ForceProbe
+from hapnet.plant.force_probe import Agreement, ForceProbe
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
 from hapnet.records.vectors import inner

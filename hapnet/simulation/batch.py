@@ -10,7 +10,7 @@ from hapnet.assembly.build import Setup, prepare
 from hapnet.assembly.memory import require_room
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.params import Params, as_params
 from hapnet.plant.worlds.scene import Scene
 from hapnet.processes.pool import Progress, dealt

@@ -7,7 +7,7 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from hapnet.control.two_port import TwoPort
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.recording.samples import Recording
 from hapnet.side.device import DeviceSide
 from hapnet.side.world import WorldSide

@@ -19,7 +19,7 @@ from hapnet.assembly.operators import LIVE
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.extensions import extension
+from hapnet.loading import extension
 from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder

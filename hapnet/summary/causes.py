@@ -5,9 +5,12 @@ A cause has one row here, one in the table of README.md, and a case in `tests/su
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, cast
+
+from hapnet.summary.structure import SIDES, SidePart, Summary
+from hapnet.wire.messages import Role
 
 FAILED = 2
 """Exit code: a process failed or was given something wrong, and said so in one line."""
@@ -103,3 +106,27 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
 def found(cause: str, **values: object) -> Finding:
     """The cause with these values in its sentence."""
     return Finding(cause, CAUSES[cause].sentence.format(**values))
+
+
+_CONTRADICTIONS = {
+    "acknowledged": "{} of its energy messages acknowledged energy that was never announced",
+    "credited": "{} of its energy messages reported less energy than was credited before",
+    "tellers": "{} of its energy messages cannot all be of one sender",
+    "keys": "more than one key was offered",
+    "seals": "{} messages were not sealed with the key of the pair",
+}
+
+
+def contradictions(side: Role, part: SidePart) -> Iterator[Finding]:
+    """The sum of both halves is a bound only if nobody credits what was not sent by then."""
+    other = SIDES[1 - SIDES.index(side)]
+    reported = cast(Mapping[str, int | None], part["contradictions"])
+    kinds = [_CONTRADICTIONS[kind].format(count) for kind, count in reported.items() if count]
+    if kinds:
+        yield found("contradiction", side=other, messages=", ".join(kinds))
+
+
+def unproved(summary: Summary) -> Iterator[Finding]:
+    """All that was judged is of whoever the peer was, where neither a secret nor a certificate says who that is."""
+    if any(part["peer"]["proof"] == "nobody" for side in SIDES if (part := summary[side]) is not None):
+        yield found("unproved")

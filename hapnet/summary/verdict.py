@@ -24,7 +24,7 @@ from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
-from hapnet.summary import who
+from hapnet.summary import causes
 from hapnet.summary.causes import CONTRADICTED, INCOMPLETE, Finding, found
 from hapnet.summary.from_samples import START_S
 from hapnet.summary.servos import (
@@ -291,7 +291,7 @@ def _doubts(summary: Summary) -> Iterator[Finding]:
             yield found("early", side=receiver, energy=_milli(early), other=sender)
     for side, part in _parts(summary):
         deficit, silent_s = part["deficit_max_J"], part["unanswered_s"]
-        yield from who.contradictions(side, part)
+        yield from causes.contradictions(side, part)
         if deficit is not None and deficit > DEFICIT_J + (_leak(summary, side) if _known_port(part) else 0.0):
             yield found("deficit", side=side, energy=_milli(deficit))
         if silent_s is not None and silent_s > UNANSWERED_S:
@@ -315,7 +315,7 @@ def _asides(summary: Summary) -> Iterator[Finding]:
         driver = part["driver"]
         if driver is not None and driver["blocked"] is not None:
             yield found("blocked", side=_WHO[side], what=driver["blocked"])
-    yield from who.unproved(summary)
+    yield from causes.unproved(summary)
 
 
 def contradicted(tree: object) -> bool:

@@ -1,4 +1,7 @@
-"""The messages on a side's control key, and their times: hellos, bounded replies, and byes at the end."""
+"""The messages on a side's control key, and their times: hellos, bounded replies, and byes at the end.
+
+An `Outgoing` is a frame of any kind on its way to the network.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from hapnet.wire.fields import ANSWERS
-from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Welcome
+from hapnet.wire.messages import Account, Bye, Channel, Energy, Hello, Identity, Refuse, Signals, Welcome, encode
+from hapnet.wire.secret import sealed
 
 PROMPT_NS = 20_000_000  # minimum time between two hellos, when strangers call for them
 REPLY_SPACING_NS = 10_000_000  # at most MAX_REPLIES replies in this time, however fast strangers send
@@ -120,3 +124,15 @@ class ControlSender:
         if not self._replies:
             return self._hello_ns
         return self._reply_ns if self._hello_ns is None else min(self._reply_ns, self._hello_ns)
+
+
+class Outgoing(NamedTuple):
+    """A frame to send, and the last part of its key expression."""
+
+    kind: Channel
+    data: bytes
+
+    @classmethod
+    def of(cls, message: Energy | Signals | Account | ControlMessage, key: bytes | None) -> Outgoing:
+        """The frame of `message`; `key` seals it, None: nothing does."""
+        return cls(message.CHANNEL, encode(message) if key is None else sealed(message, key))

@@ -25,8 +25,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from hapnet.errors import BadMessage, InvalidParameter
-from hapnet.records.equation import equation
-from hapnet.records.record import NEVER, Record, Wholes
+from hapnet.records.record import NEVER, Record, Wholes, equation
 from hapnet.wire.fields import MAX_TOTAL_NJ
 from hapnet.wire.rto import CEILING_NS, RtoEstimator, back_off, sample, timeout_ns
 from hapnet.wire.token_bucket import TokenBucket, due_ns, take

@@ -17,8 +17,7 @@ numbers. Of two runs the one that goes on is believed:
 
 from __future__ import annotations
 
-from hapnet.records.equation import equation
-from hapnet.records.record import Record
+from hapnet.records.record import Record, equation
 
 NEW, AGAIN, LATE, DOUBTFUL, SEEN = range(5)
 """How a message relates to the run so far: newer than all before; the first of another run, which is believed from here

@@ -22,9 +22,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hapnet.records.equation import equation
 from hapnet.records.histogram import Histogram, add
-from hapnet.records.record import NEVER, Record
+from hapnet.records.record import NEVER, Record, equation
 from hapnet.wire import peer_monitor as monitors
 from hapnet.wire.numbering import AGAIN, DOUBTFUL, LATE, NEW, SEEN, place
 from hapnet.wire.peer_monitor import PeerMonitor

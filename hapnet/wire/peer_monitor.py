@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hapnet.records.equation import equation
-from hapnet.records.record import NEVER, Record
+from hapnet.records.record import NEVER, Record, equation
 from hapnet.wire.events import PeerHeard, PeerSilent
 from hapnet.wire.numbering import Numbering
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from hapnet.records.equation import equation
-from hapnet.records.record import Record, Wholes
+from hapnet.records.record import Record, Wholes, equation
 from hapnet.wire.numbering import SEEN
 
 WINDOW = 1024

@@ -9,8 +9,7 @@ ceiling is at least 60 s (2.5); here a side must notice soon that a link has com
 from __future__ import annotations
 
 from hapnet.errors import InvalidParameter
-from hapnet.records.equation import equation
-from hapnet.records.record import Record
+from hapnet.records.record import Record, equation
 
 FLOOR_NS = 20_000_000  # RFC 6298: 1 s
 INITIAL_NS = 250_000_000  # RFC 6298: 1 s

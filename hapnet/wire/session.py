@@ -21,13 +21,13 @@ from collections.abc import Callable, Sequence
 
 from hapnet.errors import BadMessage, InvalidParameter
 from hapnet.wire.account import AccountExchange
+from hapnet.wire.control_sender import Outgoing
 from hapnet.wire.encryption import Cipher
 from hapnet.wire.energy_channel import EnergyChannel, Totals
 from hapnet.wire.events import EnergyCredited, Event, PositionReceived, SampleReceived
 from hapnet.wire.fields import SUMS, Signal, printable
 from hapnet.wire.handshake import Handshake, Ignored
 from hapnet.wire.identity import MOST_SAMPLED, RESERVOIR, SAMPLED, check_identity
-from hapnet.wire.impostors import Impostors
 from hapnet.wire.messages import (
     Account,
     Bye,
@@ -52,7 +52,6 @@ from hapnet.wire.messages import (
     encode,
 )
 from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
-from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.path import Path, arrive
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow, stale_detail
@@ -61,7 +60,7 @@ from hapnet.wire.session_settings import SessionSettings as SessionSettings
 from hapnet.wire.signals import SignalExchange
 from hapnet.wire.stream import PositionStream as PositionStream
 from hapnet.wire.stream_frames import sequence_of
-from hapnet.wire.sums import Sums
+from hapnet.wire.sums import Impostors, Sums
 from hapnet.wire.token_bucket import TokenBucket
 
 

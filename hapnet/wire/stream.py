@@ -7,8 +7,8 @@ from typing import Any
 
 import msgpack
 
+from hapnet.records.record import OfAxes, Reals, Record, equation
 from hapnet.wire.fields import CURVATURES, EFFECTS, FRICTION, INTEGRAL, LEVEL, REACH
-from hapnet.wire.integral import Integral, integrate
 from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, level_of, start_of
 
@@ -105,3 +105,19 @@ def _floats(vector: Sequence[float]) -> tuple[float, ...]:
 
 def _after(plane: Sequence[Any], count: int, otherwise: Any) -> Any:
     return plane[count] if len(plane) > count else otherwise
+
+
+class Integral(Record):
+    """total : the integral of all waves so far [sqrt(W) s]. elapsed_ns : the sum of their spans."""
+
+    total: OfAxes
+    elapsed_ns: int
+
+
+@equation
+def integrate(integral: Integral, n: int, wave: Reals, span_ns: int) -> None:
+    """Add a wave [sqrt(W)], the mean over `span_ns`."""
+    seconds = span_ns * 1e-9
+    for i in range(n):
+        integral.total[i] = integral.total[i] + wave[i] * seconds
+    integral.elapsed_ns += span_ns

@@ -9,8 +9,7 @@ from __future__ import annotations
 from math import isfinite
 
 from hapnet.errors import InvalidParameter
-from hapnet.records.equation import equation
-from hapnet.records.record import Record
+from hapnet.records.record import Record, equation
 
 REPEATED_NS = 2_000_000_000
 """A sender repeats a total without acknowledgement within this time [ns]: its timer is at most 1.5 s."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hapnet import cli, extras
+from hapnet import cli, installing
 from hapnet.errors import MissingLibrary
 from hapnet.recording.mcap import read_recording
 from hapnet.simulation.simulation import simulate
@@ -34,7 +34,7 @@ WHERE_NEEDED = {"manifold3d"}
 
 
 def absent(monkeypatch: pytest.MonkeyPatch, *modules: str) -> None:
-    monkeypatch.setattr(extras, "find_spec", lambda name: None if name in modules else find_spec(name))
+    monkeypatch.setattr(installing, "find_spec", lambda name: None if name in modules else find_spec(name))
 
 
 @pytest.mark.parametrize(
@@ -76,8 +76,8 @@ def test_only_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(MissingLibrary, match=r"^a figure needs matplotlib, of the extra `report`"):
         simulate({"duration_s": 0.1}).plot()
     with pytest.raises(MissingLibrary, match=r"install matplotlib$"):
-        extras.require("report", "this")
-    extras.require("record", "this")
+        installing.require("report", "this")
+    installing.require("record", "this")
 
 
 def test_a_recording_is_not_read_without_its_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -100,5 +100,5 @@ def test_the_extras_are_those_of_the_package() -> None:
         own = {name for name in names if name.startswith("hapnet-haptics[")}
         return (names - own).union(*(libraries(name.removeprefix("hapnet-haptics[").rstrip("]")) for name in own))
 
-    for extra, modules in extras._LIBRARIES.items():
+    for extra, modules in installing._LIBRARIES.items():
         assert libraries(extra) - WHERE_NEEDED == set(modules.values())

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hapnet import extras
+from hapnet import installing
 from hapnet.assembly.build import prepare
 from hapnet.errors import MissingLibrary
 from hapnet.ext.page import scenes
@@ -24,7 +24,7 @@ def hidden(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     def find(name: str, package: str | None = None) -> Any:
         return None if name in gone else real(name, package)
 
-    monkeypatch.setattr(extras, "find_spec", find)
+    monkeypatch.setattr(installing, "find_spec", find)
     return gone
 
 

@@ -86,7 +86,7 @@ def test_the_list_of_commands_needs_none_of_them(argv: list[str]) -> None:
     ours |= {f"hapnet.commands.{name}" for name in ("output", "progress")}
     ours |= {
         "hapnet.loading",
-        "hapnet.extras",
+        "hapnet.installing",
         "hapnet.ext",
         "hapnet.ext.compiled",
         "hapnet.ext.compiled.progress",

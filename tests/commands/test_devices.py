@@ -15,7 +15,7 @@ from hapnet.assembly.device_class import load_class
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.devices import registry
-from hapnet.devices.axes import Axes
+from hapnet.devices.driver import Axes
 from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.devices.emulator import Handle
 from hapnet.ext.doctor.device import examine_device

@@ -20,7 +20,7 @@ from hapnet.commands.play import led
 from hapnet.commands.side import PAGE
 from hapnet.ext.page.history import History
 from hapnet.params import Params
-from hapnet.processes.frames import FrameWriter, frames
+from hapnet.processes.child import FrameWriter, frames
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.telemetry import Status
 from hapnet.transport.config import free_address

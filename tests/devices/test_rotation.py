@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hapnet.ext.devices.rotation import quaternion
+from hapnet.mechanics.pose import quaternion
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, math.pi / 2, 3.0, math.pi])

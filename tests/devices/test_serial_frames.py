@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 
 from hapnet.ext.devices import serial_frames as wire
 from hapnet.ext.devices.serial_axis import _elapsed_us
-from hapnet.ext.devices.serial_timing import Untimely, period_us
+from hapnet.ext.devices.serial_frames import Untimely, period_us
 
 ABOUT = wire.About(2, 1000, 0, 20, 3_000_000, 1_500_000, 1000, 1000, 80_000, 2, 1)
 NUMBERS = st.integers(0, 2**16 - 1)

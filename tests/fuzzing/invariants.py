@@ -10,6 +10,7 @@ from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling
 from hapnet.errors import BadMessage
 from hapnet.records.record import Floats
 from hapnet.side.endpoint import BACKLOG, ControlHalf, Endpoint
+from hapnet.wire.control_sender import Outgoing
 from hapnet.wire.events import EnergyCredited, Event, Paired, PositionReceived, SampleReceived
 from hapnet.wire.messages import (
     Account,
@@ -25,7 +26,6 @@ from hapnet.wire.messages import (
     Wave,
     decode,
 )
-from hapnet.wire.outgoing import Outgoing
 from tests.fuzzing.decoder import BAD_FRAMES, Broken, allowed, hold
 from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, SIGNALS, WAVE, WELCOME
 from tests.fuzzing.numbers import Numbers

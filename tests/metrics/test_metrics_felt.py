@@ -13,7 +13,7 @@ from hapnet.commands.output import write_csv
 from hapnet.ext.metrics import METRICS
 from hapnet.ext.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
 from hapnet.ext.metrics.force import residual_oscillation, rms_difference
-from hapnet.ext.metrics.misses import quantile, value_of
+from hapnet.ext.metrics.measured import quantile, value_of
 from hapnet.ext.metrics.motion import DRAG_MPS, free_windows
 from hapnet.ext.metrics.obstacles import Obstacle, environment_force
 from hapnet.ext.study import case

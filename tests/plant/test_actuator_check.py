@@ -19,8 +19,7 @@ from hapnet.ext.doctor.device import examine_device
 from hapnet.ext.doctor.machine import OK, WARNING, Check
 from hapnet.params import Params
 from hapnet.plant.actuator_check import ActuatorCheck, response
-from hapnet.plant.agreement import Agreement
-from hapnet.plant.force_probe import ForceProbe
+from hapnet.plant.force_probe import Agreement, ForceProbe
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.side.real_device import RealDeviceSide

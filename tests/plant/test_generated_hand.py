@@ -7,8 +7,8 @@ from hapnet.assembly.build import prepare
 from hapnet.assembly.operators import operator
 from hapnet.errors import HapnetError
 from hapnet.params import Params
+from hapnet.plant.generated_hand import HERTZ
 from hapnet.plant.operator import Operator
-from hapnet.plant.tremor import HERTZ
 
 
 def hand(name: str, dof: int = 1, **more: object) -> Operator:

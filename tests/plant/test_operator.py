@@ -10,8 +10,7 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.plant.generated_hand import GeneratedHand
-from hapnet.plant.hand_path import hand_path
-from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Recorded, Rest, Sine, minimum_jerk
+from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Recorded, Rest, Sine, hand_path, minimum_jerk
 from hapnet.recording.motion import read_motion
 
 HAND = Impedance()

@@ -3,7 +3,7 @@
 import threading
 import time
 
-from hapnet.realtime.world_thread import Stepper
+from hapnet.realtime.servo import Stepper
 from tests.support.pairs import WAIT_S
 
 

@@ -32,8 +32,8 @@ MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
 
 BASE = {
-    "errors", "extras", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "param_sources",
-    "extensions", "installing", "loading", "units", "versions", "file_content",
+    "errors", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "param_sources",
+    "installing", "loading", "units", "versions", "file_content",
 }  # fmt: skip
 BELOW_ASSEMBLY = {"records", "mechanics", "control", "plant", "wire", "recording", "side", "couplings"}
 MAY_IMPORT = {  # a package, and what it may know beside itself and the base
@@ -88,7 +88,7 @@ READS_FILES = {
     "netem/trace.py": "a recorded link is a file",
     "netem/units.py": "opens the files that a profile names",
     "hapnet/ext/solids/mesh_file.py": "a scene's mesh is a file",
-    "hapnet/ext/solids/grain_file.py": "a recorded grain is a file",
+    "hapnet/ext/solids/effects_words.py": "a recorded grain is a file",
     "hapnet/ext/solids/volume_file.py": "a scene's voxels are a file",
     "hapnet/recording": "recordings are files; nothing below `assembly` opens one but through it",
     "hapnet/ext/arms/parameters.py": "an arm's URDF is a file",
@@ -364,9 +364,9 @@ def test_nobody_reaches_private_attributes_by_their_names() -> None:
 
 ASKS_WHAT_IT_GOT = {
     "hapnet/ext/engines/own_worlds.py": "makes a user's world a whole one",
-    "hapnet/plant/worlds/completed.py": "the same, of any part",
+    "hapnet/plant/worlds/protocol.py": "the same, of any part",
     "hapnet/ext/engines/engine_account.py": "names the method of an engine that failed",
-    "hapnet/plant/hand_path.py": "an operator may give many points at once",
+    "hapnet/plant/operator.py": "an operator may give many points at once",
     "hapnet/assembly/build.py": "reads parameters by their names",
     "hapnet/ext/tools/posed.py": "makes a user's device one that turns",
     "hapnet/ext/arms/parameters.py": "reads parameters by their names",

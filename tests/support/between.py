@@ -13,8 +13,8 @@ from hapnet.summary import path
 from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary
 from hapnet.summary.structure import Summary
+from hapnet.wire.control_sender import Outgoing
 from hapnet.wire.messages import Role
-from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.session import Session
 from tests.support.forger import Keyed
 from tests.support.stranger import OTHER, Plan, Stranger

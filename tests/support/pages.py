@@ -24,7 +24,7 @@ from hapnet.ext.metrics.measured import DEFINED
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.recording.samples import Recording
-from hapnet.records.equation import EQUATIONS
+from hapnet.records.record import EQUATIONS
 from hapnet.simulation.simulation import simulate
 from netem import cli as netem_cli
 from tests.conftest import ROOT

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 from hapnet.errors import BadMessage
 from hapnet.side.endpoint import NANO
+from hapnet.wire.control_sender import Outgoing
 from hapnet.wire.encryption import Encrypted
 from hapnet.wire.events import EnergyCredited
 from hapnet.wire.messages import Hello, Role, Welcome, decode
-from hapnet.wire.outgoing import Outgoing
 from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session, SessionSettings
 

@@ -17,8 +17,8 @@ from functools import partial
 import zenoh
 
 from hapnet.transport.entities import KINDS, direct, publisher
+from hapnet.wire.control_sender import Outgoing
 from hapnet.wire.messages import Role
-from hapnet.wire.outgoing import Outgoing
 from tests.support.stranger import Plan, Stranger
 
 DIRECTION: dict[Role, str] = {"device": "up", "world": "down"}

@@ -13,7 +13,7 @@ import viser
 
 from hapnet.ext.page import page as pages
 from hapnet.ext.page.history import History
-from hapnet.ext.page.steps import RETRY_S
+from hapnet.ext.page.page import RETRY_S
 from tests.view.feed import FakeControls
 from tests.view.test_history import MS, device, pair_of, reports, world
 
@@ -80,7 +80,7 @@ def test_what_is_older_than_a_second_is_grey_unless_the_pair_is_paused(server: A
 
 
 def test_each_drawing_begins_the_second_anew_in_the_browser(server: Any) -> None:
-    """A browser begins an animation anew where its name is another one (style.py)."""
+    """A browser begins an animation anew where its name is another one (`STYLE` in page.py)."""
     drawn, names = Drawn(server), []
     for number in range(3):
         drawn.draw(10.0 + 0.25 * number)

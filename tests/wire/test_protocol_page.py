@@ -9,7 +9,7 @@ import pytest
 from hapnet.control import deadband
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.realtime import account_reporter
+from hapnet.realtime import reporter
 from hapnet.transport import keys, probe, zenoh
 from hapnet.wire import (
     account,
@@ -62,8 +62,8 @@ CODE: dict[str, float] = {
     "a silent key is subscribed to again after [ms]": keys.SILENT_NS / MS,
     "minimum time between two frames of signals [ms]": signals.SPACING_NS / MS,
     "signals are repeated every [ms]": signals.REPEAT_NS / MS,
-    "an account is sent every [ms]": account_reporter.EVERY_NS / MS,
-    "minimum time between two accounts at the end [ms]": account_reporter.AT_THE_END_NS / MS,
+    "an account is sent every [ms]": reporter.EVERY_NS / MS,
+    "minimum time between two accounts at the end [ms]": reporter.AT_THE_END_NS / MS,
     "an account that is not answered is repeated every [ms]": account.REPEAT_NS / MS,
     "telemetry [Hz]": 60.0,
     "probes that are answered [a second]": probe.MOST_HZ,

@@ -19,8 +19,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.mechanics.pose import cross as product
-from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, Reals, Record
+from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
 JOINTS = 8
 """The most joints of an arm."""

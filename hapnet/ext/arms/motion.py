@@ -22,8 +22,7 @@ import math
 from collections.abc import Sequence
 
 from hapnet.ext.arms.chain import Chain, MatrixOfJoints, OfJoints, difference, gravity, height, matrices
-from hapnet.records.equation import equation
-from hapnet.records.record import Reals, Record
+from hapnet.records.record import Reals, Record, equation
 from hapnet.records.vectors import copy, dot
 
 ROUNDS = 40

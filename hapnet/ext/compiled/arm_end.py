@@ -8,8 +8,7 @@ from typing import Annotated
 from hapnet.ext.arms import motion
 from hapnet.ext.arms.chain import JOINTS
 from hapnet.ext.arms.motion import Arm
-from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Record
+from hapnet.records.record import FloatRows, Record, equation
 
 
 class ArmEnd(Record):

@@ -7,18 +7,16 @@ from typing import Annotated
 
 from hapnet.ext.compiled import link as links
 from hapnet.ext.compiled.link import ENERGY, STREAM, Link, Message
-from hapnet.records.equation import equation
-from hapnet.records.record import Reals, Record, Wholes
+from hapnet.records.record import Reals, Record, Wholes, equation
 from hapnet.side.content import energy_nJ, span_ns
 from hapnet.wire import energy_channel as channels
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
-from hapnet.wire.integral import Integral, integrate
 from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
 from hapnet.wire.path import InUse, Path, arrive
 from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
 from hapnet.wire.replay_window import ReplayWindow
-from hapnet.wire.stream import BACKLOG
+from hapnet.wire.stream import BACKLOG, Integral, integrate
 
 _MAX_COORDINATE = MAX_COORDINATE
 

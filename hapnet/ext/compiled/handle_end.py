@@ -8,8 +8,7 @@ from typing import Annotated
 from hapnet.ext.tools import device as handles
 from hapnet.ext.tools.device import Handle
 from hapnet.mechanics.pose import AXES
-from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Record
+from hapnet.records.record import FloatRows, Record, equation
 
 
 class HandleEnd(Record):

@@ -17,8 +17,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import account, walls as contact
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
-from hapnet.records.equation import equation
-from hapnet.records.record import Reals, Record
+from hapnet.records.record import Reals, Record, equation
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice

@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 from hapnet.mechanics.curvature import Bends
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes
+from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes, equation
 from netem import line, models, offering, resend
 from netem.effects import MOST_RESENDS
 

@@ -12,8 +12,7 @@ from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
 from hapnet.mechanics import spring as springs
 from hapnet.plant.device import Hand
 from hapnet.recording.samples import VECTORS, DeviceSample, WorldSample
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Record
+from hapnet.records.record import OfAxes, Record, equation
 from hapnet.records.vectors import copy
 from hapnet.wire.path import age_s, transit_s
 

@@ -14,8 +14,7 @@ from hapnet.control.coupling import Update
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import ASKING, ASKS, CHOSEN, ITSELF, RESTS, SENDS, SampledServo
 from hapnet.ext.compiled import bound
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Record
+from hapnet.records.record import OfAxes, Record, equation
 
 
 class ServoEnd(Record):

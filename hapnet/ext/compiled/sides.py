@@ -25,8 +25,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import account, walls
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Reals, Record
+from hapnet.records.record import Floats, Reals, Record, equation
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.content import moment_ns

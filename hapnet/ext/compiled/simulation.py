@@ -14,8 +14,7 @@ from hapnet.ext.compiled.link import Link
 from hapnet.ext.compiled.samples import Rows, have_room, record_step, record_tick
 from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
 from hapnet.plant.device import Hand
-from hapnet.records.equation import equation
-from hapnet.records.record import Record, Wholes
+from hapnet.records.record import Record, Wholes, equation
 from hapnet.wire import energy_channel as channels
 
 UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK = range(6)

@@ -20,8 +20,7 @@ from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import walls
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, PLANES, Reals
+from hapnet.records.record import AXES, PLANES, Reals, equation
 from hapnet.records.vectors import copy, dot
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]

@@ -20,8 +20,8 @@ import numba
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 from hapnet.ext.compiled.progress import Reported
-from hapnet.records.equation import EQUATIONS
 from hapnet.records.machine_code import kept
+from hapnet.records.record import EQUATIONS
 
 with suppress(ImportError):  # numba's inner functions, of another version
     import hapnet.ext.compiled.nested  # noqa: F401  (arrays in records, in less code)

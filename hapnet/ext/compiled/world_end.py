@@ -17,8 +17,7 @@ from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Record
+from hapnet.records.record import OfAxes, Record, equation
 
 RECEIVE, MOVE, UPDATE = range(3)
 """What is to be done."""

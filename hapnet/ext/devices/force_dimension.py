@@ -13,10 +13,9 @@ from ctypes import POINTER, byref, c_bool, c_byte, c_char_p, c_double, c_int, c_
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.ext.devices.rotation import quaternion
+from hapnet.mechanics.pose import quaternion
 
 _NAMES = ("drd", "dhd", "drd64", "dhd64")  # the last two on Windows
 """`libdrd` has the functions of `libdhd` too, and calibrates a device by itself."""

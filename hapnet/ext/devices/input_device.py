@@ -14,8 +14,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 
 from hapnet.checks import Vector
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import NO_FORCE, Driver
+from hapnet.devices.driver import NO_FORCE, Axes, Driver
 from hapnet.errors import DeviceSilent, InvalidParameter
 
 SMOOTHING_S = 0.02

@@ -15,8 +15,7 @@ from operator import mul, sub
 from typing import TYPE_CHECKING
 
 from hapnet.checks import Vector, one_of
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.devices import inverse3_messages as wire
 

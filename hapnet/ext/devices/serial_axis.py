@@ -16,8 +16,8 @@ from hapnet.checks import Vector
 from hapnet.devices.driver import Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.devices import serial_frames as wire, serial_port
+from hapnet.ext.devices.serial_frames import MICRO, Untimely, period_us
 from hapnet.ext.devices.serial_port import SerialPort
-from hapnet.ext.devices.serial_timing import MICRO, Untimely, period_us
 from hapnet.ext.devices.timed_velocity import TimedVelocity
 
 _ANSWER_S, _AGAIN_S = 3.0, 0.1

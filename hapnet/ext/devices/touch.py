@@ -13,12 +13,11 @@ from operator import mul, sub
 from pathlib import Path
 
 from hapnet.checks import Vector
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.ext.devices import open_haptics as oh
-from hapnet.ext.devices.rotation import quaternion
 from hapnet.ext.devices.touch_frames import Frame, Frames
+from hapnet.mechanics.pose import quaternion
 
 PATIENCE_S = 0.005
 """A frame comes each millisecond; a reading waits no longer."""

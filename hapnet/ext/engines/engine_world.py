@@ -41,9 +41,8 @@ from hapnet.ext.engines.observed_world import contact_planes
 from hapnet.ext.solids.shapes_picture import ShapesPicture
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.completed import Completed, lacking
 from hapnet.plant.worlds.picture import Picture
-from hapnet.plant.worlds.protocol import WorldDefaults
+from hapnet.plant.worlds.protocol import Completed, WorldDefaults, lacking
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.records.vectors import inner
 from hapnet.units import METRES

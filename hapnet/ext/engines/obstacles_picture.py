@@ -16,7 +16,7 @@ from hapnet.ext.solids.field_picture import field, surface
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.rigid_contacts import Solid, padded
 from hapnet.ext.solids.shapes import Sphere
-from hapnet.ext.solids.solids_picture import touched
+from hapnet.ext.solids.shapes_picture import touched
 from hapnet.plant.worlds.picture import GREY, RESTS, Color, Part, StillDefaults, Touch, at_rest, shared
 
 _MOVES: Color = (202, 138, 4, 204)

@@ -33,8 +33,7 @@ from hapnet.ext.solids.field_picture import StillPicture, surface
 from hapnet.loading import failure, load
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.worlds.completed import Completed, is_world, lacking
-from hapnet.plant.worlds.protocol import World
+from hapnet.plant.worlds.protocol import Completed, World, is_world, lacking
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
 
 

@@ -18,8 +18,7 @@ from hapnet.ext.laws import wave
 from hapnet.ext.laws.parts.wave_port import Line
 from hapnet.ext.laws.wave import WaveParams
 from hapnet.params import Params
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
 from hapnet.wire import messages
 
 LOUDEST = 2.0

@@ -50,8 +50,7 @@ from hapnet.ext.laws.parts.virtual_coupling import NEVER, Reset, VirtualCoupling
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params, is_simulated, known_damping
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.record import Floats, OfAxes, Reals, equation
 
 
 class EnergyBounding(VirtualCoupling):

@@ -46,8 +46,7 @@ from hapnet.couplings.spec import (
 )
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params, known_damping
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.record import Floats, OfAxes, Reals, equation
 from hapnet.records.vectors import copy
 from hapnet.wire import messages
 from netem import LinkProfile

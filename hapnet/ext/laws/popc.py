@@ -43,8 +43,7 @@ from hapnet.ext.laws.parts.virtual_coupling import NEVER, Reset, VirtualCoupling
 from hapnet.mechanics.spring import Spring
 from hapnet.param_values import NOT_NEGATIVE, Range, parameter
 from hapnet.params import Params
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, Reals
+from hapnet.records.record import Floats, Reals, equation
 
 
 def damping_cap(mass: float, period: float, rendered: float) -> float:

@@ -52,8 +52,7 @@ from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingSpec, Coupl
 from hapnet.ext.laws.parts.tdpa_world import PassivityObserver, TdpaWorld, Tuning, grant, observe
 from hapnet.param_values import NOT_NEGATIVE, POSITIVE, Range, parameter
 from hapnet.params import Params
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.record import Floats, OfAxes, Reals, equation
 from hapnet.records.vectors import copy, dot
 from hapnet.wire import messages
 

@@ -38,8 +38,7 @@ from hapnet.ext.laws.parts.wave_port import Line, WaveDevice, WaveWorld
 from hapnet.param_sections import Matrix
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record, holding
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record, equation, holding
 from hapnet.records.vectors import copy
 from hapnet.wire import messages
 

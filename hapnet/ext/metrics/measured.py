@@ -1,10 +1,14 @@
-"""The definition of a metric, and its data: a simulated run, its surroundings, and its windows of time."""
+"""The definition of a metric, and its data: a simulated run, its surroundings, and its windows of time.
+
+A case can miss a metric: `value_of` is infinite then, and `quantile` counts it instead of leaving it out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import floor, inf, isfinite
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -266,3 +270,24 @@ def tenths(times: Array, lasts_s: float) -> list[Mask]:
 def scaled(value: float | None, factor: float) -> float | None:
     """`value` in another unit; None stays None."""
     return None if value is None else factor * value
+
+
+def value_of(measures: Mapping[str, float | None], metric: str) -> float | None:
+    """The value of a case; infinite if it missed (a contact that was not felt); None if there is none to have."""
+    value = measures.get(metric)
+    known = DEFINED.get(metric)
+    if value is None and known is not None and known.missed and measures.get(known.missed):
+        return inf
+    return value
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """The quantile at `share` (0 to 1), linear between values; infinite where one of the two is."""
+    ordered = sorted(values)
+    place = share * (len(ordered) - 1)
+    low = floor(place)
+    part = place - low
+    below, above = ordered[low], ordered[min(low + 1, len(ordered) - 1)]
+    if not part or below == above:
+        return below
+    return below + part * (above - below) if isfinite(above) else above

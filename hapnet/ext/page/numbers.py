@@ -84,7 +84,7 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str], fresh: bool,
     what = " · ".join(scene_label(str(about[key])) for key in ("name", "scene") if about.get(key))
     label = label_of(*coupled(device or world))
     how = ": ".join(filter(None, (label, words_of(label))))
-    shown = f"hapnet-drawn-{turn}" if fresh else "hapnet-old"  # see style.py
+    shown = f"hapnet-drawn-{turn}" if fresh else "hapnet-old"  # see `STYLE` in page.py
     return (
         f'<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums" class="{shown}">'
         f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'

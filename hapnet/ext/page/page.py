@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -13,14 +14,12 @@ from hapnet.ext.page.controls import Controls
 from hapnet.ext.page.history import History, Snapshot, units
 from hapnet.ext.page.numbers import Numbers
 from hapnet.ext.page.panel import ABOUT, ControlPanel
-from hapnet.ext.page.playback import Playback
-from hapnet.ext.page.player import PlayerPanel
+from hapnet.ext.page.playback import Playback, PlayerPanel
 from hapnet.ext.page.plots import Plots
 from hapnet.ext.page.scene import Scene
-from hapnet.ext.page.steps import Steps
-from hapnet.ext.page.style import STYLE
 from hapnet.ext.page.troubles import Troubles
 from hapnet.ext.solids.rigid import parts_of_words
+from hapnet.loading import failure
 from hapnet.plant.worlds.picture import Part
 from hapnet.recording.telemetry import Status
 from hapnet.units import POSE
@@ -227,3 +226,54 @@ def _moves(snapshot: Snapshot) -> bool:
 def _incarnations(snapshot: Snapshot) -> tuple[int | None, int | None]:
     device, world = snapshot.device_status, snapshot.world_status
     return None if device is None else device.incarnation, None if world is None else world.incarnation
+
+
+RETRY_S = 0.25
+"""A part that has failed is drawn again after this time [s]."""
+
+
+class Steps:
+    """Draws the parts of a page, each on its own: one that fails is tried again, and the others are drawn meanwhile.
+
+    Times `now_s` are those of the page.
+    """
+
+    def __init__(self) -> None:
+        self._failed: dict[str, tuple[str, float]] = {}
+
+    def run(
+        self, name: str, draw: Callable[[], object], now_s: float, again: Callable[[], object] = lambda: None
+    ) -> None:
+        """Draw this part, unless it has just failed. again : called when it fails, so that all of it is drawn next."""
+        if name in self._failed and now_s < self._failed[name][1]:
+            return
+        try:
+            draw()
+        except Exception as error:  # of viser, or of a picture that somebody else made: the page must go on
+            self._failed[name] = failure(error), now_s + RETRY_S
+            again()
+        else:
+            self._failed.pop(name, None)
+
+    def failures(self) -> list[str]:
+        """A sentence for each part that is not drawn now."""
+        return [f"the {name} cannot be drawn now: {why}" for name, (why, _) in self._failed.items()]
+
+
+STYLE = """<style>
+/* viser shows the scene at 5 % until the picture that lights it has come */
+canvas { opacity: 1 !important; }
+/* grey in a second, unless it is drawn anew: each drawing has the other name, with which the time begins again */
+@keyframes hapnet-old-0 { to { filter: grayscale(1) opacity(0.5); } }
+@keyframes hapnet-old-1 { to { filter: grayscale(1) opacity(0.5); } }
+.hapnet-drawn-0 { animation: hapnet-old-0 1ms linear 1s forwards; }
+.hapnet-drawn-1 { animation: hapnet-old-1 1ms linear 1s forwards; }
+.hapnet-old { filter: grayscale(1) opacity(0.5); }
+/* on a telephone: the sheet at the bottom takes less than half, and the scene is drawn above it */
+@media (max-width: 36em) {
+  [style*="max-height: 60%"] { max-height: 44% !important; }
+  [style*="width: 20em"] { width: 100% !important; }
+  div[style*="z-index: 0; width: 100%; height: 100%"] { height: 56% !important; }
+}
+</style>"""
+"""The selectors name inline styles of viser 1.1; where another version has others, nothing is lost but this."""

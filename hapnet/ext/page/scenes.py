@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from hapnet.extras import lacks
+from hapnet.installing import lacks
 
 _EXAMPLES = Path(__file__).parents[3] / "examples"
 

@@ -1,15 +1,17 @@
-"""Receives a pair's telemetry over Zenoh, and takes no part in the protocol."""
+"""Receives a pair's telemetry over Zenoh, encrypted or not, and takes no part in the protocol."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-from hapnet.ext.page.telemetry_reader import TelemetryReader
-from hapnet.recording.telemetry import Telemetry
+from hapnet.errors import BadMessage
+from hapnet.recording.telemetry import Telemetry, decode
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.entities import TELEMETRY
 from hapnet.transport.subscription import Subscription
+from hapnet.wire.encryption import Cipher, read
+from hapnet.wire.secret import Secret
 
 GONE_S = 5.0
 """A pair that is not heard for this time is given up, and the next one heard is watched [s]."""
@@ -79,3 +81,51 @@ class Watcher:
             self.others.clear()
         self._heard_s = time.monotonic()
         self.telemetry.read(data)
+
+
+_MOST_SIDES = 64
+"""So many keys are kept, of sides that were heard; those of more are made for each message."""
+
+
+class TelemetryReader:
+    """Hands what it can read to `take`.
+
+    word : the word of the pair's `--secret-file`; empty: none. take : called with each message.
+
+    Attributes
+    ----------
+    unreadable : messages that could not be read. undecrypted : of these the ones that were encrypted with a word that
+        this reader does not have.
+    """
+
+    def __init__(self, word: str, take: Callable[[Telemetry], object]) -> None:
+        self._secret = Secret(bytes(32), word) if word else None
+        self._ciphers: dict[int, Cipher] = {}  # of the sides, by their incarnations
+        self._take = take
+        self.unreadable: int = 0
+        self.undecrypted: int = 0
+
+    def read(self, data: bytes) -> None:
+        """Read one message."""
+        try:
+            message = decode(self._decrypted(data))
+        except BadMessage:
+            self.unreadable += 1
+            return
+        self._take(message)
+
+    def _decrypted(self, data: bytes) -> bytes:
+        encrypted = read(data)
+        if encrypted is None:
+            return data
+        self.undecrypted += 1
+        if self._secret is None:
+            raise BadMessage("forged", "encrypted")
+        side = encrypted.incarnation
+        cipher = self._ciphers.get(side) or self._secret.for_watchers(side)
+        assert cipher is not None  # since there is a word
+        data = cipher.decrypt(encrypted)
+        self.undecrypted -= 1
+        if len(self._ciphers) < _MOST_SIDES:
+            self._ciphers[side] = cipher
+        return data

@@ -11,7 +11,7 @@ import numpy as np
 
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS
-from hapnet.ext.metrics.misses import quantile
+from hapnet.ext.metrics.measured import quantile
 
 STATS: Mapping[str, Callable[[Any], Any]] = {
     "median": lambda values: quantile(values, 0.5),

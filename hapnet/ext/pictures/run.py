@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hapnet.couplings.registry import jointly_passive, known as known_coupling
 from hapnet.ext.pictures.style import DEVICE_COLOR, NOT_PASSIVE, WORLD_COLOR, headed, legend_above, sheet
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import total_margin

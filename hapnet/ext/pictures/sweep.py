@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapnet.ext.metrics.misses import quantile
+from hapnet.ext.metrics.measured import quantile
 from hapnet.ext.pictures.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
 from hapnet.ext.pictures.style import DEVICE_COLOR, headed, legend_above, sheet
 from hapnet.summary.verdict import ROUNDING_J

@@ -19,8 +19,7 @@ from typing import ClassVar, NamedTuple
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import NO_FORCE, Driver
+from hapnet.devices.driver import NO_FORCE, Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.arms.table import apparent_masses
 from hapnet.ext.devices import serial_port

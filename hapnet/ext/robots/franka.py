@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.checks import Vector
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import Driver
+from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, TORQUE_LIMIT, Account, Arm, Torques
 

@@ -13,8 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hapnet.checks import Vector
-from hapnet.devices.axes import Axes
-from hapnet.devices.driver import NO_FORCE, Driver
+from hapnet.devices.driver import NO_FORCE, Axes, Driver
 from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.devices.timed_velocity import TimedVelocity
 from hapnet.ext.robots.ros2_inbox import PERIODS, Inbox

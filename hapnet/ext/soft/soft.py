@@ -26,7 +26,7 @@ from hapnet.ext.solids.mesh_file import require_file
 from hapnet.ext.solids.properties import UNITS, Properties, kind_of
 from hapnet.ext.solids.rigid import parts_in, solids_of
 from hapnet.ext.solids.rigid_contacts import Solid
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS

@@ -16,7 +16,7 @@ from hapnet.ext.soft.soft_contacts import SoftContacts
 from hapnet.ext.soft.soft_linear import Indices
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.shapes import Sphere
-from hapnet.ext.solids.solids_picture import parts_of
+from hapnet.ext.solids.shapes_picture import parts_of
 from hapnet.plant.worlds.picture import SOFT, Color, Part, Touch, at_rest, part
 
 COLORS: tuple[tuple[float, Color], ...] = (

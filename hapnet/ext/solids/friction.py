@@ -17,8 +17,7 @@ from math import inf, pi, sin
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Reals, Record
+from hapnet.records.record import FloatRows, Reals, Record, equation
 from hapnet.records.vectors import dot, length
 
 Friction = Callable[[Vector], float]

@@ -17,7 +17,7 @@ from hapnet.checks import Array, Vector
 from hapnet.ext.solids.mesh_surface import SHARP_DEG, Surface, Triangles
 from hapnet.ext.solids.mesh_walk import EDGE, SMOOTH, follow, principal
 from hapnet.ext.solids.shapes import Near
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.mechanics.curvature import Curvature, Curvatures
 from hapnet.records.machine_code import compiled
 from hapnet.records.vectors import inner

@@ -12,8 +12,8 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.ext.solids.mesh_surface import Triangles, volume
-from hapnet.extras import require
 from hapnet.file_content import read_bytes
+from hapnet.installing import require
 from hapnet.loading import cause
 
 FORMATS = (".stl", ".obj", ".ply")

@@ -16,7 +16,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.ext.solids.mesh_surface import Triangles, directed, fans_of, require_closed
-from hapnet.extras import require
+from hapnet.installing import require
 from hapnet.records.vectors import added
 
 _SAMPLES = 40

@@ -28,7 +28,7 @@ from hapnet.ext.solids.mesh_surface import SHARP_DEG, Triangles
 from hapnet.ext.solids.properties import UNITS, Properties, kind_of, value_of
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid, padded
 from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Offset, Shape, Sphere, Textured
-from hapnet.ext.solids.solids_picture import SolidsPicture
+from hapnet.ext.solids.shapes_picture import SolidsPicture
 from hapnet.ext.solids.volume_file import NUMPY, is_volume, read_volume
 from hapnet.loading import load
 from hapnet.plant.worlds.picture import Part

@@ -17,8 +17,7 @@ from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import coupled
 from hapnet.plant.worlds.coupled import MOST, Coupled
 from hapnet.plant.worlds.walls import force_along
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record, Wholes
+from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Record, Wholes, compiled_as, equation
 from hapnet.records.vectors import dot, length as norm
 
 ANCHOR_CEILING_J = 0.01

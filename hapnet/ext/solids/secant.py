@@ -10,8 +10,7 @@ from hapnet.ext.solids.friction import Friction, FrictionTexture, textured
 from hapnet.ext.solids.shapes import UNKNOWN, Bent, Form, Near, Shape, Triple, form_of, near_form, triple
 from hapnet.mechanics.curvature import Curvatures
 from hapnet.plant.worlds.walls import Axis, Face
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Floats, OfAxes, Record, zero
+from hapnet.records.record import Floats, OfAxes, Record, compiled_as, equation, zero
 from hapnet.records.vectors import distance as apart
 
 GOOD_MPS = 5e-5

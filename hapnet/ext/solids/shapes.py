@@ -10,8 +10,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.curvature import Bends, Curvature, Curvatures, across_in_space
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, Reals, Record, zero
+from hapnet.records.record import AXES, Reals, Record, equation, zero
 from hapnet.records.vectors import length as length_of
 
 Triple = tuple[float, float, float]

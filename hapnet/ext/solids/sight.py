@@ -8,8 +8,7 @@ from hapnet.checks import MOST_FRICTION, Vector
 from hapnet.ext.solids.secant import Secant, farther_than, friction_of, near
 from hapnet.ext.solids.shapes import near_form, put_bend, round_form
 from hapnet.mechanics.curvature import Bends
-from hapnet.records.equation import equation
-from hapnet.records.record import OfAxes, Record, Wholes
+from hapnet.records.record import OfAxes, Record, Wholes, equation
 from hapnet.records.vectors import length as length_of
 
 _OBLIQUE = 1e-6

@@ -9,7 +9,7 @@
 A metric enters the objective by its cost: itself if lower is better, its negative if higher is better, its distance
 from 0 or 100 if nearer is better. So a quantile above 0.5 looks at the bad cases, whether lower or higher is better.
 
-A miss (`hapnet.ext.metrics.misses`) is the worst value. So is a case without a value if the same case has one with
+A miss (`hapnet.ext.metrics.measured`) is the worst value. So is a case without a value if the same case has one with
 other parameters, be it in one trial only; otherwise it has nothing to do with this metric and is left out.
 """
 
@@ -25,8 +25,7 @@ from typing import Any, get_args
 
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS
-from hapnet.ext.metrics.measured import Better
-from hapnet.ext.metrics.misses import quantile, value_of
+from hapnet.ext.metrics.measured import Better, quantile, value_of
 from hapnet.ext.study.case import Measures, was_passive
 from hapnet.ext.study.spec import known, number
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.metrics.misses import value_of
+from hapnet.ext.metrics.measured import value_of
 from hapnet.ext.pictures.grid import USUAL, Axis, Cell, Grid, numeric
 from hapnet.ext.study.case import was_passive
 from hapnet.ext.study.journal import Journal, Row

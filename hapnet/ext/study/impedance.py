@@ -22,7 +22,7 @@ from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import scalar_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics.impedance import Curve, Line, Quartiles, harmonics_between, multisine, off_hz, transmitted
-from hapnet.ext.metrics.misses import quantile
+from hapnet.ext.metrics.measured import quantile
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, minimum_jerk
 from hapnet.plant.worlds.walls import Wall

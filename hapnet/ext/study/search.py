@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hapnet.ext.metrics.misses import value_of
+from hapnet.ext.metrics.measured import value_of
 from hapnet.ext.study.case import Measures
 from hapnet.ext.study.goal import Verdict
 from hapnet.ext.study.journal import Journal, Row

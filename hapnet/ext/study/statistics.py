@@ -10,7 +10,7 @@ from statistics import fmean
 import numpy as np
 
 from hapnet.ext.metrics import METRICS, Measures
-from hapnet.ext.metrics.misses import quantile, value_of
+from hapnet.ext.metrics.measured import quantile, value_of
 
 SEED = 2009
 """Of the generator that resamples hands, so that the same cases have the same intervals."""

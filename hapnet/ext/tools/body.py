@@ -28,8 +28,7 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose, arm, cross, in_world
 from hapnet.plant.worlds.coupled import eliminate, force as push_of
-from hapnet.records.equation import equation
-from hapnet.records.record import FloatRows, Floats, Reals, Record
+from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
 MOST = 128
 """The most planes in a step."""

@@ -15,8 +15,7 @@ from hapnet.ext.tools.body import RigidBody, Touched, kinetic, settle
 from hapnet.mechanics.pose import ARM_M, AXES, OfPose, nearest
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
-from hapnet.records.equation import equation
-from hapnet.records.record import Reals, Record, zero
+from hapnet.records.record import Reals, Record, equation, zero
 from hapnet.records.vectors import copy
 
 MOST_PARTS = 1024

@@ -7,24 +7,28 @@ alone is free.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hapnet.checks import Vector
+from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.mujoco_model import PREFIX as MUJOCO
+from hapnet.ext.solids.outlines import cuboid, cylinder
 from hapnet.ext.solids.properties import Properties, kind_of
 from hapnet.ext.solids.rigid import parts_in, solids_of
 from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.secant import friction_of
+from hapnet.ext.solids.shapes import Cylinder
+from hapnet.ext.solids.shapes_picture import parts_of
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.ext.tools.mass import ToolMass
 from hapnet.ext.tools.mujoco_tool import mujoco_tool_world
-from hapnet.ext.tools.picture import ToolPicture
-from hapnet.ext.tools.tool import Tool, box, peg, stick
-from hapnet.mechanics.pose import ARM_M, AXES, DOF, nearest
+from hapnet.ext.tools.tool import Tool, box, peg, place, stick
+from hapnet.mechanics.pose import ARM_M, AXES, DOF, nearest, pose
+from hapnet.plant.worlds.picture import Color, Part, StillDefaults, Touch, part, shared
 from hapnet.plant.worlds.protocol import World, WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
@@ -166,3 +170,35 @@ def builder(text: str) -> Callable[..., World] | None:
     if KIND in kinds[1:]:
         raise InvalidParameter("scene", text, "the tool first, as in tool:peg + plane")
     return partial(tool_scene, text) if kinds[0] == KIND else None
+
+
+TOOL: Color = (234, 88, 12, 230)
+
+
+class ToolPicture(StillDefaults):
+    """The solids at rest, and the tool where the last step left it."""
+
+    def __init__(self, contacts: ToolContacts) -> None:
+        self._contacts = contacts
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        tool = self._contacts.tool
+        width, _, length = tool.size
+        form = cylinder(Cylinder((0.0, 0.0, 0.0), width / 2.0, length)) if tool.round else cuboid(tool.size)
+        return (part(*form, TOOL, 0), *parts_of(self._contacts.solids))
+
+    def poses(self) -> Array:
+        place, quaternion = pose(self._contacts.at, self._contacts.arm_m)
+        return np.array([[*place, *quaternion]])
+
+    def touches(self, position: Vector, force: Vector) -> list[Touch]:
+        """Where the tool is inside solids."""
+        if not any(force) or len(position) != self._contacts.dof:
+            return []
+        found = []
+        for distance, point, normal, solid in self._contacts.within(position, 0.0):
+            x = place(position, point, self._contacts.arm_m)
+            at = tuple([a + distance * n for a, n in zip(x, normal, strict=True)])
+            found.append((at, tuple([-part for part in normal]), friction_of(solid, x)))
+        return shared(tuple(force[:3]), found)

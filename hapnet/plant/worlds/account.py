@@ -14,8 +14,7 @@ import math
 from collections.abc import Sequence
 
 from hapnet.mechanics.contacts import Observed, Surroundings
-from hapnet.records.equation import equation
-from hapnet.records.record import Record
+from hapnet.records.record import Record, equation
 
 
 class EnvironmentAccount(Record):

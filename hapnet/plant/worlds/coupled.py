@@ -15,8 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record
+from hapnet.records.record import AXES, FloatRows, Floats, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy, dot, length, times
 
 MOST = 8

@@ -6,9 +6,10 @@ made one of these where it is loaded (`hapnet.ext.engines.own_worlds`), so nobod
 
 from __future__ import annotations
 
+import inspect
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,3 +124,26 @@ class World(WorldDefaults, Protocol):
     @abstractmethod
     def towards(self, position: Vector) -> Vector:
         """The farthest point on the straight line from `start` to `position` (n,) [m] where a proxy can be placed."""
+
+
+def lacking(part: object, names: Iterable[str]) -> list[str]:
+    """Those of the attributes `names` that `part` has not."""
+    return sorted(name for name in names if not hasattr(part, name))
+
+
+def is_world(part: object) -> TypeGuard[World]:
+    """Whether `part` has all that a world must have. A class that makes worlds is none."""
+    return not isinstance(part, type) and not lacking(part, World.__abstractmethods__)
+
+
+class Completed:
+    """A user's part `own`, with the defaults of a protocol for what it has not."""
+
+    def __init__(self, own: object, protocol: type) -> None:
+        self._own, self._protocol = own, protocol
+
+    def __getattr__(self, name: str) -> Any:
+        if hasattr(self._own, name):
+            return getattr(self._own, name)
+        default = inspect.getattr_static(self._protocol, name)
+        return default.__get__(self) if hasattr(default, "__get__") else default

@@ -21,8 +21,7 @@ from functools import partial
 from typing import Any
 
 from hapnet.errors import InvalidParameter
-from hapnet.extensions import WORLDS, extension
-from hapnet.loading import published
+from hapnet.loading import WORLDS, extension, published
 from hapnet.plant.scenes import SCENES as SCENES
 from hapnet.plant.worlds.protocol import World
 

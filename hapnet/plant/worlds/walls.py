@@ -37,8 +37,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.worlds import coupled
 from hapnet.plant.worlds.coupled import MOST as MOST, Coupled
-from hapnet.records.equation import equation
-from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes
+from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes, equation
 from hapnet.records.vectors import dot, inner
 
 _WALL = WallParams()

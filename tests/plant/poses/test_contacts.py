@@ -12,8 +12,7 @@ from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.shapes import HalfSpace, Shape, Sphere
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.ext.tools.mass import ToolMass
-from hapnet.ext.tools.picture import ToolPicture
-from hapnet.ext.tools.scene import ToolScene
+from hapnet.ext.tools.scene import ToolPicture, ToolScene
 from hapnet.ext.tools.tool import Tool, box, peg, place
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES

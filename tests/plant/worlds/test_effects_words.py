@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import InvalidParameter
-from hapnet.ext.solids.grain_file import read_grain
+from hapnet.ext.solids.effects_words import read_grain
 from hapnet.ext.solids.rigid import rigid
 from hapnet.mechanics.effects import Effects, Grain
 

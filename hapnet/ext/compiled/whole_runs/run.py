@@ -32,7 +32,7 @@ from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
 from hapnet.ext.compiled.whole_runs.link import CompiledLink
 from hapnet.ext.solids.rigid import RigidScene
 from hapnet.plant.device import TICKS, SimulatedDevice
-from hapnet.plant.hand_path import hand_path
+from hapnet.plant.operator import hand_path
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.records.machine_code import NotCompiledError

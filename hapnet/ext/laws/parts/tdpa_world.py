@@ -11,8 +11,7 @@ from hapnet.control.coupling import CouplingSample, vector_of
 from hapnet.control.law import WorldEnd
 from hapnet.control.prediction import MotionPredictor
 from hapnet.control.samples import Port
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot, length
 
 _RATE_S = 0.03

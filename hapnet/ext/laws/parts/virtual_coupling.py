@@ -19,8 +19,7 @@ from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Prox
 from hapnet.control.law import DeviceEnd
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals
+from hapnet.records.record import Floats, OfAxes, Reals, equation
 from hapnet.records.vectors import copy
 
 

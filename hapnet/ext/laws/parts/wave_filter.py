@@ -15,8 +15,7 @@ from typing import cast
 from hapnet.checks import Vector
 from hapnet.control.samples import Wave
 from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, take_from
-from hapnet.records.equation import compiled_as, equation
-from hapnet.records.record import Floats, OfAxes, Record
+from hapnet.records.record import Floats, OfAxes, Record, compiled_as, equation
 
 
 class WaveFilter(Record):

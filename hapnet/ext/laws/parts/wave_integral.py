@@ -22,8 +22,7 @@ from typing import Protocol, cast
 from hapnet.checks import Vector
 from hapnet.control.law import UNTOLD
 from hapnet.control.samples import Wave
-from hapnet.records.equation import equation
-from hapnet.records.record import Floats, OfAxes, Reals, Record
+from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
 
 MINIMUM = 1e-9
