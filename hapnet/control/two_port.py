@@ -34,9 +34,12 @@ class TwoPort(Record):
         super().__init__()
         self.before = self.open = math.nan
 
+    @equation
     def begin(self) -> None:
         """End the start: `later` counts from now on."""
-        self.before, self.device_min = self.lowest, self.device_lowest
+        lowest = min(self.minimum, self.device_low + self.at_world)
+        self.before = lowest if math.isnan(self.before) else min(lowest, self.before)
+        self.device_min = min(self.device_min, self.device_low)
         self.open = self.device_low
         self.minimum, self.device_low = math.inf, self.at_device
 
@@ -80,5 +83,5 @@ class TwoPort(Record):
         self.device_low = self.at_device
 
 
-on_device, on_world = TwoPort.device, TwoPort.world
+begin, on_device, on_world = TwoPort.begin, TwoPort.device, TwoPort.world
 """As equations call them."""

@@ -2,8 +2,8 @@
 
 A runtime hands in the messages of control (`send`) and of the network (`receive`), and puts the packets that come out
 on the wire, in their order. Real time calls `pump` when `next_due_ns` says so. The simulation calls the two parts of
-`pump`, `release` and `poll`, each when it is due: of what is due at the same nanosecond, the packets that one side's
-link releases reach the other side before either side's protocol runs (see `hapnet.simulation.simulation`).
+`pump`, `release` and `send_due`, each when it is due: of what is due at the same nanosecond, the packets that one
+side's link releases reach the other side before either side's protocol runs (see `hapnet.simulation.events`).
 """
 
 from __future__ import annotations
@@ -56,14 +56,24 @@ class LinkPort:
 
         Call `collect` afterwards for the energy that came with the message: the message goes first.
         """
-        frame = self.wire.session.outward(data)
-        if frame is None:
+        packet = self.outward(data)
+        if packet is None:
             return ()
-        packet = Packet("position", frame)
-        if self.link.passes():
+        if self.offer(now_ns, packet):
             return (packet,)
-        self.link.send(now_ns, packet, len(frame) + FRAME_OVERHEAD)
         return [released for _, released in self.link.poll(now_ns)]
+
+    def outward(self, data: bytes) -> Packet | None:
+        """Control's message as it goes to the link; None: it must not go."""
+        frame = self.wire.session.outward(data)
+        return None if frame is None else Packet("position", frame)
+
+    def offer(self, now_ns: int, packet: Packet) -> bool:
+        """Offer it to the link. True: the link has no effect, and it is not on the link: deliver it now."""
+        if self.link.passes():
+            return True
+        self.link.send(now_ns, packet, len(packet.data) + FRAME_OVERHEAD)
+        return False
 
     def collect(self) -> None:
         """Give control's surplus energy to the session, which sends it when it is due."""
@@ -74,12 +84,12 @@ class LinkPort:
         return self.wire.receive(now_ns, data)
 
     def pump(self, now_ns: int) -> Pumped:
-        """Do everything that is due by now: `release`, then `poll`."""
+        """Do everything that is due by now: `release`, then `send_due`."""
         packets, changes = self.release(now_ns)
         events: tuple[Event, ...] = ()
         if (due_ns := self.wire.next_due_ns) is not None and due_ns <= now_ns:
-            more, events = self.poll(now_ns)
-            packets += more
+            events = self.send_due(now_ns)
+            packets += [packet for _, packet in self.link.poll(now_ns)]
         return Pumped(packets, events, changes)
 
     def release(self, now_ns: int) -> tuple[list[Packet], list[tuple[int, Entry]]]:
@@ -87,12 +97,12 @@ class LinkPort:
         changes = [] if self._player is None else self._player.advance(now_ns)
         return [packet for _, packet in self.link.poll(now_ns)], changes
 
-    def poll(self, now_ns: int) -> tuple[list[Packet], tuple[Event, ...]]:
-        """Offer the protocol's messages to the link; returns what it releases by now, and events that time causes."""
+    def send_due(self, now_ns: int) -> tuple[Event, ...]:
+        """Offer the protocol's messages that are due to the link; returns the events that time causes."""
         outgoing, events = self.wire.poll(now_ns)
         for message in outgoing:
             self.link.send(now_ns, Packet(message.kind, message.data), len(message.data) + FRAME_OVERHEAD)
-        return [packet for _, packet in self.link.poll(now_ns)], events
+        return events
 
     @property
     def next_due_ns(self) -> int | None:

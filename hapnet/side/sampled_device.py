@@ -53,13 +53,13 @@ class SampledDeviceSide(DeviceSide):
         self._make_servo = make_servo
         self.held: HeldDevice | None = None
         """The simulated device with its true accounts, once control has started."""
-        self.hand_ledger = Ledger(0.0, 0.0)
+        self.hand = Ledger(0.0, 0.0)
         self._skippable_ticks: Callable[[float], int] | None = None
         self._follow: Callable[[float, Vector], None] | None = None
 
     @property
     def hand_work(self) -> float:
-        return self.hand_ledger.work
+        return self.hand.work
 
     @property
     def true_slack(self) -> float | None:
@@ -104,7 +104,7 @@ class SampledDeviceSide(DeviceSide):
         self.endpoint.start(servo)
         self.x, self._v = x, (0.0,) * len(x)
         if self._simulated is not None:
-            self.held = HeldDevice(self._simulated, servo, self.hand_ledger)
+            self.held = HeldDevice(self._simulated, servo, self.hand)
             self._skippable_dt = max(self._period_ns * NANO, self._simulated.period)
             self._skippable_ticks = servo.skippable_ticks
             if self._watch is None:
@@ -199,7 +199,7 @@ class SampledDeviceSide(DeviceSide):
         return self._skippable_ticks(self._skippable_dt)
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        held, servo, hand, ledger, dt = self.held, self.servo, self.hand_ledger, self.ledger, self._skippable_dt
+        held, servo, hand, ledger, dt = self.held, self.servo, self.hand, self.ledger, self._skippable_dt
         assert held is not None, "only simulated ticks may wait"
         assert ledger is not None, "control has not started"
         tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work

@@ -1,13 +1,12 @@
 """Virtual time: both sides and both links in one process, deterministic under one seed, faster than real time.
 
-Each side uses the same link port as in real time (`hapnet.side.link_port`). The clock jumps to the next due event.
-Events at the same nanosecond run in a fixed order: changes of the links and deliveries, protocol timers, the world's
-step, the device's tick. In each of the first two the device's side comes before the world's.
+Each side uses the same link port as in real time (`hapnet.side.link_port`). The clock jumps to the next due event;
+`hapnet.simulation.events` says which one that is, and what it does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import cast
 
 import numpy as np
@@ -24,11 +23,24 @@ from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
 from hapnet.records.machine_code import NotCompiledError, WholeRun, no_compiler
+from hapnet.records.record import NEVER
 from hapnet.side.device import DeviceSide, Write
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.side.world import WorldSide
+from hapnet.simulation import events
+from hapnet.simulation.events import (
+    DEVICE_TIMER,
+    DONE,
+    DOWN,
+    STEP,
+    STOPPED,
+    TICK,
+    UP,
+    WORLD_TIMER,
+    Clock,
+)
 from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
@@ -41,22 +53,18 @@ PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
 """How long after the end the links may deliver shuffled energy, so that the accounts can be closed [ns]."""
 
-_UP, _DOWN, _DEVICE_TIMER, _WORLD_TIMER, _STEP, _TICK = range(6)
-"""The kinds of events, in the order in which they run at the same nanosecond."""
-
-_NEVER = 2**63
-
 _LOOK = 3
 """Ticks between two looks whether the handshake is over."""
 
 _REPORT_NS = 500_000_000
 """Simulated time between two reports of progress [ns]."""
 
+_ASKED = ("hindrance", "tick", "step", "receive")
+"""What `events` asks a simulation for: where a subclass does one of these otherwise, compiled code cannot run it."""
+
 
 class Simulation:
     """One run in virtual time.
-
-    More than twenty attributes: the parts of both sides and both links, and when each is due.
 
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
@@ -91,17 +99,19 @@ class Simulation:
         self._begin()
         if kernel is False:
             why_not = "it is switched off"
-        elif type(self) is not Simulation and "_run" in vars(type(self)):
-            why_not = f"{type(self).__name__} runs the events itself"
+        elif any(getattr(type(self), name) is not getattr(Simulation, name) for name in _ASKED):
+            why_not = f"{type(self).__name__} watches the events"
         elif why_not is None:
             why_not = extension("compiled").chosen(self.setup, kernel)
         self.not_compiled: str | None = why_not  #: why compiled code does not run it; None: it does
 
     def _begin(self) -> None:
         """Make both sides and both links, at the time 0."""
-        self.now_ns: int = 0
         self.two_port: TwoPort = TwoPort()
-        self.hand: TwoPort = self.two_port if self.setup.servo == "continuous" else TwoPort()
+        self.hand_port: TwoPort = self.two_port if self.setup.servo == "continuous" else TwoPort()
+        period_ns = round(1e9 / self.setup.params.device.servo_hz)
+        clock = self.clock = Clock(period_ns, apart=self.hand_port is not self.two_port)
+        self._done: Callable[[], bool] | None = None  # whether to stop before the next event
         up, down, steps, names = np.random.SeedSequence(self.seed).spawn(4)
         incarnations = np.random.default_rng(names).integers(1, 2**63, size=2).tolist()
         write = self._writer()
@@ -109,17 +119,18 @@ class Simulation:
         self.device_endpoint: DeviceEndpoint = DeviceEndpoint(device_session(self.setup, incarnations[0]))
         self.world_endpoint: WorldEndpoint = WorldEndpoint(world_session(self.setup, incarnations[1]))
         self.device: DeviceSide = device_side(
-            self.setup, self.device_endpoint, lambda: self.now_ns, write, write_motion
+            self.setup, self.device_endpoint, lambda: clock.now_ns, write, write_motion
         )
         self.world: WorldSide = world_side(self.setup, self.world_endpoint, np.random.default_rng(steps), write)
         self.up: Link[Packet] = Link(self.setup.up, seed=up)
         self.down: Link[Packet] = Link(self.setup.down, seed=down)
         self.device_port: LinkPort = LinkPort(self.device_endpoint, self.up)
         self.world_port: LinkPort = LinkPort(self.world_endpoint, self.down)
-        self.period_ns: int = round(1e9 / self.setup.params.device.servo_hz)
-        self._due = [_NEVER, _NEVER, 0, 0, 0, self.period_ns]
-        self._tick_ns = self.period_ns  # time of the next tick to compute; ticks before the due one may wait
-        self._later_ns = _NEVER  # time of the tick at which the start ends
+
+    @property
+    def now_ns(self) -> int:
+        """The time."""
+        return self.clock.now_ns
 
     def _writer(self) -> Write:
         """Returns the function that records samples, and makes the recording with its metadata."""
@@ -185,12 +196,12 @@ class Simulation:
         summary = self.close(end_ns)
         recording = self._recorder.recording(summary)
         summary["motion"] = motion(recording)
-        return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand)
+        return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand_port)
 
     def _on_kernel(self, end_ns: int) -> WholeRun | None:
         """Complete the handshake, and hand the rest over to the kernel; None: the run's end comes before."""
         while self.now_ns < end_ns:
-            self._until(min(end_ns, self.now_ns + _LOOK * self.period_ns))
+            self._until(min(end_ns, self.now_ns + _LOOK * self.clock.period_ns))
             if self.quiet:
                 return self.compiled(end_ns)
         return None
@@ -215,44 +226,26 @@ class Simulation:
         if not (self.device_endpoint.started and self.world_endpoint.started):
             raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
                               f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
-        ports = ((_UP, self.device_port, self.setup.up_timeline), (_DOWN, self.world_port, self.setup.down_timeline))
-        for source, port, timeline in ports:
+        clock = self.clock
+        ports = ((UP, self.device_port, self.setup.up_timeline), (DOWN, self.world_port, self.setup.down_timeline))
+        for kind, port, timeline in ports:
             if timeline is not None:
                 port.play(timeline, self.now_ns)
-                self._due[source] = _or_never(port.release_due_ns)
-        self._later_ns = (self.now_ns + round(START_S / NANO)) // self.period_ns * self.period_ns
+                clock.due[kind] = events.release_due_ns(port)
+        clock.later_ns = (self.now_ns + round(START_S / NANO)) // clock.period_ns * clock.period_ns
         return self.now_ns
 
-    @property
-    def later_ns(self) -> int:
-        """When the start ends."""
-        return self._later_ns
-
-    @property
-    def tick_ns(self) -> int:
-        """When the device's next tick is due."""
-        return self._tick_ns
-
-    @property
-    def step_due_ns(self) -> int:
-        """When the world's running step ends."""
-        return self._due[_STEP]
-
-    def resume(self, now_ns: int, step_ns: int, tick_ns: int) -> None:
-        """Continue at `now_ns`, after everything until then was computed elsewhere and the state was written back.
-
-        The world's running step ends at `step_ns`, the next tick is at `tick_ns`.
-        """
-        self.now_ns, self._tick_ns = now_ns, tick_ns
-        if self.two_port.later is not None:
-            self._later_ns = _NEVER
-        due = (self.up.next_due_ns, self.down.next_due_ns,
-               self.device_endpoint.next_due_ns, self.world_endpoint.next_due_ns)  # fmt: skip
-        self._due[:] = [*map(_or_never, due), step_ns, tick_ns]
+    def resume(self) -> None:
+        """Go on, after everything until now was computed elsewhere and the state was written back."""
+        for kind, port in ((UP, self.device_port), (DOWN, self.world_port)):
+            self.clock.due[kind] = events.release_due_ns(port)
+        for kind, port in ((DEVICE_TIMER, self.device_port), (WORLD_TIMER, self.world_port)):
+            self.clock.due[kind] = events.protocol_due_ns(port)
 
     def close(self, end_ns: int) -> Summary:
         """After the end: let the links deliver what is in flight, and return the summary without its motion."""
-        self._due[_STEP] = self._due[_TICK] = self._tick_ns = _NEVER
+        clock = self.clock
+        clock.due[STEP] = clock.due[TICK] = clock.tick_ns = NEVER
         self._run(end_ns + LINGER_NS, lambda: self._settled)
         return self._summary(end_ns)
 
@@ -268,7 +261,7 @@ class Simulation:
             coupling=params.coupling,
             units=self.setup.units,
             two_port_J=self.two_port.lowest,
-            hand_two_port_J=self.hand.lowest,
+            hand_two_port_J=self.hand_port.lowest,
             two_port_end_J=self.two_port.now,
             two_port_later_J=self.two_port.later,
             tuning=self.setup.tuned,
@@ -281,130 +274,61 @@ class Simulation:
         return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
-        """Run to `end_ns`. If the start ends before that, begin to count `TwoPort.later` there."""
-        if (later_ns := self._later_ns) <= end_ns:
-            self._later_ns = _NEVER
-            self._run_to(later_ns)
-            for ports in dict.fromkeys((self.two_port, self.hand)):
-                ports.begin()
-        self._run_to(end_ns)
+        """Run to `end_ns`."""
+        events.run_to(self, end_ns)
 
-    def _run_to(self, end_ns: int) -> None:
-        self._run(end_ns)
-        self._rest(end_ns + 1)
-        self.now_ns = end_ns
+    def _run(self, end_ns: int, done: Callable[[], bool]) -> None:
+        """Run the events until nothing is due by `end_ns`, or the run is `done`."""
+        self._done = done
+        events.run_events(self, end_ns)
+        self._done = None
 
-    def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
-        """Jump to the next due event and run it, until nothing is due by `end_ns` or the run is `done`.
+    # -- what the events ask of a run: see hapnet/simulation/events.py ------------------------------------------------
 
-        After each event, find when its side, and the links that it used, are due again.
-        """
-        due, device, world = self._due, self.device_port, self.world_port
-        while (at := min(due)) <= end_ns and (done is None or not done()):
-            if at > self.now_ns:
-                self.now_ns = at
-            now, source = self.now_ns, due.index(at)
-            if source == _TICK:
-                self._tick()
-            elif source == _STEP:
-                self._step()
-            elif source == _UP:
-                packets, _ = device.release(now)
-                due[_UP] = _or_never(device.release_due_ns)
-                self._to_world(packets)
-            elif source == _DOWN:
-                packets, _ = world.release(now)
-                due[_DOWN] = _or_never(world.release_due_ns)
-                self._to_device(packets)
-            elif source == _DEVICE_TIMER:
-                packets, _ = device.poll(now)
-                due[_UP] = _or_never(device.release_due_ns)
-                due[_DEVICE_TIMER] = _or_never(device.wire.next_due_ns)
-                self._wake()
-                self._to_world(packets)
-            else:
-                packets, _ = world.poll(now)
-                due[_DOWN] = _or_never(world.release_due_ns)
-                due[_WORLD_TIMER] = _or_never(world.wire.next_due_ns)
-                self._to_device(packets)
+    def hindrance(self, kind: int) -> int:
+        """Why the next event may not run; `DONE`: it may."""
+        return STOPPED if self._done is not None and self._done() else DONE
 
-    def _to_world(self, packets: Iterable[Packet]) -> None:
-        port, unchanged = self.world_port, True
-        for packet in packets:
-            events = port.receive(self.now_ns, packet.data)
-            unchanged = unchanged and packet.kind == "position" and len(events) == 1
-        if not unchanged:  # accepted positions make nothing else due
-            self._due[_WORLD_TIMER] = _or_never(port.wire.next_due_ns)
+    def tick(self, now_ns: int) -> Packet | None:
+        """Make a tick that may not wait, after those that could; returns its message."""
+        self.catch_up(now_ns, then_tick=True)
+        message = self.device.tick(now_ns)
+        return None if message is None else self.device_port.outward(message)
 
-    def _to_device(self, packets: Iterable[Packet]) -> None:
-        port = self.device_port
+    def step(self, now_ns: int) -> Packet | None:
+        """Make the world's step; returns its message."""
+        message = self.world.step(now_ns)
+        return None if message is None else self.world_port.outward(message)
+
+    def receive(self, port: LinkPort, packets: Iterable[Packet]) -> None:
+        """The side of this port receives what the other side's link has released."""
         for packet in packets:
             port.receive(self.now_ns, packet.data)
-        self._due[_DEVICE_TIMER] = _or_never(port.wire.next_due_ns)
-        self._wake()
 
-    def _step(self) -> None:
-        now, world, port, due = self.now_ns, self.world, self.world_port, self._due
-        message = world.step(now)
-        if world.origin_ns is None:
-            due[_STEP] = now + self.period_ns  # not paired yet
-            return
-        packets = () if message is None else port.send(now, message)
-        port.collect()
-        due[_STEP] = now + world.next_step_ns()
-        due[_DOWN], due[_WORLD_TIMER] = _or_never(port.release_due_ns), _or_never(port.wire.next_due_ns)
-        self._rest(now)
-        self.two_port.world(work := world.endpoint.coupling.ledger.work)
-        if self.hand is not self.two_port:
-            self.hand.world(work)
-        if packets:
-            self._to_device(packets)
-
-    def _tick(self) -> None:
-        """Run a tick that may not wait, after those that could."""
-        now, device, port, due = self.now_ns, self.device, self.device_port, self._due
-        self._rest(now, then_tick=True)
-        message = device.tick(now)
-        packets: Sequence[Packet] = ()
-        if message is not None:
-            packets = port.send(now, message)
-            due[_UP] = _or_never(port.release_due_ns)
-        if port.wire.uncollected:
-            port.collect()
-            due[_DEVICE_TIMER] = _or_never(port.wire.next_due_ns)
-        if device.ledger is not None:
-            self._observe(device.ledger.work, device.hand_work)
-        self._tick_ns = now + self.period_ns
-        due[_TICK] = self._tick_ns + device.skippable_ticks * self.period_ns
-        if packets:
-            self._to_world(packets)
-
-    def _rest(self, until_ns: int, *, then_tick: bool = False) -> None:
+    def catch_up(self, until_ns: int, *, then_tick: bool = False) -> None:
         """Compute the ticks before `until_ns` that could wait. `then_tick`: a tick that may not wait follows.
 
         Nothing depends on them before the device's next message, or the world's next step, whose work is paired with
         theirs.
         """
-        ticks = -((self._tick_ns - until_ns) // self.period_ns)
+        clock = self.clock
+        ticks = -((clock.tick_ns - until_ns) // clock.period_ns)
         if ticks > 0:
-            self.device.rest(self._tick_ns, ticks, self._observe, then_tick=then_tick)
-            self._tick_ns += ticks * self.period_ns
+            self.device.rest(clock.tick_ns, ticks, self._observe, then_tick=then_tick)
+            clock.tick_ns += ticks * clock.period_ns
 
     def _observe(self, work: float, hand_work: float) -> None:
         """The energy put in so far at the port of the device's account, and by the hand [J]."""
         self.two_port.device(work)
-        if self.hand is not self.two_port:
-            self.hand.device(hand_work)
+        if self.clock.apart:
+            self.hand_port.device(hand_work)
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
         """The device's next tick may not wait if something has arrived for it."""
-        if self.device_endpoint.has_news and self._tick_ns != _NEVER:
-            self._rest(self.now_ns)
-            self._due[_TICK] = self._tick_ns
-
-
-def _or_never(due_ns: int | None) -> int:
-    return _NEVER if due_ns is None else due_ns
+        clock = self.clock
+        if self.device_endpoint.has_news and clock.tick_ns != NEVER:
+            self.catch_up(self.now_ns)
+            clock.due[TICK] = clock.tick_ns
 
 
 def simulate(

@@ -173,10 +173,10 @@ def test_says_why_it_does_not_cover_a_run(changes: dict[str, object], reason: st
 
 def test_a_simulation_that_watches_its_events_is_not_compiled() -> None:
     class Watching(Simulation):
-        def _run(self, end_ns: int, done: Callable[[], bool] | None = None) -> None:
-            super()._run(end_ns, done)
+        def hindrance(self, kind: int) -> int:
+            return super().hindrance(kind)
 
-    assert Watching(SAMPLED, kernel=True).not_compiled == "Watching runs the events itself"
+    assert Watching(SAMPLED, kernel=True).not_compiled == "Watching watches the events"
     assert Simulation(PAPER, kernel=True).not_compiled is None
 
 
@@ -305,13 +305,11 @@ def test_kinds_share_the_twins_of_all_that_calls_nothing_which_they_choose() -> 
     walls, solids, law, other = (
         twins_of(*one) for one in (("pspm", False), ("pspm", True), ("tdpa", False), ("pd", False))
     )
-    assert (
-        twins_of("pspm", False)["hapnet.ext.compiled.simulation"]["_run"]
-        is walls["hapnet.ext.compiled.simulation"]["_run"]
-    )
+    events = "hapnet.simulation.events"
+    assert twins_of("pspm", False)[events]["run_to"] is walls[events]["run_to"]
     for one in (solids, law, other):
         assert one["hapnet.records.vectors"]["dot"] is walls["hapnet.records.vectors"]["dot"]
-        assert one["hapnet.ext.compiled.simulation"]["_run"] is not walls["hapnet.ext.compiled.simulation"]["_run"]
+        assert one[events]["run_to"] is not walls[events]["run_to"]
     integrator = "hapnet.plant.integrator"  # its mass responds among walls in one way, among solids in another
     assert solids[integrator]["spring_among"] is not walls[integrator]["spring_among"]
     assert solids[integrator]["factored"] is walls[integrator]["factored"]

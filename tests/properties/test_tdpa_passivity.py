@@ -13,6 +13,7 @@ from hapnet.ext.laws.parts.tdpa_world import TdpaWorld
 from hapnet.ext.laws.tdpa import TdpaDevice
 from hapnet.params import Params
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
+from hapnet.simulation import events
 from hapnet.simulation.simulation import Result, Simulation
 from tests.support.tdpa_ends import OFF, TICK, Watched, account, device, reported, simulated, watched as watched, world
 
@@ -118,18 +119,18 @@ class Restarting(Simulation):
         if role == "device":
             self.device_port.wire = self.device_endpoint = DeviceEndpoint(device_session(self.setup, incarnation))
             self.device = device_side(self.setup, self.device_endpoint, lambda: self.now_ns, lambda sample: None)
-            self._due[5] = self._tick_ns  # no tick waits for a device that has ended
+            self.clock.due[events.TICK] = self.clock.tick_ns  # no tick waits for a device that has ended
         else:
             rng = np.random.default_rng(incarnation)
             self.world_port.wire = self.world_endpoint = WorldEndpoint(world_session(self.setup, incarnation))
             self.world = world_side(self.setup, self.world_endpoint, rng, lambda sample: None)
-        self._due[2:5] = [self.now_ns] * 3  # both sides' timers, and the world's step
+        self.clock.due[events.DEVICE_TIMER : events.STEP + 1] = [self.now_ns] * 3  # and the world's timer
         while not (self.device_endpoint.started and self.world_endpoint.started):
-            self._run_to(self.now_ns + 1_000_000)
+            self._until(self.now_ns + 1_000_000)
 
     def go_on(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.01)):
-            self._run_to(self.now_ns + 10_000_000)
+            self._until(self.now_ns + 10_000_000)
             put_in = self.device_endpoint.coupling.ledger.work + self.world_endpoint.coupling.ledger.work
             ends = [*self.ended["device"], *self.ended["world"], *self.running.values()]
             owed = sum(max(0.0, end.debt) for end in ends)

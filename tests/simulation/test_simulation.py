@@ -45,7 +45,7 @@ def test_ticks_made_together_are_the_same_ticks(
 ) -> None:
     """`rest` makes the ticks in which nothing happens; the run is, to the bit, the one that makes each by `tick`."""
     params = PAPER.set({"duration_s": 3.0, "record_hz": 250.0, "link.up": "delay 7ms 3ms loss 5%", **changes})
-    observed, each, rests = Simulation._observe, dict[int, tuple[float, float]](), list[tuple[int, int, Any]]()
+    ticked, each, rests = Simulation.tick, dict[int, tuple[float, float]](), list[tuple[int, int, Any]]()
     made = side.rest
 
     def rest(self: Any, now_ns: int, ticks: int, observe: Any, *, then_tick: bool) -> None:
@@ -55,16 +55,18 @@ def test_ticks_made_together_are_the_same_ticks(
             observe(*works)
         rests.append((first, self.ticks, seen))
 
-    def observe(self: Any, work: float, hand_work: float) -> None:
-        each[self.device.ticks] = work, hand_work
-        observed(self, work, hand_work)
+    def tick(self: Any, now_ns: int) -> Any:
+        message = ticked(self, now_ns)
+        if self.device.ledger is not None:
+            each[self.device.ticks] = self.device.ledger.work, self.device.hand_work
+        return message
 
     with monkeypatch.context() as patch:
         patch.setattr(side, "rest", rest)
         together = simulate(params, seed=3, kernel=False)
     monkeypatch.setattr(side, "skippable_ticks", DeviceSide.skippable_ticks)
     monkeypatch.setattr(side, "rest", DeviceSide.rest)  # none is left for it
-    monkeypatch.setattr(Simulation, "_observe", observe)
+    monkeypatch.setattr(Simulation, "tick", tick)
     singly = simulate(params, seed=3, kernel=False)
     for first, last, seen in rests[1:]:
         works = [each[k] for k in range(first, last + 1)]

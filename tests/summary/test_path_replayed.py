@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import pytest
 
 from hapnet.params import Params
+from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.summary.structure import DIRECTIONS
 from tests.support.forger import Keyed
@@ -27,18 +28,15 @@ class Repeated(Keyed):
         self._heard += [(self.now_ns + self._rng.randrange(2 * 10**9), up, packet) for packet in packets]
         return packets
 
-    def _to_world(self, packets: Iterable[Packet]) -> None:
-        super()._to_world(self._keep(packets, up=True))
+    def receive(self, port: LinkPort, packets: Iterable[Packet]) -> None:
+        super().receive(port, self._keep(packets, up=port is self.world_port))
 
-    def _to_device(self, packets: Iterable[Packet]) -> None:
-        super()._to_device(self._keep(packets, up=False))
-
-    def _step(self) -> None:
-        due = [each for each in self._heard if each[0] <= self.now_ns]
-        self._heard = [each for each in self._heard if each[0] > self.now_ns]
+    def step(self, now_ns: int) -> Packet | None:
+        due = [each for each in self._heard if each[0] <= now_ns]
+        self._heard = [each for each in self._heard if each[0] > now_ns]
         for _, up, packet in due if self._repeats else ():
-            (super()._to_world if up else super()._to_device)([packet])
-        super()._step()
+            self.add(self.world_port if up else self.device_port, [packet])
+        return super().step(now_ns)
 
 
 @pytest.mark.parametrize("secrets", [False, True], ids=["plain", "encrypted"])

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from hapnet.params import Params
+from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
 from hapnet.summary import path
 from hapnet.summary.reported import Claim, joined, values_of
@@ -49,11 +50,8 @@ class Between(Keyed):
 
     # -- what he hears ------------------------------------------------------------------------------------------------
 
-    def _to_world(self, packets: Iterable[Packet]) -> None:
-        self._deliver("device", list(packets))
-
-    def _to_device(self, packets: Iterable[Packet]) -> None:
-        self._deliver("world", list(packets))
+    def receive(self, port: LinkPort, packets: Iterable[Packet]) -> None:
+        self._deliver("device" if port is self.world_port else "world", list(packets))
 
     def _deliver(self, sender: Role, packets: list[Packet]) -> None:
         """He acts on each frame before it is where it belongs."""
@@ -70,7 +68,7 @@ class Between(Keyed):
                 self._hear(sender, packet.data)
 
     def _give(self, role: Role, packets: Iterable[Packet]) -> None:
-        (super()._to_world if role == "world" else super()._to_device)(packets)
+        self.add(self.port(role), packets)
         for name, session in self._sessions().items():
             if session.peer is not None:
                 self.paired_ns.setdefault(name, self.now_ns)
@@ -84,15 +82,15 @@ class Between(Keyed):
 
     # -- what he says -------------------------------------------------------------------------------------------------
 
-    def _step(self) -> None:
+    def step(self, now_ns: int) -> Packet | None:
         self._overhear()
         self._speak()
-        super()._step()
+        return super().step(now_ns)
 
-    def _tick(self) -> None:
+    def tick(self, now_ns: int) -> Packet | None:
         self._overhear()
         self._speak()
-        super()._tick()
+        return super().tick(now_ns)
 
     def _speak(self) -> None:
         if self._stranger is not None and not self._speaking and self.now_ns != self._spoke_ns:

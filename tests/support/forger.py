@@ -13,7 +13,9 @@ from msgspec import structs
 
 from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.params import Params
+from hapnet.side.link_port import LinkPort
 from hapnet.side.packet import Packet
+from hapnet.simulation.events import heard_by_device, heard_by_world
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Encrypted, Energy, Role, decode, encode
 from hapnet.wire.secret import Secret
@@ -59,6 +61,15 @@ class Keyed(Simulation):
             patch(f"{module}.world_session", partial(made, world_session, b"w" * 32)),
         ):
             super().__init__(params, seed, kernel=False)
+
+    def port(self, role: Role) -> LinkPort:
+        """The port of this side."""
+        return self.world_port if role == "world" else self.device_port
+
+    def add(self, port: LinkPort, packets: Iterable[Packet]) -> None:
+        """Let the side of this port receive packets that the other side's link has not released."""
+        Simulation.receive(self, port, packets)
+        (heard_by_world if port is self.world_port else heard_by_device)(self)
 
 
 class Attacked(Keyed):
@@ -109,11 +120,8 @@ class Attacked(Keyed):
             self._speak()
             self.early_nJ = max(self.early_nJ, self.deceived.credited_nJ - self.honest.sent_nJ)
 
-    def _to_world(self, packets: Iterable[Packet]) -> None:
-        super()._to_world(self._overheard("world", packets))
-
-    def _to_device(self, packets: Iterable[Packet]) -> None:
-        super()._to_device(self._overheard("device", packets))
+    def receive(self, port: LinkPort, packets: Iterable[Packet]) -> None:
+        super().receive(port, self._overheard("world" if port is self.world_port else "device", packets))
 
     def _overheard(self, towards: Role, packets: Iterable[Packet]) -> list[Packet]:
         for packet in (packets := list(packets)):
@@ -129,7 +137,7 @@ class Attacked(Keyed):
         return packets
 
     def _deceive(self, packets: Iterable[Packet]) -> None:
-        (super()._to_world if self._towards == "world" else super()._to_device)(packets)
+        self.add(self.port(self._towards), packets)
 
     def _speak(self) -> None:
         lie, heard, now_s = self._lie, self._heard, self.now_ns * NANO

@@ -134,8 +134,8 @@ def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
 
 
 @equation
-def poll(wire: Wire, link: Link, now_ns: int) -> None:
-    """`WireHalf.poll`, into the link: the energy that is due."""
+def send_due(wire: Wire, link: Link, now_ns: int) -> None:
+    """`LinkPort.send_due`: the energy that is due goes to the link."""
     credit(wire, channels.admit(wire.channel, now_ns))
     total_nJ = channels.poll(wire.channel, now_ns)
     if total_nJ >= 0:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from hapnet.control import coupling, law, set_position_coupling
 from hapnet.control.law import DeviceEnd, WorldEnd
-from hapnet.ext.compiled import law_sides, link, samples, sides, solids
+from hapnet.ext.compiled import law_sides, link, samples, sides, simulation, solids
 from hapnet.ext.compiled.simulation import Scenario
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.plant import integrator
@@ -46,7 +46,7 @@ class Kind(NamedTuple):
 
     def choices(self) -> Choices:
         """The functions to compile in place of others."""
-        chosen: Choices = OF_SET_POSITIONS | link.CHOICES
+        chosen: Choices = OF_SET_POSITIONS | simulation.CHOICES | link.CHOICES
         if (device := self.device) is not None:
             chosen |= device.lines() | {
                 make_tick: held_tick, sides.tick: law_sides.tick, samples.of_device: law_sides.of_device,
@@ -71,9 +71,9 @@ def scenario(kind: Kind) -> type[Scenario]:
     """The record of such a scenario."""
     made: dict[str, type[Record]] = {}
     if kind.solid:
-        made["at_world"] = holding(sides.WorldSide, contacts=SolidContact)
+        made["world"] = holding(sides.WorldSide, contacts=SolidContact)
     for name, side, end in (
-        ("at_device", law_sides.LawDevice, kind.device), ("at_world", law_sides.LawWorld, kind.world)
+        ("device", law_sides.LawDevice, kind.device), ("world", law_sides.LawWorld, kind.world)
     ):  # fmt: skip
         if end is not None:
             around = {"contacts": SolidContact} if kind.solid and end is kind.world else {}

@@ -45,8 +45,8 @@ class LawWorld(Record):
 
 
 @equation
-def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
-    """`SampledDeviceSide.tick` with a `LawServo`; return whether there is a sample to send. It is then in `message`."""
+def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> None:
+    """`SampledDeviceSide.tick` with a `LawServo`: the message to send, if there is one, is in `message`."""
     device, servo, law, n = side.plant, side.servo, side.law, side.plant.dof
     dt = max((now_ns - counts.device_last_ns) * _NANO, device.period)
     counts.device_last_ns = now_ns
@@ -68,7 +68,6 @@ def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, m
         copy(n, law.said.more, message.more)
         message.planes, message.reach_m, message.level = 0, -1.0, -1.0
         finish(wire, message, now_ns, law.said.amount)
-    return sending
 
 
 @equation

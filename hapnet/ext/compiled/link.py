@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 from hapnet.mechanics.curvature import Bends
-from hapnet.records.record import AXES, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes, equation
+from hapnet.records.record import AXES, NEVER, PLANES, Floats, OfAxes, Record, VectorsOfPlanes, Wholes, equation
 from netem import line, models, offering, resend
 from netem.effects import MOST_RESENDS
 
-STREAM, ENERGY = 0, 1
+STREAM, ENERGY, NOTHING = 0, 1, 2
 """The kinds of messages."""
 
 LOST, AHEAD = 1, 2
@@ -26,7 +26,8 @@ SPARE = 2
 class Message(Record):
     """A message, and where it is on the link.
 
-    kind : `STREAM` or `ENERGY`. order : its number on the link. offered_ns : when it was offered. octets : its size.
+    kind : `STREAM` or `ENERGY`; `NOTHING`: no message was made. order : its number on the link. offered_ns : when it
+    was offered. octets : its size.
     sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; of a proxy besides aimed_ns, force, planes;
     of a law's `more` (a motion's velocity, a wave's integral), `amount` (a port's energy [nJ], a wave's span [ns]), and
     elapsed_ns (of the integral).
@@ -136,9 +137,6 @@ class Link(Record):
     luck: Annotated[Floats, (DRAWS,)]
     delivered_ns: Annotated[Wholes, (DRAWS + MOST_IN_FLIGHT,)]
     messages: Annotated[Sequence[Message], (MOST_IN_FLIGHT + SPARE,)]
-
-
-NEVER = 2**63 - 1
 
 
 @equation

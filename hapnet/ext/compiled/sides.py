@@ -68,8 +68,8 @@ class WorldSide(Record):
 
 
 @equation
-def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> bool:
-    """`DeviceSide.tick`; return whether there is a position to send. It is then in `message`."""
+def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> None:
+    """`DeviceSide.tick`: the message to send, if there is one, is in `message`."""
     dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
     if side.plant.state.coupled:
         _tick_within(side, wire, hand, dt, now_ns)
@@ -78,11 +78,10 @@ def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, 
     counts.device_last_ns = now_ns
     counts.ticks += 1
     if not (side.within.sender.sends if side.plant.state.coupled else side.servo.sender.sends):
-        return False
+        return
     copy(side.plant.dof, side.plant.read_position, message.position)
     message.planes, message.reach_m, message.level = 0, -1.0, level(side.coupling)
     finish(wire, message, now_ns, 0.0)
-    return True
 
 
 @equation

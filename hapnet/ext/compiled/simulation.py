@@ -1,197 +1,178 @@
-"""The events of a whole scenario in their order: `hapnet.simulation.simulation`, after the handshake.
+"""A whole run as a record, after the handshake, and what it does in its own way of what a run does.
 
-A timer that is past due runs at the present time. Of what is due at the same nanosecond, the first kind runs first.
+The order of the events is that of `hapnet.simulation.events`.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any
 
-from hapnet.control.two_port import TwoPort, on_device, on_world
+from hapnet.control.two_port import TwoPort
 from hapnet.ext.compiled import link as links, sides
-from hapnet.ext.compiled.endpoint import Wire, has_room, poll, receive
-from hapnet.ext.compiled.link import Link
+from hapnet.ext.compiled.endpoint import Wire, has_room, receive, send_due
+from hapnet.ext.compiled.link import NOTHING, Link, Message
 from hapnet.ext.compiled.samples import Rows, have_room, record_step, record_tick
 from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
 from hapnet.plant.device import Hand
 from hapnet.records.record import Record, Wholes, equation
+from hapnet.simulation import events
+from hapnet.simulation.events import DONE, IMPOSSIBLE, NEEDS_MORE, STEP, TICK, Clock
 from hapnet.wire import energy_channel as channels
-
-UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK = range(6)
-"""The kinds of events, in the order in which they run at the same nanosecond."""
-
-DONE, NEEDS_MORE, IMPOSSIBLE = range(3)
-"""Why `run` returns: all is done; more draws, steps, ticks of the hand's path or room for samples are needed; the
-scenario does something that the kernel cannot."""
 
 STEPS = 256
 """So many lengths of the world's steps are known at once."""
 
 
-class Clock(Record):
-    """The time, and when each kind of event is due; the lengths of the world's next steps, and how many were used.
+class Steps(Record):
+    """The lengths of the world's next steps [ns], and how many were used."""
 
-    apart : are the hand's and the actuator's ports different ones?
-    """
+    ns: Annotated[Wholes, (STEPS,)]
+    used: int
 
-    now_ns: int
-    period_ns: int
-    due: Annotated[Wholes, (6,)]
-    steps_ns: Annotated[Wholes, (STEPS,)]
-    steps_used: int
-    apart: int
+
+class Port(Record):
+    """A side's protocol, and the link that carries what it sends."""
+
+    wire: Wire
+    link: Link
 
 
 class Scenario(Record):
-    """A whole scenario."""
+    """A whole run: an `events.Run`."""
 
     clock: Clock
     counts: Counts
-    at_device: DeviceSide
-    at_world: WorldSide
-    device_wire: Wire
-    world_wire: Wire
-    up: Link
-    down: Link
+    device: DeviceSide
+    world: WorldSide
+    device_port: Port
+    world_port: Port
     two_port: TwoPort
     hand_port: TwoPort
     rows: Rows
     hand: Hand
+    steps: Steps
 
 
 @equation
-def _earliest(clock: Clock) -> int:
-    """The kind of the event that is due next."""
-    first = 0
-    for kind in range(1, 6):
-        if clock.due[kind] < clock.due[first]:
-            first = kind
-    return first
+def _tick(run: Scenario, now_ns: int) -> Message:
+    port, message = run.device_port, links.spare(run.device_port.link, 0)
+    message.kind = NOTHING
+    sides.tick(run.device, port.wire, run.counts, run.hand, now_ns, message)
+    if run.counts.ticks % run.rows.every == 0:
+        record_tick(run.rows, run.device, port.wire, run.hand, now_ns)
+    return message
 
 
 @equation
-def _tick(scenario: Scenario, now_ns: int) -> None:
-    """`Simulation._tick`."""
-    clock, side, wire, link = scenario.clock, scenario.at_device, scenario.device_wire, scenario.up
-    message = links.spare(link, 0)
-    passes = False
-    if sides.tick(side, wire, scenario.counts, scenario.hand, now_ns, message):
-        passes = links.passes(link)
-        if not passes:
-            links.send(link, now_ns, message)
-        clock.due[UP] = links.next_due_ns(link)
+def _step(run: Scenario, now_ns: int) -> Message:
+    port, message = run.world_port, links.spare(run.world_port.link, 0)
+    sides.step(run.world, port.wire, run.counts, now_ns, message)
+    record_step(run.rows, run.world, port.wire, run.counts, now_ns)
+    return message
+
+
+@equation
+def _is_there(message: Message) -> bool:
+    return message.kind != NOTHING
+
+
+@equation
+def _has_started(side: DeviceSide | WorldSide) -> bool:
+    return True
+
+
+@equation
+def _offer(port: Port, now_ns: int, message: Message) -> bool:
+    if links.passes(port.link):
+        return True
+    links.send(port.link, now_ns, message)
+    return False
+
+
+@equation
+def _collect(side: DeviceSide | WorldSide, port: Port) -> bool:
     if side.coupling.shuffled > 0.0:
-        channels.send(wire.channel, side.coupling.shuffled)
-        clock.due[DEVICE_TIMER] = channels.next_due_ns(wire.channel)
-    if scenario.counts.ticks % scenario.rows.every == 0:
-        record_tick(scenario.rows, side, wire, scenario.hand, now_ns)
-    on_device(scenario.two_port, side.coupling.ledger.work)
-    if clock.apart:
-        on_device(scenario.hand_port, side.hand.work)
-    clock.due[TICK] = now_ns + clock.period_ns
-    if passes:
-        receive(scenario.world_wire, message, now_ns)
-    else:
-        _to_world(scenario, now_ns)
+        channels.send(port.wire.channel, side.coupling.shuffled)
+        return True
+    return False
 
 
 @equation
-def _step(scenario: Scenario, now_ns: int) -> None:
-    """`Simulation._step`."""
-    clock, side, wire, link = scenario.clock, scenario.at_world, scenario.world_wire, scenario.down
-    message = links.spare(link, 0)
-    sides.step(side, wire, scenario.counts, now_ns, message)
-    record_step(scenario.rows, side, wire, scenario.counts, now_ns)
-    passes = links.passes(link)
-    if not passes:
-        links.send(link, now_ns, message)
-    if side.coupling.shuffled > 0.0:
-        channels.send(wire.channel, side.coupling.shuffled)
-    clock.due[STEP] = now_ns + clock.steps_ns[clock.steps_used]
-    clock.steps_used += 1
-    clock.due[DOWN], clock.due[WORLD_TIMER] = links.next_due_ns(link), channels.next_due_ns(wire.channel)
-    on_world(scenario.two_port, side.coupling.ledger.work)
-    if clock.apart:
-        on_world(scenario.hand_port, side.coupling.ledger.work)
-    if passes:
-        receive(scenario.device_wire, message, now_ns)
-    else:
-        _to_device(scenario, now_ns)
+def _poll(port: Port, now_ns: int) -> None:
+    send_due(port.wire, port.link, now_ns)
 
 
 @equation
-def _deliver(link: Link, wire: Wire, now_ns: int) -> None:
-    """The link's receiver takes what is released by now."""
-    slot = links.take(link, now_ns)
+def _receive(run: Scenario, port: Port, message: Message, now_ns: int) -> None:
+    receive(port.wire, message, now_ns)
+
+
+@equation
+def _release(run: Scenario, sender: Port, receiver: Port, now_ns: int) -> None:
+    slot = links.take(sender.link, now_ns)
     while slot >= 0:
-        receive(wire, link.messages[slot], now_ns)
-        slot = links.take(link, now_ns)
+        receive(receiver.wire, sender.link.messages[slot], now_ns)
+        slot = links.take(sender.link, now_ns)
 
 
 @equation
-def _to_world(scenario: Scenario, now_ns: int) -> None:
-    """The world receives what the uplink releases by now."""
-    _deliver(scenario.up, scenario.world_wire, now_ns)
-    scenario.clock.due[UP] = links.next_due_ns(scenario.up)
-    scenario.clock.due[WORLD_TIMER] = channels.next_due_ns(scenario.world_wire.channel)
+def _release_due_ns(port: Port) -> int:
+    return links.next_due_ns(port.link)
 
 
 @equation
-def _to_device(scenario: Scenario, now_ns: int) -> None:
-    """The device receives what the downlink releases by now."""
-    _deliver(scenario.down, scenario.device_wire, now_ns)
-    scenario.clock.due[DOWN] = links.next_due_ns(scenario.down)
-    scenario.clock.due[DEVICE_TIMER] = channels.next_due_ns(scenario.device_wire.channel)
+def _protocol_due_ns(port: Port) -> int:
+    return channels.next_due_ns(port.wire.channel)
 
 
 @equation
-def _run(scenario: Scenario, until_ns: int) -> int:
-    """Run every event until `until_ns`, as far as possible."""
-    clock, due = scenario.clock, scenario.clock.due
-    while True:
-        kind = _earliest(clock)
-        if due[kind] > until_ns:
-            return DONE
-        if not _is_provided(scenario, kind):
-            return NEEDS_MORE
-        now_ns = clock.now_ns = max(clock.now_ns, due[kind])
-        if kind == TICK:
-            _tick(scenario, now_ns)
-        elif kind == STEP:
-            _step(scenario, now_ns)
-        elif kind == UP:
-            _to_world(scenario, now_ns)
-        elif kind == DOWN:
-            _to_device(scenario, now_ns)
-        elif kind == DEVICE_TIMER:
-            poll(scenario.device_wire, scenario.up, now_ns)
-            due[DEVICE_TIMER] = channels.next_due_ns(scenario.device_wire.channel)
-            _to_world(scenario, now_ns)
-        else:
-            poll(scenario.world_wire, scenario.down, now_ns)
-            due[WORLD_TIMER] = channels.next_due_ns(scenario.world_wire.channel)
-            _to_device(scenario, now_ns)
-        if _impossible(scenario):
-            return IMPOSSIBLE
+def _next_step_ns(run: Scenario) -> int:
+    run.steps.used += 1
+    return run.steps.ns[run.steps.used - 1]
 
 
 @equation
-def _is_provided(scenario: Scenario, kind: int) -> bool:
-    """Whether there is enough of everything for one more event of this kind."""
-    if kind == TICK and scenario.hand.at == scenario.hand.known:
-        return False
-    if kind == STEP and scenario.clock.steps_used == STEPS:
-        return False
-    return has_room(scenario.up) and has_room(scenario.down) and have_room(scenario.rows)
+def _skippable_ticks(device: DeviceSide) -> int:
+    return 0
 
 
 @equation
-def _impossible(scenario: Scenario) -> bool:
-    """Whether something has happened that the kernel cannot do."""
-    wires = scenario.device_wire.endpoint.impossible + scenario.world_wire.endpoint.impossible
-    return wires + scenario.up.overflow + scenario.down.overflow + scenario.at_device.plant.model.coupling.unsolved > 0
+def _catch_up(run: Scenario, until_ns: int) -> None:
+    """No tick has waited."""
 
 
-def enter(scenario: Scenario, until_ns: int) -> int:
+@equation
+def _wake(run: Scenario) -> None:
+    """No tick has waited."""
+
+
+@equation
+def _hindrance(run: Scenario, kind: int) -> int:
+    impossible = run.device_port.wire.endpoint.impossible + run.world_port.wire.endpoint.impossible
+    overflow = run.device_port.link.overflow + run.world_port.link.overflow
+    if impossible + overflow + run.device.plant.model.coupling.unsolved > 0:
+        return IMPOSSIBLE
+    if kind == TICK and run.hand.at == run.hand.known:
+        return NEEDS_MORE
+    if kind == STEP and run.steps.used == STEPS:
+        return NEEDS_MORE
+    if kind == events.NO_EVENT:
+        return DONE
+    has_draws = has_room(run.device_port.link) and has_room(run.world_port.link)
+    return DONE if has_draws and have_room(run.rows) else NEEDS_MORE
+
+
+CHOICES: dict[Callable[..., Any], Callable[..., Any]] = {
+    events.hindrance: _hindrance, events.tick: _tick, events.step: _step, events.is_there: _is_there,
+    events.has_started: _has_started, events.offer: _offer, events.collect: _collect, events.poll: _poll,
+    events.receive: _receive, events.release: _release, events.release_due_ns: _release_due_ns,
+    events.protocol_due_ns: _protocol_due_ns, events.next_step_ns: _next_step_ns,
+    events.skippable_ticks: _skippable_ticks, events.catch_up: _catch_up, events.wake: _wake,
+}  # fmt: skip
+"""What is compiled in place of functions of `hapnet.simulation.events`."""
+
+
+def enter(run: Scenario, until_ns: int) -> int:
     """Run every event until `until_ns` [ns]; returns why it stopped. Compiled code is entered by this."""
-    return _run(scenario, until_ns)
+    return events.run_to(run, until_ns)

@@ -13,7 +13,7 @@ from hapnet.records.machine_code import directory
 _PACKAGE = Path(__file__).parents[2]
 
 _COMPILED = (
-    "records", "control", "couplings", "mechanics", "plant", "recording", "side", "wire",
+    "records", "control", "couplings", "mechanics", "plant", "recording", "side", "simulation", "wire",
     "ext/compiled", "ext/laws", "ext/solids", "ext/arms", "ext/tools",
 )  # fmt: skip
 """The packages with equations that are compiled, or with constants in them."""

@@ -13,19 +13,7 @@ from hapnet.couplings.rendering import RenderingTuning
 from hapnet.ext.compiled import kinds, progress, sources
 from hapnet.ext.compiled.kinds import Kind, scenario
 from hapnet.ext.compiled.memory import bare, give_back, load, new, plain, store
-from hapnet.ext.compiled.simulation import (
-    DEVICE_TIMER,
-    DONE,
-    DOWN,
-    IMPOSSIBLE,
-    STEP,
-    STEPS,
-    TICK,
-    UP,
-    WORLD_TIMER,
-    Scenario,
-    enter,
-)
+from hapnet.ext.compiled.simulation import STEPS, Scenario, enter
 from hapnet.ext.compiled.twins import as_one_unit, entry, reporting
 from hapnet.ext.compiled.whole_runs import coverage, device, wire, world
 from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
@@ -36,8 +24,8 @@ from hapnet.plant.operator import hand_path
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
 from hapnet.records.machine_code import NotCompiledError
-from hapnet.records.record import NEVER
 from hapnet.side.endpoint import NANO
+from hapnet.simulation.events import DONE, IMPOSSIBLE, TICK
 
 if TYPE_CHECKING:
     from hapnet.simulation.simulation import Simulation
@@ -65,11 +53,10 @@ class CompiledRun:
 
     def __init__(self, simulation: Simulation, recorder: MemoryRecorder, end_ns: int) -> None:
         self._simulation, self._recorder = simulation, recorder
-        self._later_ns = simulation.later_ns
         side = simulation.device
         assert isinstance(side.device, SimulatedDevice)
         self._side, self._device = side, side.device
-        self._ticks = max(0, (end_ns - simulation.tick_ns) // simulation.period_ns + 1)
+        self._ticks = max(0, (end_ns - simulation.clock.tick_ns) // simulation.clock.period_ns + 1)
         self._rng = simulation.world.rng.bit_generator
         self._rng_state, self._steps_used = self._rng.state, 0
         tuning = simulation.setup.tuning
@@ -78,79 +65,68 @@ class CompiledRun:
         assert kind is not None, "it is covered"
         self._record_kind = kinds.scenario(kind)
         scenario = self._scenario = new(self._record_kind)
-        self._up, self._down = CompiledLink(scenario.up, simulation.up), CompiledLink(scenario.down, simulation.down)
+        self._up, self._down = (
+            CompiledLink(scenario.device_port.link, simulation.up),
+            CompiledLink(scenario.world_port.link, simulation.down),
+        )
         counts, clock = scenario.counts, scenario.clock
         counts.device_last_ns, counts.ticks = side.last_ns, side.ticks
         counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
         if isinstance(tuning, RenderingTuning):
             counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
-        clock.now_ns, clock.period_ns = simulation.now_ns, simulation.period_ns
-        clock.apart = int(simulation.hand is not simulation.two_port)
-        clock.steps_used = STEPS
+        store(clock, simulation.clock)
+        clock.due[TICK] = clock.tick_ns  # no tick waits
+        scenario.steps.used = STEPS
         scenario.rows.every = side.record_every
-        device.read_side(scenario.at_device, side)
-        world.read_side(scenario.at_world, simulation.world)
+        device.read_side(scenario.device, side)
+        world.read_side(scenario.world, simulation.world)
         sends = simulation.setup.coupling.sends
-        wire.read_wire(scenario.device_wire, simulation.device_endpoint, sends("device", simulation.setup.params))
-        wire.read_wire(scenario.world_wire, simulation.world_endpoint, sends("world", simulation.setup.params))
+        wire.read_wire(scenario.device_port.wire, simulation.device_endpoint, sends("device", simulation.setup.params))
+        wire.read_wire(scenario.world_port.wire, simulation.world_endpoint, sends("world", simulation.setup.params))
         for record, port in self._ports():
             store(record, port)
-        due = (simulation.up.next_due_ns, simulation.down.next_due_ns,
-               simulation.device_endpoint.next_due_ns, simulation.world_endpoint.next_due_ns,
-               simulation.step_due_ns, simulation.tick_ns)  # fmt: skip
-        for event, at_ns in zip((UP, DOWN, DEVICE_TIMER, WORLD_TIMER, STEP, TICK), due, strict=True):
-            clock.due[event] = NEVER if at_ns is None else at_ns
         self._provide()
         self._run_events = make_ready(kind)
 
     def run_until(self, end_ns: int) -> None:
-        """Run every event until then; `Simulation._until`.
+        """Run every event until then.
 
         Raises NotCompiledError: only the reference can run it on.
         """
-        if self._later_ns <= end_ns:
-            self._run_to(self._later_ns)
-            self._later_ns = NEVER
-            for record, port in self._ports():
-                load(port, record)
-                port.begin()
-                store(record, port)
-        self._run_to(end_ns)
-        self._simulation.now_ns = self._scenario.clock.now_ns = end_ns
-
-    def _run_to(self, until_ns: int) -> None:
         with np.errstate(all="ignore"):
-            while (why := self._run_events(bare(self._scenario), until_ns)) != DONE:
+            while (why := self._run_events(bare(self._scenario), end_ns)) != DONE:
                 if why == IMPOSSIBLE:
                     raise NotCompiledError(OUT_OF_RANGE)
                 self._provide()
+        self._simulation.clock.now_ns = end_ns
 
     def _ports(self) -> list[tuple[TwoPort, TwoPort]]:
         """Both ports, in the kernel and in the simulation; with one kind of servo they are the same."""
         simulation, scenario = self._simulation, self._scenario
-        ports = [(scenario.two_port, simulation.two_port), (scenario.hand_port, simulation.hand)]
+        ports = [(scenario.two_port, simulation.two_port), (scenario.hand_port, simulation.hand_port)]
         return ports[: 1 + int(scenario.clock.apart)]
 
     def write_back(self) -> None:
         """Give the state back to the simulation, to be closed: what waits for the next tick or step is left out."""
         simulation, scenario, side = self._simulation, self._scenario, self._side
-        clock, counts, hand = scenario.clock, scenario.counts, scenario.hand
+        steps, counts, hand = scenario.steps, scenario.counts, scenario.hand
         self._flush()
         made = int(counts.ticks) - side.ticks
         reference = tuple(plain(hand.path[hand.at][: self._device.dof]))
-        device.write_side(scenario.at_device, side, reference)
+        device.write_side(scenario.device, side, reference)
         side.resume(int(counts.device_last_ns), made)
-        world.write_side(scenario.at_world, counts, simulation.world)
+        world.write_side(scenario.world, counts, simulation.world)
         self._rng.state = self._rng_state
-        self._rng.advance(self._steps_used + int(clock.steps_used) - STEPS)  # type: ignore[attr-defined]
+        self._rng.advance(self._steps_used + int(steps.used) - STEPS)  # type: ignore[attr-defined]
         sessions = simulation.device_endpoint.session, simulation.world_endpoint.session
-        self._up.write_back(sessions[0], scenario.device_wire.endpoint.kind)
-        self._down.write_back(sessions[1], scenario.world_wire.endpoint.kind)
-        wire.write_wire(scenario.device_wire, simulation.device_endpoint)
-        wire.write_wire(scenario.world_wire, simulation.world_endpoint)
+        self._up.write_back(sessions[0], scenario.device_port.wire.endpoint.kind)
+        self._down.write_back(sessions[1], scenario.world_port.wire.endpoint.kind)
+        wire.write_wire(scenario.device_port.wire, simulation.device_endpoint)
+        wire.write_wire(scenario.world_port.wire, simulation.world_endpoint)
         for record, port in self._ports():
             load(port, record)
-        simulation.resume(int(clock.now_ns), int(clock.due[STEP]), int(clock.due[TICK]))
+        load(simulation.clock, scenario.clock)
+        simulation.resume()
         give_back(scenario, self._record_kind)
 
     def _provide(self) -> None:
@@ -158,15 +134,15 @@ class CompiledRun:
         self._flush()
         self._up.refill()
         self._down.refill()
-        clock, hand = self._scenario.clock, self._scenario.hand
-        if clock.steps_used == STEPS:
+        steps, hand = self._scenario.steps, self._scenario.hand
+        if steps.used == STEPS:
             scene, rng = self._simulation.setup.scene, self._simulation.world.rng
             assert isinstance(scene, Scene | RigidScene)
-            clock.steps_ns[:] = np.maximum(1, np.rint(scene.next_steps_s(rng, STEPS) / NANO))
-            clock.steps_used = 0
+            steps.ns[:] = np.maximum(1, np.rint(scene.next_steps_s(rng, STEPS) / NANO))
+            steps.used = 0
             self._steps_used += STEPS
         if hand.at == hand.known and self._ticks:
-            n, device, begun = self._device.dof, self._device, int(self._scenario.at_device.plant.ticks)
+            n, device, begun = self._device.dof, self._device, int(self._scenario.device.plant.ticks)
             count = min(TICKS, self._ticks)
             hand.path[0][:n] = device.references[-1] if not hand.known else hand.path[hand.known][:n]
             times = np.arange(begun + 1, begun + count + 1, dtype=float) * device.period
