@@ -164,7 +164,8 @@ def cause(error: BaseException) -> str:
 
 _MODULES = {
     "arms": "hapnet.ext.arms.parameters",
-    "tools": "hapnet.ext.tools.parameters",
+    "tools": "hapnet.ext.tools.device",
+    "tools' drivers": "hapnet.ext.tools.posed",
     "robots": "hapnet.ext.robots.following",
     "driven robots": "hapnet.ext.robots.robot_side",
     "compiled": "hapnet.ext.compiled.whole_runs.coverage",

@@ -17,7 +17,7 @@ from PIL import Image
 from examples.pictures.drawing import animated, canvas, image
 from hapnet.checks import Array, Vector
 from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR
-from hapnet.ext.tools.hand import turned
+from hapnet.ext.tools.device import turned
 from hapnet.mechanics.pose import rotation
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, minimum_jerk

@@ -25,11 +25,11 @@ from hapnet.control.held_steps import FollowerServo, HeldSteps, reflected
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
 from hapnet.couplings.deadband import deadband
-from hapnet.couplings.felt import Felt, felt
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
+from hapnet.couplings.stiffness import Felt, felt
 from hapnet.errors import InvalidParameter
 from hapnet.loading import extension
 from hapnet.mechanics.contacts import Mass

@@ -38,10 +38,8 @@ _BLEND_S = 1.0
 def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene; one of the user's own, or recorded, turns a tool itself. Raises InvalidParameter."""
     if scene.units == POSE and not (is_recording(params.operator) or ":" in params.operator):
-        motion, tools = params.operator_hand, extension("tools")
-        turning: Operator = tools.TurningHand(
-            operator(params, tools.seen_by_the_hand(scene)), motion.turn_rad, motion.turn_hz
-        )
+        motion, point = params.operator_hand, extension("tools' worlds").seen_by_the_hand(scene)
+        turning: Operator = extension("tools").TurningHand(operator(params, point), motion.turn_rad, motion.turn_hz)
         return turning
     hand = _intending(params, scene)
     amplitude = params.operator_hand.tremor_m

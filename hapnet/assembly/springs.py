@@ -1,4 +1,4 @@
-"""The device's spring where the parameters leave it to a rule (`hapnet.couplings.default_stiffness`)."""
+"""The device's spring where the parameters leave it to a rule (`hapnet.couplings.stiffness`)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from hapnet.assembly.device_class import declared, load_class
 from hapnet.couplings import held_torque
-from hapnet.couplings.default_stiffness import PAPERS, default_stiffness
 from hapnet.couplings.registry import coupling
+from hapnet.couplings.stiffness import PAPERS, default_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.param_sources import RULE
 from hapnet.params import DeviceParams, Params, is_simulated, known_damping

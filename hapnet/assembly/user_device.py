@@ -73,7 +73,9 @@ class UserDevice:
         self.dof: int = dof
         make = load_class(name)
         try:
-            self.device: Device = extension("tools").Posed(make(dof=3), name) if units == POSE else make(dof=dof)
+            self.device: Device = (
+                extension("tools' drivers").Posed(make(dof=3), name) if units == POSE else make(dof=dof)
+            )
         except HapnetError as error:  # the driver says what is wrong
             if isinstance(error, InvalidParameter) and error.name == "hardware":
                 raise

@@ -41,7 +41,7 @@ def bench(
     """
     from hapnet.ext.bench.registry import select
     from hapnet.ext.bench.row import Options
-    from hapnet.processes.signals import ENDING
+    from hapnet.processes.system import ENDING
 
     for name, value, low, high in (
         ("--seconds", seconds, 0.1, 3600.0),
@@ -71,7 +71,7 @@ def bench(
 
 def _show(rows: list[Row], directory: Path, console: Console) -> None:
     from hapnet.ext.bench import report
-    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.style import save_figure
 
     console.width = max(console.width, _WIDTH)  # a narrower terminal wraps the lines, so that nothing is cut off
     console.print(report.table(rows))

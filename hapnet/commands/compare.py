@@ -147,7 +147,7 @@ def compare(
     chosen = params.over(BASE, model.named())
     if params.show_params:
         return params.show(chosen)
-    from hapnet.ext.pictures.files import save
+    from hapnet.ext.pictures.style import save
     from hapnet.ext.study import tables
 
     console = output.console(json_to)
@@ -308,7 +308,7 @@ def _write(
     directory: Path, title: str, found: Comparison, drawn: Case, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
     """Write compare.json, compare.csv, compare.md and the figures; returns a text with what was written."""
-    from hapnet.ext.pictures.files import save, save_figure
+    from hapnet.ext.pictures.style import save, save_figure
     from hapnet.ext.study import figures, markdown
 
     there = []

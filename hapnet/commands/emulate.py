@@ -32,7 +32,7 @@ def emulate(
 ) -> int:
     """It says how to reach it, and at its end how much energy its actuators gave to the hand."""
     from hapnet import checks
-    from hapnet.processes.signals import handled
+    from hapnet.processes.system import handled
 
     name, _, _ = device.partition(":")
     checks.non_negative("--duration", duration)

@@ -29,8 +29,8 @@ from hapnet.laws import COUPLING_NAMES
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 from hapnet.processes.child import frames
-from hapnet.processes.signals import handled
 from hapnet.processes.start import PIPE, Program, end, module, started
+from hapnet.processes.system import handled
 from hapnet.recording.telemetry import Status, Telemetry
 
 if TYPE_CHECKING:

@@ -60,9 +60,9 @@ def _replay(
     from dataclasses import replace as changed
 
     from hapnet.assembly.scenes import for_its_scene
-    from hapnet.ext.pictures.files import save_figure
     from hapnet.ext.pictures.replay import figure
     from hapnet.ext.pictures.run import figure as figure_of_run
+    from hapnet.ext.pictures.style import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
     from hapnet.simulation.simulation import Simulation

@@ -79,7 +79,7 @@ def write(found: Report, directory: Path, page: str, names: Mapping[str, str], w
 
     written : collects what cannot be written.
     """
-    from hapnet.ext.pictures.files import save
+    from hapnet.ext.pictures.style import save
 
     there = []
     for name, data in found.content(page, names).items():

@@ -43,8 +43,8 @@ def reproduce(
     if params.show_params:
         return params.show(chosen)
     require("report", "hapnet reproduce")
-    from hapnet.ext.pictures.files import save_figure
     from hapnet.ext.pictures.paper import LOST, profiles, timesteps
+    from hapnet.ext.pictures.style import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 

@@ -26,7 +26,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.compiled import real_time
 from hapnet.params import Params
 from hapnet.processes.child import FrameWriter
-from hapnet.processes.signals import ENDING, HANGUP, handle_on_loop, handled
+from hapnet.processes.system import ENDING, HANGUP, handle_on_loop, handled
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary

@@ -36,7 +36,7 @@ def simulate(
 
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
     no_out_without_files(out, files)
-    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.style import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 

@@ -22,14 +22,13 @@ from hapnet.commands.reserve import Reserve
 from hapnet.commands.side import catch, exit_code
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.page.choices import CHOICES, label_of
+from hapnet.ext.page.choices import CHOICES, SCENES, label_of
 from hapnet.ext.page.controls import Direction, require_no_file
 from hapnet.ext.page.history import Episode, History
-from hapnet.ext.page.scenes import SCENES
 from hapnet.ext.pictures.tables import brief
 from hapnet.param_sources import PAGE
 from hapnet.params import Params
-from hapnet.processes.memory import give_back_freed
+from hapnet.processes.system import give_back_freed
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.structure import Summary
 from hapnet.summary.words import stated

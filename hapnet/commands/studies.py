@@ -16,11 +16,10 @@ from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.ext.study import backend as backends, run as running
 from hapnet.ext.study.backend import Backend
 from hapnet.ext.study.case import check
-from hapnet.ext.study.estimate import mean_seconds, spread
 from hapnet.ext.study.journal import NAME, Journal
 from hapnet.ext.study.run import Ran
 from hapnet.ext.study.spec import Case, Spec, Values, params_of
-from hapnet.ext.study.task import reason, run_case
+from hapnet.ext.study.task import mean_seconds, reason, run_case, spread
 from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
 

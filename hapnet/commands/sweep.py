@@ -150,7 +150,7 @@ def plot(
     Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
     from hapnet.commands.studies import assigned
-    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.style import save_figure
     from hapnet.ext.pictures.sweep import draw
     from hapnet.ext.study.grid import grid
     from hapnet.ext.study.journal import Journal

@@ -104,8 +104,8 @@ def transparency(
     from hapnet.commands.batch import seed_range
     from hapnet.commands.studies import names_of
     from hapnet.couplings.registry import coupling
-    from hapnet.ext.pictures.files import save_figure
     from hapnet.ext.pictures.impedance import transmitted
+    from hapnet.ext.pictures.style import save_figure
     from hapnet.ext.study import stable_stiffness, transparency
     from hapnet.ext.study.impedance import Transmission, curve
     from hapnet.ext.study.plans import links_of

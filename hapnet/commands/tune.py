@@ -86,7 +86,7 @@ def tune(
 
 def _write(search: Search, journal: Journal, directory: Path, written: output.Written, *, ended: bool) -> list[str]:
     """Write the files; returns their names. The values found are written only if the search has `ended`."""
-    from hapnet.ext.pictures.files import save_figure
+    from hapnet.ext.pictures.style import save_figure
     from hapnet.ext.study import tune_results
     from hapnet.ext.study.figures import tuned
     from hapnet.ext.study.sweep import SweepResult

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from hapnet.couplings.felt import through
 from hapnet.couplings.spec import CouplingSpec, scalar_stiffness
+from hapnet.couplings.stiffness import through
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections
 from hapnet.loading import load, published

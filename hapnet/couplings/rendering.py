@@ -35,9 +35,9 @@ from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.prediction import MotionPredictor, PredictedDevice
 from hapnet.control.self_motion import SelfMotion
-from hapnet.couplings.default_stiffness import PAPERS
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
+from hapnet.couplings.stiffness import PAPERS
 from hapnet.params import Params
 
 SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {

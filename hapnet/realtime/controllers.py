@@ -12,7 +12,7 @@ from hapnet.assembly.build import Setup, compiled_ends, device_side, world_side
 from hapnet.assembly.device_class import is_blocking
 from hapnet.checks import Vector
 from hapnet.loading import extension
-from hapnet.processes.thread_time import ThreadTime
+from hapnet.processes.system import ThreadTime
 from hapnet.realtime.servo import Servo, Stepper
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide

@@ -10,8 +10,8 @@ from hapnet.errors import HapnetError
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.link_driver import LinkDriver
-from hapnet.realtime.peerless import PeerAbsence
 from hapnet.realtime.reporter import AccountReporter, Reporter
+from hapnet.realtime.shutdown import PeerAbsence
 from hapnet.side.device import Clock
 from hapnet.side.endpoint import NANO
 from hapnet.side.notices import notice_of

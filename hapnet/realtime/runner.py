@@ -26,17 +26,16 @@ from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import is_simulated
-from hapnet.realtime.controller_choice import control_of
 from hapnet.realtime.controllers import Control, ControlCallbacks
 from hapnet.realtime.figures import Figures
 from hapnet.realtime.housekeeping import Housekeeping
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.off_loop import off_loop
-from hapnet.realtime.peerless import PeerAbsence
 from hapnet.realtime.recorder import measured_utc_less_clock_ns, require_writable
 from hapnet.realtime.reporter import AccountReporter, Reporter
 from hapnet.realtime.servo import require_fine_clock, tuned_interpreter
-from hapnet.realtime.shutdown import FAILED_LINGER_S, LINGER_S, GracefulShutdown
+from hapnet.realtime.servo_process import control_of
+from hapnet.realtime.shutdown import FAILED_LINGER_S, LINGER_S, GracefulShutdown, PeerAbsence
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
 from hapnet.recording import hand, link_events
 from hapnet.recording.samples import Event as Note, Sample

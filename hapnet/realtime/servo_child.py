@@ -21,7 +21,7 @@ from hapnet.assembly.device_class import is_blocking
 from hapnet.assembly.own_parts import named_failure
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.processes.thread_time import ThreadTime
+from hapnet.processes.system import ThreadTime
 from hapnet.realtime.controllers import servo_timing, unsafe
 from hapnet.realtime.parent_watch import ParentWatch
 from hapnet.realtime.servo import Servo, tuned_interpreter

@@ -2,7 +2,7 @@
 
 In one interpreter with a network, a recording and an event loop, a servo's thread waits for their turns to end. In a
 process of its own, under SCHED_FIFO, it does not wait: `--realtime` starts one. The price is that every message goes
-through one more socket.
+through one more socket. `control_of` chooses between the two.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from hapnet.assembly.build import Setup
+import numpy as np
+
+from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingSample
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import LENT
+from hapnet.loading import LENT, extension
 from hapnet.param_sources import RULE
+from hapnet.params import is_real_robot
 from hapnet.processes.start import (
     LOOK_S,
     LOOKS,
@@ -35,12 +39,16 @@ from hapnet.processes.start import (
     stands_still,
     started,
 )
-from hapnet.realtime.controllers import ControlCallbacks
+from hapnet.realtime import servo_pipe
+from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event, PostureSample
+from hapnet.records.machine_code import no_compiler
 from hapnet.side.endpoint import WireHalf
 from hapnet.summary.run import SidePart, unknown_device
 from hapnet.wire.fields import Signal
+from hapnet.wire.messages import Role
+from hapnet.wire.secret import Secret
 from hapnet.wire.session import Session
 
 START_LIMIT_S = 30.0
@@ -273,3 +281,30 @@ class ServoProcess:
                 self._part, self.unrecorded, self._has_part = part, unrecorded, True
                 if surplus > 0.0:
                     self._shuffled.append(surplus)
+
+
+def control_of(
+    setup: Setup,
+    role: Role,
+    incarnation: int,
+    secret: Secret,
+    callbacks: ControlCallbacks,
+    clock: Callable[[], int],
+    steps: np.random.SeedSequence,
+    *,
+    realtime: bool,
+) -> Control:
+    """The side's control, not started yet. `steps` seeds the random lengths of a world's steps."""
+    if role == "world":
+        session = world_session(setup, incarnation, secret=secret)
+        if is_real_robot(setup.params):
+            return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
+        return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
+    session = device_session(setup, incarnation, secret=secret)
+    if realtime and servo_pipe.available():
+        if no_compiler() is None:
+            compiled = extension("compiled ends")
+            for end in compiled.missing(setup.coupling, (compiled.SERVO,), setup.dof, setup.params):
+                compiled.make_ready(end)  # the servo's process only loads it
+        return ServoProcess(setup, session, callbacks)
+    return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
-from hapnet.couplings.felt import Felt, of_springs
 from hapnet.couplings.registry import jointly_passive
+from hapnet.couplings.stiffness import Felt, of_springs
 from hapnet.recording.samples import Recording, plain
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
@@ -176,7 +176,7 @@ def combine(
     path: Path | None = None,
 ) -> Summary:
     """One summary of both sides. `tuning`: what the coupling's rule derived from the link. `felt`: of walls, see
-    felt.py. `path`: see path.py.
+    stiffness.py. `path`: see path.py.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
     `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its

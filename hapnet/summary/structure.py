@@ -89,7 +89,7 @@ class Environment(EnvironmentPart):
     """The port of the environment [J], and its own account.
 
     `stiffness_N_m` : of the stiffest wall; `felt_stiffness_N_m` : as a hand feels it through the coupling's springs,
-    `springs_N_m` : K and K', or K alone (hapnet/couplings/felt.py).
+    `springs_N_m` : K and K', or K alone (hapnet/couplings/stiffness.py).
     """
 
     stiffness_N_m: Number

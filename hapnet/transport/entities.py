@@ -1,7 +1,11 @@
-"""Zenoh's entities as hapnet declares them: keys, publishers that never block, callbacks on Zenoh's own threads."""
+"""Zenoh's entities as hapnet declares them: keys, publishers that never block, callbacks on Zenoh's own threads.
+
+`RateLimiter` drops a flood of messages before anything reads them.
+"""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -64,3 +68,28 @@ def check_name(name: str, value: str) -> str:
     if not value or not value.isprintable() or set(value) & set("/#?$* "):
         raise InvalidParameter(name, value, "a name without spaces or any of / # ? $ *")
     return value
+
+
+class RateLimiter:
+    """Limits the messages per second: a flood must not keep the interpreter busy.
+
+    rate_hz : messages per second in the long run. burst : messages at once.
+    """
+
+    def __init__(self, rate_hz: int, burst: int) -> None:
+        self._cost_ns = 1_000_000_000 // rate_hz
+        self._span_ns = self._cost_ns * burst
+        self._paid_ns = 0  # at this time the allowed rate has caught up with the messages so far
+        self._lock = threading.Lock()
+        self.refused: int = 0
+        """Messages that were not let through."""
+
+    def admit(self, now_ns: int) -> bool:
+        """Whether a message that came at `now_ns` may pass. From any thread."""
+        with self._lock:
+            paid_ns = max(self._paid_ns, now_ns - self._span_ns) + self._cost_ns
+            if paid_ns > now_ns:
+                self.refused += 1
+                return False
+            self._paid_ns = paid_ns
+            return True

@@ -17,7 +17,7 @@ import zenoh
 from hapnet.errors import TransportError
 from hapnet.records.histogram import Histogram
 from hapnet.transport.config import reason
-from hapnet.transport.rate_limit import RateLimiter
+from hapnet.transport.entities import RateLimiter
 from hapnet.wire.path import STALL_NS
 
 PROBE = "probe"

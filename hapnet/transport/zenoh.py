@@ -26,10 +26,19 @@ import zenoh
 
 from hapnet.errors import InvalidParameter, TransportError
 from hapnet.transport.config import ZenohSettings, may_lose, reason, where, zenoh_config
-from hapnet.transport.entities import KINDS, POSITION, SIGNALS, TELEMETRY, call, check_name, direct, publisher
+from hapnet.transport.entities import (
+    KINDS,
+    POSITION,
+    SIGNALS,
+    TELEMETRY,
+    RateLimiter,
+    call,
+    check_name,
+    direct,
+    publisher,
+)
 from hapnet.transport.keys import WATCH_NS, KeyWatch, any_node, key_expressions
 from hapnet.transport.probe import PROBE, answer_probes
-from hapnet.transport.rate_limit import RateLimiter
 from hapnet.transport.sampled import Putting, SampledPublisher, channels_of, sample_every
 from hapnet.wire.messages import Role
 

@@ -8,7 +8,7 @@ import pytest
 from hapnet import installing
 from hapnet.assembly.build import prepare
 from hapnet.errors import MissingLibrary
-from hapnet.ext.page import scenes
+from hapnet.ext.page import choices
 from hapnet.params import Params
 from tests.conftest import ROOT
 
@@ -39,9 +39,9 @@ def test_a_mesh_names_each_library_that_is_missing_before_it_is_read(
 
 @pytest.mark.parametrize(("module", "label", "extra"), [("scipy", "mesh", "mesh"), ("mujoco", "dominoes", "mujoco")])
 def test_the_page_says_which_scene_needs_an_extra(module: str, label: str, extra: str, hidden: set[str]) -> None:
-    assert label in scenes._offered()
+    assert label in choices._offered()
     hidden.add(module)
-    offered = scenes._offered()
+    offered = choices._offered()
     assert label not in offered
     assert f"{label} (needs the extra {extra})" in offered
-    assert len(offered) == len(scenes.SCENES)
+    assert len(offered) == len(choices.SCENES)

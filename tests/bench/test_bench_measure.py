@@ -17,12 +17,10 @@ from hapnet import cli
 from hapnet.assembly.build import compiled_ends
 from hapnet.errors import HapnetError
 from hapnet.ext.bench import latency, page, servo, sides, simulation, traffic, watched
-from hapnet.ext.bench.cost import Call, cost
-from hapnet.ext.bench.link import link_release
 from hapnet.ext.bench.plants import PairedDevice
-from hapnet.ext.bench.recovery import credit_times
 from hapnet.ext.bench.registry import ROWS
-from hapnet.ext.bench.row import Options, Row
+from hapnet.ext.bench.row import Call, Options, Row, cost
+from hapnet.ext.bench.wire import credit_times, link_release
 from hapnet.ext.compiled.compiled_ticks import CompiledTicks
 from hapnet.ext.compiled.servo_end import CompiledServo
 from hapnet.ext.tools.device import SimulatedHandle

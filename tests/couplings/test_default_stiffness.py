@@ -3,7 +3,7 @@
 import pytest
 
 from hapnet.assembly.springs import with_springs
-from hapnet.couplings.default_stiffness import default_stiffness
+from hapnet.couplings.stiffness import default_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate

@@ -54,7 +54,7 @@ from hapnet.commands.play import led
 from hapnet.commands.run import check_sides
 from hapnet.errors import HapnetError
 from hapnet.params import Params
-from hapnet.ext.page.scenes import SCENES
+from hapnet.ext.page.choices import SCENES
 for label, words in SCENES.items():
     try:
         check_sides(prepare(led(Params().set({"scene": words, "dof": 0})), "sampled"))

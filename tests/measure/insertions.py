@@ -13,7 +13,7 @@ import numpy as np
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
-from hapnet.ext.tools.hand import turned
+from hapnet.ext.tools.device import turned
 from hapnet.mechanics.pose import ARM_M
 from hapnet.plant.operator import Impedance, minimum_jerk
 from hapnet.simulation.simulation import Simulation

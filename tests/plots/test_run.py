@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from hapnet.errors import RecordingError
-from hapnet.ext.pictures.files import save_figure
 from hapnet.ext.pictures.run import figure
+from hapnet.ext.pictures.style import save_figure
 from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from tests.conftest import mostly_slow
 

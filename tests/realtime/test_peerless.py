@@ -1,6 +1,6 @@
 import pytest
 
-from hapnet.realtime.peerless import GONE_NS, PeerAbsence
+from hapnet.realtime.shutdown import GONE_NS, PeerAbsence
 from hapnet.side.notices import Notice
 from hapnet.wire.events import Paired, PeerHeard, PeerLeft, PeerSilent
 from hapnet.wire.messages import Identity

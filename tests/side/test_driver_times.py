@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from hapnet.processes.thread_time import ThreadTime
+from hapnet.processes.system import ThreadTime
 from hapnet.recording.samples import Event
 from hapnet.side.driver_times import DriverTimes
 from hapnet.summary.run import device_summary

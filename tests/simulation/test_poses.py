@@ -8,8 +8,7 @@ from hapnet.control.pspm import SetPositionModulator
 from hapnet.errors import InvalidParameter
 from hapnet.ext.compiled.compiled_ticks import CompiledTicks
 from hapnet.ext.compiled.real_time import CompiledDevices
-from hapnet.ext.tools.device import SimulatedHandle
-from hapnet.ext.tools.hand import TurningHand, turned
+from hapnet.ext.tools.device import SimulatedHandle, TurningHand, turned
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.params import Params

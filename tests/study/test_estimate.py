@@ -8,8 +8,8 @@ import pytest
 
 from hapnet import cli
 from hapnet.commands import output, studies
-from hapnet.ext.study import estimate
-from hapnet.ext.study.estimate import mean_seconds, spread
+from hapnet.ext.study import task
+from hapnet.ext.study.task import mean_seconds, spread
 from hapnet.params import Params
 
 
@@ -69,7 +69,7 @@ def test_kinds_are_added_up_and_shared_by_the_workers(
         return Params(duration_s=0.1)
 
     clock = Clock()
-    monkeypatch.setattr(studies, "mean_seconds", lambda run, parts: estimate.mean_seconds(run, parts, clock=clock))
+    monkeypatch.setattr(studies, "mean_seconds", lambda run, parts: task.mean_seconds(run, parts, clock=clock))
     kinds = [studies.Kind("run", [0.2, 0.4] * 4, 400, quick), studies.Kind("search", [10.0], 3, quick)]
     studies.estimate(output.console(None), clock.run, kinds, 3)
     studies.estimate(output.console(None), clock.run, kinds, 0, "tcp://scheduler:8786")

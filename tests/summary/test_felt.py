@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from examples.own_law import Mine
 from hapnet import CouplingSpec, cli
 from hapnet.assembly.build import prepare
-from hapnet.couplings.felt import through
+from hapnet.couplings.stiffness import through
 from hapnet.params import Params
 from hapnet.recording.mcap import read_recording, save
 from hapnet.simulation.simulation import simulate

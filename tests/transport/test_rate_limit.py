@@ -1,7 +1,7 @@
 import random
 from fractions import Fraction
 
-from hapnet.transport.rate_limit import RateLimiter
+from hapnet.transport.entities import RateLimiter
 
 
 def test_the_gate_lets_a_burst_through_and_then_the_rate() -> None:

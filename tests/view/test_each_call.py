@@ -22,7 +22,7 @@ from hapnet.ext.arms.omni import omni
 from hapnet.ext.arms.picture import described
 from hapnet.ext.page import page as pages
 from hapnet.ext.page.history import History
-from hapnet.ext.tools.hand import turned
+from hapnet.ext.tools.device import turned
 from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import PostureSample
 from hapnet.recording.telemetry import KnownPlanes

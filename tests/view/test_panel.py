@@ -11,11 +11,10 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 import viser
 
 from hapnet.errors import InvalidParameter
-from hapnet.ext.page.choices import CHOICES, words_of
+from hapnet.ext.page.choices import CHOICES, LARGEST_FILE, SCENES, words_of
 from hapnet.ext.page.history import Episode, Snapshot
 from hapnet.ext.page.numbers import Numbers
 from hapnet.ext.page.panel import ControlPanel
-from hapnet.ext.page.scenes import LARGEST_FILE, SCENES
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.recording.telemetry import Status

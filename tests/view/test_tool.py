@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
+from hapnet.ext.page.bodies import HandleTool
 from hapnet.ext.page.force import force_now, torque_now
 from hapnet.ext.page.history import History, of_point
-from hapnet.ext.page.tool import HandleTool
-from hapnet.ext.tools.hand import TurningHand, turned
+from hapnet.ext.tools.device import TurningHand, turned
 from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance

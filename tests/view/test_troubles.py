@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapnet.ext.page.history import Snapshot, Track
-from hapnet.ext.page.troubles import SHOWN_S, Troubles
+from hapnet.ext.page.numbers import SHOWN_S, Troubles
 from hapnet.recording.samples import Event
 from hapnet.recording.telemetry import Status
 

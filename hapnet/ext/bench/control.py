@@ -15,9 +15,8 @@ from hapnet.control.reserve import ForceGuard
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
-from hapnet.ext.bench.cost import Call, cost
 from hapnet.ext.bench.references import NumpyPspm, PlainPD
-from hapnet.ext.bench.row import Limit, Options, Row
+from hapnet.ext.bench.row import Call, Limit, Options, Row, cost
 from hapnet.records.machine_code import no_compiler
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.wire.session import Session

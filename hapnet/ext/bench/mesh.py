@@ -12,8 +12,7 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import MissingLibrary
-from hapnet.ext.bench.cost import Call, cost
-from hapnet.ext.bench.row import Distribution, Figures, Limit, Options, Row
+from hapnet.ext.bench.row import Call, Distribution, Figures, Limit, Options, Row, cost
 from hapnet.ext.solids.mesh import Mesh
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.integrator import PassiveIntegrator

@@ -13,11 +13,9 @@ from hapnet.assembly.build import compiled_ends, device_session, device_side, pr
 from hapnet.control.coupling import Ends
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.omni import omni
-from hapnet.ext.bench.cost import Call, cost
-from hapnet.ext.bench.endpoints import pair
-from hapnet.ext.bench.row import Options, Row
-from hapnet.ext.tools.device import SimulatedHandle
-from hapnet.ext.tools.hand import TurningHand
+from hapnet.ext.bench.row import Call, Options, Row, cost
+from hapnet.ext.bench.wire import pair
+from hapnet.ext.tools.device import SimulatedHandle, TurningHand
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest, Sine

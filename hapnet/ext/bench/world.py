@@ -9,11 +9,10 @@ from itertools import cycle
 import numpy as np
 
 from hapnet.assembly.build import compiled_ends, device_session, prepare, world_session, world_side
-from hapnet.ext.bench.cost import Call, cost
-from hapnet.ext.bench.endpoints import pair
 from hapnet.ext.bench.references import NumpyMidpoint, PenaltyWorld
-from hapnet.ext.bench.row import Limit, Options, Row
+from hapnet.ext.bench.row import Call, Limit, Options, Row, cost
 from hapnet.ext.bench.traffic import KILOHERTZ
+from hapnet.ext.bench.wire import pair
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint

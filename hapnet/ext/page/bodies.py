@@ -1,4 +1,7 @@
-"""The picture of a world in the page's 3-D part: each surface is sent once, then only where its body is."""
+"""The picture of a world in the page's 3-D part: each surface is sent once, then only where its body is.
+
+`HandleTool` draws the handle of a tool that turns at the device's pose, with its axes and its torque.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,8 @@ import numpy as np
 import viser
 
 from hapnet.checks import Array
+from hapnet.ext.page.history import Snapshot
+from hapnet.mechanics.pose import pose, torques
 from hapnet.plant.worlds.picture import RESTS, SOFT, Part
 from hapnet.recording.drawing import SceneSample
 
@@ -52,3 +57,52 @@ class Bodies:
         for body, frame in self._frames.items():
             if body < len(poses):  # viser sends only what has changed by more than rounding
                 frame.position, frame.wxyz = poses[body, :3] * self._unit, poses[body, 3:]
+
+
+BLUE, VIOLET = (37, 99, 235), (147, 51, 234)
+
+TORQUE_UNIT = 0.05
+"""Length of the torque's arrow, in scene units per millinewton metre."""
+
+_FELT_MNM = 2.0
+_AXES, _THICK = 2.5, 0.05  # of the frame, in scene units
+
+
+class HandleTool:
+    """Draws those of `parts` whose body is where the proxy is; `unit` is scene units per metre."""
+
+    def __init__(self, scene: viser.SceneApi, parts: Sequence[Part], unit: float) -> None:
+        self._scene, self._parts, self._unit = scene, parts, unit
+        self._frame = scene.add_frame("/tool", axes_length=_AXES, axes_radius=_THICK, visible=False)
+        self._arrow = scene.add_arrows(
+            "/torque", np.zeros((1, 2, 3)), VIOLET, shaft_radius=0.07, head_radius=0.19, head_length=0.4, visible=False
+        )
+        self._label = scene.add_label("/torque_label", "", anchor="bottom-center", visible=False)
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Show the newest pose and torque."""
+        device, world = snapshot.device, snapshot.world
+        if world is not None and snapshot.scene is not None and self._parts:
+            self._add(world.position_m[-1], snapshot.scene.bodies())
+        if device is None:
+            return
+        place, quaternion = pose(device.position_m[-1])
+        torque = 1e3 * torques(device.position_m[-1], device.force_N[-1])
+        size = float(np.linalg.norm(torque))
+        middle = self._unit * np.array(place)
+        self._frame.visible = True
+        self._frame.position, self._frame.wxyz = middle, quaternion
+        self._arrow.visible = self._label.visible = size > _FELT_MNM
+        if self._arrow.visible:
+            self._arrow.points = np.array([[middle, middle + TORQUE_UNIT * torque]], dtype=np.float32)
+            self._label.position, self._label.text = middle + TORQUE_UNIT * torque, f"{size:.0f} mNm"
+
+    def _add(self, proxy: Array, bodies: Array) -> None:
+        """Draw the body that is where the proxy (12,) [m] is; `bodies` (B, 7): their poses now."""
+        tool = int(np.linalg.norm(bodies[:, :3] - proxy[:3], axis=1).argmin()) if len(bodies) else 0
+        for number, part in enumerate(part for part in self._parts if part.body == tool):
+            self._scene.add_mesh_simple(
+                f"/tool/part_{number}", self._unit * part.vertices, part.triangles, color=BLUE, opacity=0.35,
+                flat_shading=not part.smooth, side="double", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        self._parts = ()

@@ -46,7 +46,7 @@ class Controls(Protocol):
         """Couple the sides with this coupling and rendering."""
 
     def scene(self, label: str) -> None:
-        """Go to another world: one of `hapnet.ext.page.scenes.SCENES`, or the run's own."""
+        """Go to another world: one of `hapnet.ext.page.choices.SCENES`, or the run's own."""
 
     def mesh(self, name: str, content: bytes) -> None:
         """Go to a world that is this mesh, whose file was called `name`; its unit is the millimetre."""

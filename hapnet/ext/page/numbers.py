@@ -1,4 +1,4 @@
-"""The page's numbers: the verdict, what was measured, what the force is made of."""
+"""The page's numbers: the verdict, what was measured, what the force is made of, and present faults."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from itertools import groupby
 from pathlib import PurePath
 from typing import Literal
 
+import numpy as np
 import viser
 
-from hapnet.ext.page.choices import label_of, words_of
+from hapnet.ext.page.choices import label_of, scene_label, words_of
 from hapnet.ext.page.force import force_now, torque_now
 from hapnet.ext.page.history import Episode, Snapshot, coupled, of_point, units
-from hapnet.ext.page.scenes import scene_label
 from hapnet.mechanics.pose import angle_between
+from hapnet.recording.samples import Event
 from hapnet.recording.telemetry import Status
 from hapnet.summary.structure import Summary, Verdict
+from hapnet.summary.verdict import has_reservoirs
 from hapnet.summary.words import felt
 from hapnet.units import POSE, within
 
@@ -155,3 +157,42 @@ def _margin(summary: Summary | None, name: Literal["margin_J", "margin_end_J", "
 
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+SHOWN_S = 5.0
+"""How long a servo's absence is shown [s]."""
+
+EMPTY_J = 1e-6
+EMPTY_S = 0.3
+"""A reservoir that held no more than `EMPTY_J` for so long is empty [s]: a moment without energy is normal."""
+
+_EMPTY = {
+    "device": "the device's reservoir is empty: the handle's spring cannot follow the world",
+    "world": "the world's reservoir is empty: the proxy cannot follow the hand",
+}
+
+
+class Troubles:
+    """Times `now_s` are those of the page."""
+
+    def __init__(self) -> None:
+        self._last: Event | None = None
+        self._seen_s = -SHOWN_S
+
+    def now(self, snapshot: Snapshot, now_s: float) -> list[str]:
+        """A sentence for each trouble."""
+        away = next((event for event in reversed(snapshot.events) if event.kind == "overrun"), None)
+        if away is not None and away != self._last:
+            self._last, self._seen_s = away, now_s
+        found = []
+        if self._last is not None and now_s - self._seen_s < SHOWN_S:
+            found.append(f"{self._last.text}; this machine is too busy for its servo")
+        coupling, _ = coupled(snapshot.device_status or snapshot.world_status)
+        if has_reservoirs(coupling):
+            for role, track in (("device", snapshot.device), ("world", snapshot.world)):
+                if track is None or track.time_s[-1] - track.time_s[0] < EMPTY_S:
+                    continue
+                newest = track.reservoir_J[track.time_s >= track.time_s[-1] - EMPTY_S]
+                if float(np.max(newest)) <= EMPTY_J:
+                    found.append(_EMPTY[role])
+        return found

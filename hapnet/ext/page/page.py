@@ -12,12 +12,11 @@ from hapnet.checks import Vector
 from hapnet.ext.arms.picture import ArmPicture
 from hapnet.ext.page.controls import Controls
 from hapnet.ext.page.history import History, Snapshot, units
-from hapnet.ext.page.numbers import Numbers
+from hapnet.ext.page.numbers import Numbers, Troubles
 from hapnet.ext.page.panel import ABOUT, ControlPanel
 from hapnet.ext.page.playback import Playback, PlayerPanel
 from hapnet.ext.page.plots import Plots
 from hapnet.ext.page.scene import Scene
-from hapnet.ext.page.troubles import Troubles
 from hapnet.ext.solids.rigid import parts_of_words
 from hapnet.loading import failure
 from hapnet.plant.worlds.picture import Part

@@ -10,11 +10,10 @@ import viser
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.page.actions import Actions
-from hapnet.ext.page.choices import CHOICES, label_of
+from hapnet.ext.page.choices import CHOICES, LARGEST_FILE, MESHES, SCENES, label_of, needs, scene_label
 from hapnet.ext.page.controls import Controls, Direction
 from hapnet.ext.page.history import Snapshot, coupled
 from hapnet.ext.page.link_form import LinkForm, put
-from hapnet.ext.page.scenes import LARGEST_FILE, MESHES, SCENES, needs, scene_label
 from hapnet.recording.telemetry import Status
 
 SMOOTHING_S = 0.02

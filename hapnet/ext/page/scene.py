@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.ext.arms.picture import ArmPicture
-from hapnet.ext.page.bodies import Bodies
+from hapnet.ext.page.bodies import Bodies, HandleTool
 from hapnet.ext.page.contacts import ContactMarks, turned_to
 from hapnet.ext.page.grab import Grab
 from hapnet.ext.page.history import Snapshot, of_point
-from hapnet.ext.page.tool import HandleTool
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import Part
 

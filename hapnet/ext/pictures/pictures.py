@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hapnet.ext.pictures import zoomed
-from hapnet.ext.pictures.files import png
 from hapnet.ext.pictures.histograms import lateness_histogram, link_histogram
 from hapnet.ext.pictures.run import figure
 from hapnet.ext.pictures.scene import scene_figure
+from hapnet.ext.pictures.style import png
 from hapnet.recording.samples import Recording
 from hapnet.summary.structure import DIRECTIONS, read
 from hapnet.summary.words import has_reservoirs, number

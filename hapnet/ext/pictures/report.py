@@ -10,11 +10,11 @@ from os import PathLike
 from pathlib import Path
 from typing import cast
 
-from hapnet.ext.pictures.files import png, save
-from hapnet.ext.pictures.notebook import html
 from hapnet.ext.pictures.page import Source, page
 from hapnet.ext.pictures.pictures import Picture, pictures
+from hapnet.ext.pictures.result import html
 from hapnet.ext.pictures.run import figure
+from hapnet.ext.pictures.style import png, save
 from hapnet.loading import only_imported, permitting
 from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording

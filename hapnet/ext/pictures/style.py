@@ -1,7 +1,8 @@
-"""How all figures look: for print, 180 mm wide, text of 8 points and more."""
+"""How all figures look: for print, 180 mm wide, text of 8 points and more; and how they are written to files."""
 
 from __future__ import annotations
 
+import io
 import os
 import textwrap
 from collections.abc import Iterator
@@ -85,3 +86,21 @@ def also_to(fig: Figure, file: str | os.PathLike[str] | None) -> Figure:
         with complete_or_absent(Path(file), "figure") as part:
             fig.savefig(part, format=Path(file).suffix.removeprefix(".") or None)
     return fig
+
+
+def png(fig: Figure) -> bytes:
+    """`fig` as a PNG."""
+    out = io.BytesIO()
+    fig.savefig(out, format="png", dpi=150)
+    return out.getvalue()
+
+
+def save(data: bytes, path: str | os.PathLike[str], what: str) -> None:
+    """Write `data`. Raises `RecordingError` if it cannot be written; the message calls it `what`."""
+    with complete_or_absent(Path(path), what) as part:
+        part.write_bytes(data)
+
+
+def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
+    """Write `fig` as a PNG. Raises `RecordingError` if it cannot be written."""
+    save(png(fig), path, "figure")

@@ -18,8 +18,8 @@ import numpy as np
 
 from hapnet.assembly.build import Setup
 from hapnet.assembly.simulated_device import with_own_device
-from hapnet.couplings.default_stiffness import colgate_bound
 from hapnet.couplings.registry import ideal_stiffness
+from hapnet.couplings.stiffness import colgate_bound
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics.force import limit_cycles
 from hapnet.ext.pictures.impedance import Springs, stable_springs

@@ -16,7 +16,7 @@ from hapnet.checks import Array, Vector, one_of
 from hapnet.errors import InvalidParameter
 from hapnet.ext.study.impedance import AMPLITUDE_M, DEPTH_M, IMPOSING, Way, approach, swing
 from hapnet.ext.tools.contacts import ToolContacts
-from hapnet.ext.tools.hand import turned
+from hapnet.ext.tools.device import turned
 from hapnet.ext.tools.scene import ToolScene
 from hapnet.ext.tools.tool import place
 from hapnet.mechanics.pose import ARM_M, arms, rotation, wrench

@@ -9,8 +9,8 @@ from hapnet.ext.solids.hole import Hole
 from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 from hapnet.ext.tools.contacts import ToolContacts
+from hapnet.ext.tools.device import turned
 from hapnet.ext.tools.edges import edge_points, points_of
-from hapnet.ext.tools.hand import turned
 from hapnet.ext.tools.mass import ToolMass
 from hapnet.ext.tools.tool import Tool, box, peg, place
 from hapnet.mechanics import pose as poses
