@@ -137,7 +137,7 @@ def __getattr__(name: str) -> Any:
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     if name == "__version__":
-        from hapnet.versions import versions
+        from hapnet.installing import versions
 
         return versions()["hapnet-haptics"]
     raise AttributeError(f"module 'hapnet' has no attribute {name!r}")

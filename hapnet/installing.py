@@ -1,7 +1,8 @@
-"""The libraries that an extra brings, which of them are missing, and the command that installs them here."""
+"""The installed libraries: their versions, which of an extra are missing, and the command that installs them here."""
 
 from __future__ import annotations
 
+import platform
 import shlex
 import shutil
 import sys
@@ -11,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from hapnet.errors import MissingLibrary
+from netem.versions import DISTRIBUTION, PACKAGES, installed
 
 _INSTALLS_ELSEWHERE = (22, 3)
 """From this version on pip installs into another environment: ``pip --python``."""
@@ -95,3 +97,13 @@ def _is_there(module: str) -> bool:
         return find_spec(module) is not None
     except (ModuleNotFoundError, ValueError):  # not even the package that it is in, or made to be missing
         return False
+
+
+@cache
+def _found() -> dict[str, str]:
+    return {package: installed(package) for package in (DISTRIBUTION, *PACKAGES)}
+
+
+def versions() -> dict[str, str]:
+    """The versions by the name of the distribution, with Python's, as in summaries and recordings."""
+    return {**_found(), "python": platform.python_version()}

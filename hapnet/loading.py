@@ -171,7 +171,7 @@ _MODULES = {
     "compiled": "hapnet.ext.compiled.whole_runs.coverage",
     "compiled ends": "hapnet.ext.compiled.real_time",
     "compiled runs": "hapnet.ext.compiled.whole_runs.run",
-    "pictures": "hapnet.ext.pictures.result",
+    "pictures": "hapnet.ext.pictures.run",
     "mujoco": "hapnet.ext.engines.mujoco_engine",
     "soft": "hapnet.ext.soft.soft",
     "tools' worlds": "hapnet.ext.tools.scene",

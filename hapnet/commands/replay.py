@@ -60,8 +60,7 @@ def _replay(
     from dataclasses import replace as changed
 
     from hapnet.assembly.scenes import for_its_scene
-    from hapnet.ext.pictures.replay import figure
-    from hapnet.ext.pictures.run import figure as figure_of_run
+    from hapnet.ext.pictures.run import figure as figure_of_run, replay_figure
     from hapnet.ext.pictures.style import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
@@ -98,7 +97,7 @@ def _replay(
     with written.part():
         save_figure(figure_of_run(recording), directory / "figure.png")
     with written.part():
-        save_figure(figure(original.recording, recording), directory / "replay.png")
+        save_figure(replay_figure(original.recording, recording), directory / "replay.png")
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     output.show_summary(words, summary, verbose=verbose)

@@ -1,9 +1,10 @@
-"""This process and its system: signals that ask it to end, memory that it has freed, the time that a thread ran."""
+"""This process and its system: signals that ask it to end, its memory and garbage, the time that a thread ran."""
 
 from __future__ import annotations
 
 import asyncio
 import ctypes
+import gc
 import os
 import signal
 import sys
@@ -97,3 +98,16 @@ class ThreadTime:
         if hasattr(os, "preadv"):
             with suppress(OSError):
                 self._file = os.open(f"/proc/self/task/{thread}/schedstat", os.O_RDONLY)
+
+
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """Pause the automatic collection of cycles. A simulation makes none, but its many samples trigger searches through
+    all objects of the program; in a large program these took an eighth of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hapnet.side.endpoint import WireHalf
-from hapnet.side.packet import FRAME_OVERHEAD, Packet
 from hapnet.wire.events import Event
 from netem import Link, LinkProfile, Timeline, TimelinePlayer
 from netem.timeline import Entry
@@ -121,3 +120,14 @@ def earlier(one_ns: int | None, other_ns: int | None) -> int | None:
     if one_ns is None or other_ns is None:
         return other_ns if one_ns is None else one_ns
     return min(one_ns, other_ns)
+
+
+FRAME_OVERHEAD = 62
+"""Bytes of the Ethernet, IP, UDP and Zenoh headers around a message; they count on links with a rate."""
+
+
+class Packet(NamedTuple):
+    """A message on a link: the last part of its key, and its bytes."""
+
+    kind: str
+    data: bytes

@@ -23,10 +23,9 @@ from hapnet.plant.force_probe import Agreement, ForceProbe
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
 from hapnet.records.vectors import inner
-from hapnet.side.clocks import Clocks
 from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Drive
-from hapnet.side.driver_times import DriverTimes, Repeats
+from hapnet.side.driver_times import Clocks, DriverTimes, Repeats
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.side.notices import signal_text

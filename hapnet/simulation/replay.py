@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from hapnet.assembly.user_operator import ALLOWED
+from hapnet.assembly.operators import ALLOWED
 from hapnet.couplings.registry import coupling, jointly_passive
 from hapnet.errors import HapnetError, InvalidParameter, RecordingError
 from hapnet.loading import load

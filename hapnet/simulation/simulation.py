@@ -20,14 +20,14 @@ from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import extension
 from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
+from hapnet.processes.system import collector_paused
 from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
 from hapnet.records.machine_code import NotCompiledError, WholeRun, no_compiler
 from hapnet.records.record import NEVER
 from hapnet.side.device import DeviceSide, Write
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
-from hapnet.side.link_port import LinkPort
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import LinkPort, Packet
 from hapnet.side.world import WorldSide
 from hapnet.simulation import events
 from hapnet.simulation.events import (
@@ -41,7 +41,6 @@ from hapnet.simulation.events import (
     WORLD_TIMER,
     Clock,
 )
-from hapnet.simulation.garbage_collector import collector_paused
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
 from hapnet.summary.from_samples import START_S, motion

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.stiffness import Felt, of_springs
+from hapnet.installing import versions as versions
 from hapnet.recording.samples import Recording, plain
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
@@ -37,7 +38,6 @@ from hapnet.summary.structure import (
 )
 from hapnet.summary.verdict import ROUNDING_J, excess_nJ, has_reservoirs, judge, restarted
 from hapnet.units import METRES
-from hapnet.versions import versions as versions
 from hapnet.wire import sums
 from hapnet.wire.session import Session
 

@@ -3,7 +3,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hapnet.assembly.user_operator import UserOperator
+from hapnet.assembly.operators import UserOperator
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine

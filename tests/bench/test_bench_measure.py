@@ -16,7 +16,7 @@ import pytest
 from hapnet import cli
 from hapnet.assembly.build import compiled_ends
 from hapnet.errors import HapnetError
-from hapnet.ext.bench import latency, page, servo, sides, simulation, traffic, watched
+from hapnet.ext.bench import latency, page, plants, servo, sides, traffic, watched
 from hapnet.ext.bench.plants import PairedDevice
 from hapnet.ext.bench.registry import ROWS
 from hapnet.ext.bench.row import Call, Options, Row, cost
@@ -240,10 +240,10 @@ def test_lost_energy_is_credited_a_timeout_later_or_more() -> None:
 
 def test_batch_counts_scenario_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(simulation, "simulate_batch", lambda params, seeds, workers: asked.append(len(seeds)))
-    monkeypatch.setattr(simulation, "_elapsed", lambda call, *args: call(*args) or 0.5)
-    monkeypatch.setattr(simulation, "simulate", lambda params, seed: None)
-    row = simulation.batch_1000(SHORT)
+    monkeypatch.setattr(plants, "simulate_batch", lambda params, seeds, workers: asked.append(len(seeds)))
+    monkeypatch.setattr(plants, "_elapsed", lambda call, *args: call(*args) or 0.5)
+    monkeypatch.setattr(plants, "simulate", lambda params, seed: None)
+    row = plants.batch_1000(SHORT)
     assert asked == [1000]
     assert row.figures.median == 1000 * 30.0 / 0.5
     assert row.ratio == 1000.0

@@ -11,7 +11,7 @@ from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.ext.laws.digital_wave import LOUDEST, Replay
 from hapnet.params import Params
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import Packet
 from hapnet.simulation.simulation import Result, Simulation
 from netem import Link
 from tests.support.wave_ports import put_in

@@ -72,6 +72,6 @@ def test_a_result_shows_its_verdict_key_figures_and_picture(result: Result, monk
     def missing(*given: object, **more: object) -> None:
         raise MissingLibrary("a figure", "matplotlib", "report")
 
-    monkeypatch.setattr("hapnet.ext.pictures.result.figure", missing)
+    monkeypatch.setattr("hapnet.ext.pictures.run.figure", missing)
     assert "<img" not in result._repr_html_()
     assert f"largest force: {peak:.4g} N" in unescape(result._repr_html_())

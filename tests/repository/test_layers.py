@@ -30,6 +30,8 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 }  # fmt: skip
 MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
+SHORT, MOST_SHORT = 60, 48
+"""A module of fewer lines joins a neighbour that is about the same; at most so many of hapnet's stand alone."""
 
 BASE = {
     "errors", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "param_sources",
@@ -292,6 +294,14 @@ def test_modules_stay_short() -> None:
     lengths = {str(path.relative_to(ROOT)): len(path.read_text("utf-8").splitlines()) for path in files}
     assert len(lengths) > 400
     assert not {name: length for name, length in lengths.items() if length > MAX_LENGTH}
+
+
+def test_few_modules_are_tiny() -> None:
+    """A reader who has to open many files loses the thread."""
+    modules = [module for module in MODULES if module.parts[0] == "hapnet" and module.name != "__init__.py"]
+    short = [str(module) for module in modules if len((ROOT / module).read_text("utf-8").splitlines()) < SHORT]
+    assert len(modules) > 300
+    assert len(short) <= MOST_SHORT, short
 
 
 def test_nobody_asks_for_a_coupling_by_its_name() -> None:

@@ -6,8 +6,7 @@ import pytest
 
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
-from hapnet.side.link_port import LinkPort
-from hapnet.side.packet import FRAME_OVERHEAD, Packet
+from hapnet.side.link_port import FRAME_OVERHEAD, LinkPort, Packet
 from hapnet.wire.events import Event, Paired
 from hapnet.wire.messages import Role
 from hapnet.wire.session import Session

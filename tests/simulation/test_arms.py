@@ -9,7 +9,7 @@ from hapnet.assembly.build import prepare
 from hapnet.assembly.simulated_device import real_time_warnings
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import SimulatedArm
-from hapnet.ext.arms.omni import omni
+from hapnet.ext.arms.table import omni
 from hapnet.ext.bench.plants import seven_joints
 from hapnet.ext.compiled.compiled_ticks import CompiledTicks
 from hapnet.ext.compiled.real_time import CompiledDevices

@@ -7,8 +7,7 @@ import pytest
 
 from hapnet.cli import main
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.table import felt_damping
+from hapnet.ext.arms.table import felt_damping, omni
 from hapnet.ext.study.case import measure
 from hapnet.ext.study.impedance import transmission
 from hapnet.ext.study.stable_stiffness import cases

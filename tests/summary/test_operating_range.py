@@ -10,9 +10,8 @@ from hypothesis import given, strategies as st
 
 from hapnet.assembly.build import device_session, device_side, prepare
 from hapnet.assembly.declared_range import declared_range
-from hapnet.assembly.operators import operator
+from hapnet.assembly.operators import UserOperator, operator
 from hapnet.assembly.user_device import UserDevice
-from hapnet.assembly.user_operator import UserOperator
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import DeviceParams

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 import pytest
 
 from hapnet.params import Params
-from hapnet.side.link_port import LinkPort
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import LinkPort, Packet
 from hapnet.summary.structure import DIRECTIONS
 from tests.support.forger import Keyed
 

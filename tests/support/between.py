@@ -8,8 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from hapnet.params import Params
-from hapnet.side.link_port import LinkPort
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import LinkPort, Packet
 from hapnet.summary import path
 from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary

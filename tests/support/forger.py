@@ -13,8 +13,7 @@ from msgspec import structs
 
 from hapnet.assembly.build import Setup, device_session, world_session
 from hapnet.params import Params
-from hapnet.side.link_port import LinkPort
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import LinkPort, Packet
 from hapnet.simulation.events import heard_by_device, heard_by_world
 from hapnet.simulation.simulation import Simulation
 from hapnet.wire.messages import Encrypted, Energy, Role, decode, encode

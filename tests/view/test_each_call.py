@@ -18,8 +18,8 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 import viser
 
-from hapnet.ext.arms.omni import omni
 from hapnet.ext.arms.picture import described
+from hapnet.ext.arms.table import omni
 from hapnet.ext.page import page as pages
 from hapnet.ext.page.history import History
 from hapnet.ext.tools.device import turned

@@ -11,8 +11,8 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 import viser
 import viser.transforms
 
-from hapnet.ext.arms.omni import omni
 from hapnet.ext.arms.picture import ArmPicture, described
+from hapnet.ext.arms.table import omni
 from hapnet.ext.page.contacts import turned_to
 from hapnet.ext.page.history import Snapshot, Track
 from hapnet.ext.page.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _view_of

@@ -13,8 +13,7 @@ from msgspec import structs
 from hapnet.errors import BadMessage
 from hapnet.ext.page.watcher import Watcher
 from hapnet.side.endpoint import DeviceEndpoint
-from hapnet.side.link_port import LinkPort
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import LinkPort, Packet
 from hapnet.transport.config import ZenohSettings
 from hapnet.transport.sampled import sequence_of
 from hapnet.transport.security import Security

@@ -16,9 +16,8 @@ from hapnet import checks
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import TIP_AXES, SimulatedArm
-from hapnet.ext.arms.omni import omni
 from hapnet.ext.arms.picture import ArmPicture, described
-from hapnet.ext.arms.table import ArmTable, apparent_masses, at_home, felt_damping
+from hapnet.ext.arms.table import ArmTable, apparent_masses, at_home, felt_damping, omni
 from hapnet.ext.arms.urdf import table_from
 from hapnet.file_content import read_text
 from hapnet.param_sources import DEVICE

@@ -11,10 +11,9 @@ from hapnet.ext.bench.control import device_tick, pspm_update
 from hapnet.ext.bench.latency import one_way_latency, one_way_latency_realtime
 from hapnet.ext.bench.mesh import world_step_mesh
 from hapnet.ext.bench.page import page_mesh
-from hapnet.ext.bench.plants import arm_tick, handle_tick, side_tick_joints, side_tick_pose
+from hapnet.ext.bench.plants import arm_tick, batch_1000, handle_tick, side_tick_joints, side_tick_pose, simulate_ndof
 from hapnet.ext.bench.row import Options, Row
 from hapnet.ext.bench.servo import servo_busy_thread, servo_idle
-from hapnet.ext.bench.simulation import batch_1000, simulate_ndof
 from hapnet.ext.bench.traffic import RATES_KHZ, servo_traffic
 from hapnet.ext.bench.watched import servo_watched
 from hapnet.ext.bench.wire import codec_energy, codec_position, energy_recovery, link_release

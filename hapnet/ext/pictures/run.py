@@ -1,23 +1,41 @@
-"""The figure that people look at first after a run: three or four panels against time."""
+"""The figure that people look at first after a run: three or four panels against time.
+
+It stands in a notebook too (`html`), and `replay_figure` draws a replay beside its original.
+"""
 
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.couplings.registry import jointly_passive, known as known_coupling
-from hapnet.ext.pictures.style import DEVICE_COLOR, NOT_PASSIVE, WORLD_COLOR, headed, legend_above, sheet
+from hapnet.errors import MissingLibrary
+from hapnet.ext.pictures.html import Html, element, join
+from hapnet.ext.pictures.style import (
+    COLOURS,
+    DEVICE_COLOR,
+    NOT_PASSIVE,
+    WORLD_COLOR,
+    also_to as also_to,
+    headed,
+    legend_above,
+    png,
+    sheet,
+)
+from hapnet.ext.pictures.tables import brief
 from hapnet.installing import require
+from hapnet.recording.hand import hand_times
 from hapnet.recording.poses import of_point, of_turning
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read
-from hapnet.summary.words import get, has_reservoirs, millijoule, verdict
-from hapnet.units import RADIANS, units_in
+from hapnet.summary.words import get, has_reservoirs, millijoule, outcome, verdict
+from hapnet.units import RADIANS, units_in, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -279,3 +297,48 @@ def _settings(recording: Recording) -> str:
 def _minimum(values: NDArray[np.float64]) -> float:
     finite = values[np.isfinite(values)]
     return float(finite.min()) if len(finite) else 0.0
+
+
+def replay_figure(original: Recording, again: Recording) -> Figure:
+    """The device's position and the force on it, the original dashed, along the axis that moved most."""
+    original, again = of_point(original), of_point(again)
+    assert original.device is not None
+    axis = int(np.ptp(original.device["position_m"], axis=0).argmax())
+    unit = units_in(original.meta, original.device["position_m"].shape[1])[axis]
+    with sheet(110) as fig:
+        panels = fig.subplots(2, 1, sharex=True)
+        for panel, name, scale, label in (
+            (panels[0], "position_m", 1e3, f"device's position [{within(unit, 'mm')}]"),
+            (panels[1], "force_N", 1.0, f"force on the device [{within(unit, 'N')}]"),
+        ):
+            for run, said, style in (
+                (again, "replay", {"color": COLOURS[5], "linewidth": 2.2}),
+                (original, "original", {"color": "black", "linestyle": "--", "linewidth": 0.9}),
+            ):
+                assert run.device is not None
+                values = run.device[name]
+                if axis < values.shape[1]:
+                    panel.plot(hand_times(run), values[:, axis] * scale, label=said, **style)
+            panel.set_ylabel(label)
+        legend_above(panels[0])
+        panels[1].set_xlabel("time since control started [s]")
+    return fig
+
+
+_COLOURS = {"good": "#116329", "bad": "#a40e26", "unknown": "#7d4e00"}
+
+
+def html(recording: Recording) -> str:
+    """A run with a summary, in a notebook: without the picture where nothing draws (extra `report`)."""
+    summary = read(recording.summary)
+    style = f"border-left: 0.4rem solid {_COLOURS[outcome(summary)]}; padding-left: 0.6rem; font-weight: 600"
+    lines = [element("li", line) for line in brief(summary)]
+    return element("div", element("p", verdict(summary), style=style), element("ul", *lines), _picture(recording))
+
+
+def _picture(recording: Recording) -> Html:
+    try:
+        data = b64encode(png(figure(recording))).decode("ascii")
+    except MissingLibrary:
+        return join()
+    return element("img", src=f"data:image/png;base64,{data}", alt="positions, forces and margin over time")

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 from hapnet import checks
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import Chain, difference, gravity, height
-from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.table import ArmTable, chain_of
+from hapnet.ext.arms.table import ArmTable, chain_of, omni
 from hapnet.ext.arms.urdf import table_from
 from hapnet.file_content import read_json, read_text
 from hapnet.records.vectors import inner

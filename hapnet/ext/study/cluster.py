@@ -13,9 +13,9 @@ from typing import Any
 from hapnet.errors import HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.study.backend import TaskOutcome
 from hapnet.ext.study.task import Task, run
+from hapnet.installing import versions
 from hapnet.loading import cause
 from hapnet.processes.pool import Outcome, WorkerDied
-from hapnet.versions import versions
 from netem.versions import DISTRIBUTION
 
 REACH_S = 5.0

@@ -26,7 +26,7 @@ from hapnet.ext.study.case import Measures
 from hapnet.ext.study.spec import Case, Spec, Values, flat_of, shown
 from hapnet.ext.study.task import CaseResult
 from hapnet.file_content import read_json
-from hapnet.versions import versions
+from hapnet.installing import versions
 from netem.versions import DISTRIBUTION
 
 Kind = TypeVar("Kind")

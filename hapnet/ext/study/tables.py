@@ -13,8 +13,8 @@ from rich.table import Table
 from hapnet.ext.metrics import METRICS, Measures
 from hapnet.ext.study.compare import Group, Outcome, Plan
 from hapnet.ext.study.tunings import tunings
+from hapnet.installing import versions
 from hapnet.recording.samples import plain
-from hapnet.versions import versions
 from netem.profile import PRESETS
 
 WIDE = 160

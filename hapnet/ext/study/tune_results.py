@@ -17,11 +17,11 @@ from hapnet.ext.study.search import Scores, Search, Trial
 from hapnet.ext.study.spec import Values, value_words
 from hapnet.ext.study.statistics import Spread, spreads
 from hapnet.ext.study.tune_spec import TuneSpec
+from hapnet.installing import versions
 from hapnet.param_values import toml_value
 from hapnet.recording.export import write_csv
 from hapnet.recording.samples import plain
 from hapnet.recording.whole_file import complete_or_absent
-from hapnet.versions import versions
 
 PARTS = ("tuning", "scoring")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

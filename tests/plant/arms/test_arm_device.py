@@ -17,8 +17,7 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import SimulatedArm
-from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.table import ArmTable
+from hapnet.ext.arms.table import ArmTable, omni
 from hapnet.plant.operator import Impedance, Rest, Sine
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice

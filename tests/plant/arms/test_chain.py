@@ -9,8 +9,7 @@ import pytest
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import Chain, difference, gravity, height, matrices
-from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.table import ArmTable, Joint, apparent_masses, chain_of, felt_damping
+from hapnet.ext.arms.table import ArmTable, Joint, apparent_masses, chain_of, felt_damping, omni
 from tests.plant.arms.references import in_mujoco, random_arm
 
 NONE = (0.0, 0.0, 0.0)

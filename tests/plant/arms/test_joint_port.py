@@ -12,8 +12,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.arms import motion
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.made import arm_of
-from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.table import ArmTable
+from hapnet.ext.arms.table import ArmTable, omni
 from hapnet.plant.operator import Impedance, Rest, Sine
 from tests.plant.arms.references import in_mujoco, random_arm, vector
 from tests.plant.arms.test_arm_device import Account, Proud, check, run

@@ -13,8 +13,7 @@ from hapnet.checks import Array, Vector
 from hapnet.ext.arms import motion
 from hapnet.ext.arms.made import SLIP_RADPS, arm_of
 from hapnet.ext.arms.motion import Arm
-from hapnet.ext.arms.omni import omni
-from hapnet.ext.arms.table import ArmTable
+from hapnet.ext.arms.table import ArmTable, omni
 from hapnet.plant.operator import Impedance
 from tests.conftest import mostly_slow
 from tests.plant.arms.references import in_mujoco, random_arm

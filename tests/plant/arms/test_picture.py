@@ -8,8 +8,8 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.ext.arms.device import SimulatedArm
-from hapnet.ext.arms.omni import omni
 from hapnet.ext.arms.picture import ArmPicture, described
+from hapnet.ext.arms.table import omni
 from hapnet.ext.pictures.scene import scene_figure
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine

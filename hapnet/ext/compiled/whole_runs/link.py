@@ -18,7 +18,7 @@ from hapnet.mechanics.curvature import Bends
 from hapnet.mechanics.plane import Plane
 from hapnet.records.machine_code import NotCompiledError
 from hapnet.records.record import fields
-from hapnet.side.packet import Packet
+from hapnet.side.link_port import Packet
 from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import Energy, Motion, Port, Position, Proxy, Wave, decode, encode
 from hapnet.wire.session import Session

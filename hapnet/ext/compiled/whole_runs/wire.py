@@ -15,7 +15,7 @@ from hapnet.mechanics.curvature import Bends
 from hapnet.mechanics.plane import Plane
 from hapnet.records.record import Record
 from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
-from hapnet.side.packet import FRAME_OVERHEAD
+from hapnet.side.link_port import FRAME_OVERHEAD
 from hapnet.wire import messages
 from hapnet.wire.fields import CURVATURES, FRICTION, INTEGRAL, LEVEL, REACH
 from hapnet.wire.messages import encode
