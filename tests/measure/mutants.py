@@ -1,7 +1,8 @@
 """Change an operator, sign, factor, comparison or constant of a formula, one at a time, and see whether a test fails.
 
 Each mutant is made in a copy of the tree, and the default tests that import its module run there, those of its own room
-first; then the quick ones. Nothing is compiled meanwhile, except for soft bodies, whose tests take too long otherwise.
+first; then the quick ones. One whose tests take longer than `STAGES_S` is undecided. Nothing is compiled meanwhile,
+except for soft bodies, whose tests take too long otherwise.
 What fails without the mutant too, or only by taking a minute, is left out.
 """
 
@@ -32,7 +33,7 @@ COMMANDS = ("cli.py", "aio.py", "bench.py", "output.py", "plot.py", "progress.py
 """Files by the end of their name: no formulas, but output and traffic."""
 TINY = 1e-5
 """Constants up to this keep a formula from dividing by zero: others do that too."""
-STAGES_S = (100, 100, 80)
+STAGES_S = (240, 240, 120)
 TEST_S = 60
 
 
@@ -153,7 +154,7 @@ def importers(module: Path, texts: Mapping[Path, str]) -> list[Path]:
 
 
 class Copy:
-    """A copy of the tree, in which one mutant at a time stands."""
+    """A copy of the tree, in which one mutant at a time stands. in_time : the last one's tests all came to an end."""
 
     def __init__(self, folder: Path) -> None:
         self.root = folder / "hapnet"
@@ -181,12 +182,13 @@ class Copy:
             out = program.communicate(timeout=seconds)[0]
         except subprocess.TimeoutExpired:
             os.killpg(program.pid, 9)
-            out = program.communicate()[0]
+            out, self.in_time = program.communicate()[0], False
         found = re.search(r"^(?:FAILED|ERROR) (\S+?\[.*?\]|\S+)(?: - |$)", out, re.MULTILINE)
         return found[1] if found else None if program.returncode in (0, 5, -9) else "tests"
 
     def caught_by(self, mutant: Mutant) -> str | None:
         """The test that fails because of it."""
+        self.in_time = True
         files, compiles = tests_of(mutant.file, self.root), "soft" in mutant.file.parts
         changed, before = mutant.changed(self.root), (self.root / mutant.file).read_text("utf-8")
         stages = (["-m", "quick", *files], ["-m", "not slow and not soak and not quick", *files], ["-m", "quick"])
@@ -213,6 +215,7 @@ def main(count: int = 60, seed: int = 1, first: int = 0) -> None:
             begun_s = time.monotonic()
             test = copy.caught_by(mutant)
             caught += test is not None
-            print(f"{number} {'caught' if test else 'SURVIVED'} {time.monotonic() - begun_s:.0f} s "
+            word = "caught" if test else "SURVIVED" if copy.in_time else "UNDECIDED"
+            print(f"{number} {word} {time.monotonic() - begun_s:.0f} s "
                   f"{mutant.shown(copy.root)}  [{test or '-'}]", flush=True)  # fmt: skip
     print(f"{caught} of {count - first} caught")

@@ -13,6 +13,7 @@ from hapnet.params import RELAXED_HAND
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Event
+from hapnet.side import held_device
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.summary.run import device_summary
@@ -80,6 +81,22 @@ def test_a_tick_counts_for_the_time_since_the_last_and_for_no_less_than_the_devi
         clock.now_ns = now_ns
         side.tick(now_ns)
     assert counted[-4:] == pytest.approx([1e-3, 1.3e-3, 1e-3, 1e-3], rel=1e-9)
+
+
+def test_ticks_that_a_servo_missed_count_as_one_period_each_and_the_last_as_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Due at 2 ms, called at 4.3: the device moved on by three periods, of which the last took 1.3 ms."""
+    counted: list[float] = []
+    count = held_device.count
+
+    def noted(held: held_device.HeldDevice, dt: float) -> None:
+        counted.append(dt)
+        count(held, dt)
+
+    monkeypatch.setattr(held_device, "count", noted)
+    run_late({}, [0, 2_300_000])
+    assert counted[-4:] == pytest.approx([1e-3, 1e-3, 1e-3, 1.3e-3], rel=1e-9)
 
 
 def test_skipped_ticks_are_lived_through() -> None:

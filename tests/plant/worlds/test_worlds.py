@@ -11,6 +11,7 @@ from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.worlds.coupled import eliminate
 from hapnet.plant.worlds.protocol import World, WorldDefaults
 from hapnet.plant.worlds.registry import SCENES, make_scene
 from hapnet.simulation.simulation import Simulation, simulate
@@ -189,3 +190,17 @@ class Bare(Field):
 def test_contacts_without_a_needed_part_are_named() -> None:
     with pytest.raises(HapnetError, match=r"Bare failed: its contacts have no dof, solve, stored_J$"):
         make_scene(f"{__name__}:Bare")
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+def test_elimination_finds_numpys_solutions_also_where_a_pivot_is_zero(n: int) -> None:
+    """Also of a permutation, whose diagonal is zero at first, and of a pivot that is next to nothing."""
+    rng = np.random.default_rng(n)
+    tiny = rng.normal(size=(n, n))
+    tiny[0, 0] = 1e-18
+    for matrix in (rng.normal(size=(n, n)), np.roll(np.eye(n), 1, axis=0), tiny if n > 1 else np.eye(1)):
+        right = rng.normal(size=(n, 2))
+        rows = np.hstack([matrix, right]).tolist()
+        eliminate(n, 2, rows)
+        found = [[rows[i][n + k] / rows[i][i] for k in range(2)] for i in range(n)]
+        assert found == pytest.approx(np.linalg.solve(matrix, right), rel=1e-9)
