@@ -104,6 +104,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "hapnet.commands.doctor:doctor",
         "Check what this machine allows a servo to do, and say how to allow the rest.",
     ),
+    "compile": (
+        "hapnet.commands.compile:compile_couplings",
+        "Make the machine code of simulations and servos now (extra fast), once on a machine.",
+    ),
     "sweep": (
         "hapnet.commands.sweep:app",
         "Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",

@@ -1,13 +1,11 @@
 """What the tests share: where the recorded inputs are, processes' environment, certificates, random matrices."""
 
-import fcntl
 import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from functools import cache, partial
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,12 +15,8 @@ import pytest
 from hypothesis import settings
 
 from hapnet.checks import Array
-from hapnet.couplings.registry import coupling
-from hapnet.ext.compiled import real_time, sources
-from hapnet.ext.compiled.whole_runs.coverage import kind_of
-from hapnet.laws import COUPLING_NAMES
-from hapnet.params import Params
-from hapnet.records.machine_code import directory, no_compiler
+from hapnet.ext.compiled import background, catalogue, real_time, sources
+from hapnet.records.machine_code import no_compiler
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -84,43 +78,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Before many tests each kind of scenario is compiled, so that no single one of them takes as long as that.
+    """Compile before many tests what they use most, so that no single one of them takes as long as that.
 
-    Each worker begins with others, leaves out what another one compiles just now, and waits for that in the end.
+    Among slow tests that is all there is. Each worker begins with others, leaves out what another one compiles just
+    now, and waits for that in the end.
     """
     gc.collect()
     gc.freeze()  # tests and modules stay: no collection of garbage need go through them
     many = sum(item.get_closest_marker("quick") is None for item in session.items) > 1000
     if not many or session.config.option.collectonly or no_compiler() is not None:
         return
-    from hapnet.ext.compiled.whole_runs.run import make_ready  # here: it loads numba
-
-    kinds = [kind for name in COUPLING_NAMES if (kind := kind_of(Params(coupling=name))) is not None]
-    kinds += [kind._replace(solid=True) for name in ("pspm", "tdpa") if (kind := kind_of(Params(coupling=name)))]
-    makers: dict[str, Callable[[], object]] = {kind.name: partial(make_ready, kind) for kind in kinds}
-    for axes, changes in ((3, {"hardware": "omni"}), (12, {"units": "pose"})):
-        wanted = real_time.SERVO, real_time.WORLD
-        ends = real_time.missing(coupling("pspm"), wanted, axes, Params().set(changes))
-        makers |= {end: partial(real_time.make_ready, end) for end in ends}
-    names = sorted(makers)
+    makers = catalogue.makers()
+    names = [*catalogue.of_coupling("pspm"), real_time.SERVO, real_time.WORLD, real_time.ARM, real_time.HANDLE]
+    if any(item.get_closest_marker("slow") for item in session.items):
+        names += sorted(set(makers) - set(names))
     first = len(names) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     for wait in (False, True):
         for name in (*names[first:], *names[:first]):
-            with _only_here(name, wait) as here:
+            with background.alone(name, wait=wait) as here:
                 if here and not sources.are_compiled(name):
                     makers[name]()
-
-
-@contextmanager
-def _only_here(name: str, wait: bool) -> Iterator[bool]:
-    """Whether no other process compiles this; wait : until none does."""
-    with (directory() / f"{name}.lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except BlockingIOError:
-            yield False
-        else:
-            yield True
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -298,7 +298,7 @@ def _report_time(
         parts = [(plan, case) for case in cases[name]]
         longer = max(1.0, plan.params.duration_s / _SHORT_S)
         shared = (len(plan.links) + 1) / (2 * len(plan.links))  # one reference run for all links, not one for each
-        kinds.append(Kind(f"case{' of ' * bool(name)}{name}", parts, len(parts), params, longer * shared))
+        kinds.append(Kind(f"case{' of ' * bool(name)}{name}", parts, len(parts), longer * shared))
     estimate(console, run, kinds, workers)
     if failed:
         output.show_warnings(console, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))

@@ -55,7 +55,7 @@ class Progress:
         self._bar_after_s, self._line_every_s = (BAR_AFTER_S, LINE_EVERY_S) if background else (0.0, 0.0)
         self._next_line_s = self._line_every_s
         self._bar: Bar | None = None
-        self._waiting: tuple[str, float | None, str] | None = None  # the stage that waits for the compiler
+        self._compiled = 1.0  # the share of what is compiled now
         self._over = threading.Event()
         self._lock = threading.RLock()
         self._thread = threading.Thread(target=self._redraw, name="progress", daemon=True)
@@ -110,16 +110,10 @@ class Progress:
                 self._console.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
 
     def _compiling(self, share: float) -> None:
-        """Show on a terminal how far the compiler is, in place of what waits for it."""
-        if not self._console.is_terminal:
-            return
-        if self._waiting is None:
-            self._waiting = self._doing, self._total, self._unit
-            self.stage("compiling, once for all runs", 100, "%")
-        self.update(100.0 * share)
-        if share == 1.0:
-            self.stage(*self._waiting)
-            self._waiting = None
+        """Show on a terminal how far the compiler is, beside what runs meanwhile."""
+        self._compiled = share
+        if not self._background:
+            self.tick()
 
     @contextmanager
     def cleared(self) -> Iterator[None]:
@@ -164,7 +158,7 @@ class Progress:
             self._bar.start()
         self._bar.update(
             self._bar.task_ids[0],
-            description=self._doing,
+            description=self._doing if self._compiled == 1.0 else f"{self._doing} (compiling: {self._compiled:.0%})",
             total=self._total,
             completed=self._done,
             count=self._count(),

@@ -97,8 +97,8 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
-            for end in real_time.missing(setup.coupling, (real_time.SERVO, real_time.WORLD), setup.dof, setup.params):
-                real_time.make_ready(end)
+            for part in real_time.missing(setup.params):
+                real_time.make_ready(part)
             reads = not is_simulated(chosen.hardware) and terminal.is_ours()
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)
             with terminal.left_as_it_was():

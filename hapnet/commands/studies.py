@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from hapnet.commands import output
 from hapnet.commands.progress import Progress, duration
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.ext.study import backend as backends, run as running
 from hapnet.ext.study.backend import Backend
 from hapnet.ext.study.case import check
 from hapnet.ext.study.journal import NAME, Journal
 from hapnet.ext.study.run import Ran
 from hapnet.ext.study.spec import Case, Spec, Values, params_of
-from hapnet.ext.study.task import mean_seconds, reason, run_case, spread
-from hapnet.params import Params
+from hapnet.ext.study.task import mean_seconds, reason, run_case
 from hapnet.processes.pool import usable_cores
 
 if TYPE_CHECKING:
@@ -135,21 +133,14 @@ def check_cases(console: Console, spec: Spec, cases: Sequence[Case]) -> list[Cas
 class Kind(Generic[Part]):
     """Parts of a study that take alike.
 
-    name : of one. some : of them. count : how many there are. params : of one. times : one takes so many times what
-    `run` takes with it, if that runs less of it.
+    name : of one. some : of them. count : how many there are. times : one takes so many times what `run` takes with it,
+    if that runs less of it.
     """
 
     name: str
     some: Sequence[Part]
     count: int
-    params: Callable[[Part], Params]
     times: float = 1.0
-
-    @property
-    def runs(self) -> Iterator[tuple[Params, float]]:
-        """The parameters of a few, and how many ticks of the servo all of them have, by these."""
-        known = [self.params(part) for part in spread(self.some)]
-        return ((one, self.count * one.duration_s * one.device.servo_hz / len(known)) for one in known)
 
 
 def estimate_cases(
@@ -162,7 +153,7 @@ def estimate_cases(
         if (error := run_case(fixed, case).error) is not None:
             failed.append(error)
 
-    estimate(console, run, [Kind("case", cases, count, lambda case: params_of(fixed, case.values))], workers, dask)
+    estimate(console, run, [Kind("case", cases, count)], workers, dask)
     if failed:
         output.show_warnings(console, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
 
@@ -172,9 +163,7 @@ def estimate(
 ) -> None:
     """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
     reported, sum_s, parts = [], 0.0, 0
-    with Progress(output.progress_console(), "compiling") as progress:
-        coverage.compile_for(run for kind in kinds for run in kind.runs)  # as the run would
-        progress.stage("running a few, to see how long they take")
+    with Progress(output.progress_console(), "running a few, to see how long they take"):
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)
             mean_s *= kind.times

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -199,7 +198,7 @@ def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
     if springs:
         console.print(f"{len(springs)} searches for the stiffest stable spring of the device")
     named = [("run", runs), ("search of a wall", walls), ("search of a spring", springs)]
-    kinds = [Kind(name, some, len(some), attrgetter("params")) for name, some in named if some]
+    kinds = [Kind(name, some, len(some)) for name, some in named if some]
     estimate(console, transparency.run_one, kinds, workers)
 
 

@@ -304,7 +304,7 @@ def control_of(
     if realtime and servo_pipe.available():
         if no_compiler() is None:
             compiled = extension("compiled ends")
-            for end in compiled.missing(setup.coupling, (compiled.SERVO,), setup.dof, setup.params):
-                compiled.make_ready(end)  # the servo's process only loads it
+            for part in compiled.missing(setup.params):
+                compiled.make_ready(part)  # the servo's process only loads it
         return ServoProcess(setup, session, callbacks)
     return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

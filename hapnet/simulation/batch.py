@@ -86,11 +86,11 @@ def simulate_batch(
     seed_list = [checks.whole("seeds", seed, at_least=0) for seed in seeds]
     cases = [(one, seed) for one in chosen for seed in seed_list]
     ticks = ((one, len(seed_list) * one.duration_s * one.device.servo_hz) for one in chosen)
-    extension("compiled").compile_for(ticks)
     workers = min(workers, len(cases))
-    if workers <= 1:
-        return _simulate(cases, progress or (lambda share: None))
-    return dealt(_simulate, cases, workers, progress)
+    with extension("compiled").background(ticks):
+        if workers <= 1:
+            return _simulate(cases, progress or (lambda share: None))
+        return dealt(_simulate, cases, workers, progress)
 
 
 def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda share: None) -> list[BatchRun]:

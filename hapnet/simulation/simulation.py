@@ -7,6 +7,7 @@ Each side uses the same link port as in real time (`hapnet.side.link_port`). The
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import nullcontext
 from typing import cast
 
 import numpy as np
@@ -68,7 +69,8 @@ class Simulation:
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
     motion_only : record of the device only its motion, for metrics (`MotionSample`).
-    kernel : may the compiled kernel run it (see hapnet/ext/compiled)? None: where it covers the run and numba is there.
+    kernel : must compiled code run it where it can (hapnet/ext/compiled), or must it not? None: where its machine code
+        exists; for a very long run it is made beside the run, which goes on compiled then.
 
     Raises InvalidParameter, netem.NetemError: the parameters are not valid for a run.
     """
@@ -95,13 +97,14 @@ class Simulation:
         if why_not is None and (is_arm(params.hardware) or self.setup.params.units == POSE):
             self.setup = extension("compiled").with_device(self.setup)
         self._motion_only = motion_only
+        self._awaits_code = False  # is there a compiled kind of this run, without its machine code?
         self._begin()
         if kernel is False:
             why_not = "it is switched off"
         elif any(getattr(type(self), name) is not getattr(Simulation, name) for name in _ASKED):
             why_not = f"{type(self).__name__} watches the events"
         elif why_not is None:
-            why_not = extension("compiled").chosen(self.setup, kernel)
+            why_not, self._awaits_code = extension("compiled").chosen(self.setup, kernel)
         self.not_compiled: str | None = why_not  #: why compiled code does not run it; None: it does
 
     def _begin(self) -> None:
@@ -167,29 +170,29 @@ class Simulation:
         Raises HapnetError: the sides did not find each other, or the duration is unlimited.
         """
         with named_failures(self.setup.params):
-            if self.not_compiled is None:
-                try:
-                    return self._run_whole(progress, compiled=True)
-                except NotCompiledError as error:
-                    self.not_compiled = str(error)
-                    self._begin()
-            return self._run_whole(progress, compiled=False)
+            try:
+                return self._run_whole(progress)
+            except NotCompiledError as error:
+                self.not_compiled, self._awaits_code = str(error), False
+                self._begin()
+            return self._run_whole(progress)
 
-    def _run_whole(self, progress: Callable[[float], None] | None, *, compiled: bool) -> Result:
+    def _run_whole(self, progress: Callable[[float], None] | None) -> Result:
         start_ns = self._meta["origin_ns"] = self._meta["utc_origin_ns"] = self.pair()
         self._meta["device_origin_ns"] = self.device.origin_ns
         end_ns = start_ns + round(self.setup.params.duration_s / NANO)
-        kernel = self._on_kernel(end_ns) if compiled else None
-        while self.now_ns < end_ns:
-            until_ns = end_ns
-            if progress is not None:
+        with extension("compiled").beside(self.setup) if self._awaits_code else nullcontext() as compiling:
+            kernel = self._on_kernel(end_ns) if self.not_compiled is None else None
+            while self.now_ns < end_ns:
+                if kernel is None and compiling is not None and compiling.is_done:
+                    kernel, self.not_compiled = self._on_kernel(end_ns), None
                 until_ns = min(end_ns, start_ns + ((self.now_ns - start_ns) // _REPORT_NS + 1) * _REPORT_NS)
-            if kernel is None:
-                self._until(until_ns)
-            else:
-                kernel.run_until(until_ns)
-            if progress is not None:
-                progress((self.now_ns - start_ns) * NANO)
+                if kernel is None:
+                    self._until(until_ns)
+                else:
+                    kernel.run_until(end_ns if progress is None else until_ns)
+                if progress is not None:
+                    progress((self.now_ns - start_ns) * NANO)
         if kernel is not None:
             kernel.write_back()
         summary = self.close(end_ns)
@@ -202,12 +205,8 @@ class Simulation:
         while self.now_ns < end_ns:
             self._until(min(end_ns, self.now_ns + _LOOK * self.clock.period_ns))
             if self.quiet:
-                return self.compiled(end_ns)
+                return cast(WholeRun, extension("compiled runs").CompiledRun(self, self._recorder, end_ns))
         return None
-
-    def compiled(self, end_ns: int) -> WholeRun:
-        """The rest of the run up to `end_ns`, on the kernel; the simulation is `quiet`."""
-        return cast(WholeRun, extension("compiled runs").CompiledRun(self, self._recorder, end_ns))
 
     @property
     def quiet(self) -> bool:

@@ -185,9 +185,9 @@ def test_a_terminal_shows_how_far_the_compiler_is(terminal: bool) -> None:
         compiled = shown(words)[len(before) :]
         compiler.reported.get()(1.0)
         progress.update(2.0)
-    assert ("compiling, once for all runs" in compiled and "40 of 100 %" in compiled) == terminal
+    assert ("simulating (compiling: 40%)" in compiled and "1 of 20 s" in compiled) == terminal
     assert "compiling" not in shown(words).splitlines()[-1].rpartition("\r")[2]
     if not terminal:
         assert "compil" not in shown(words)
     compiler.reported.get()(0.5)  # nobody hears of it any more
-    assert "50 of 100" not in shown(words)
+    assert "50%" not in shown(words)

@@ -7,27 +7,28 @@ import numpy as np
 import pytest
 
 from hapnet.ext.bench.plants import by_joints, seven_joints
+from hapnet.ext.compiled import catalogue, real_time
 from hapnet.ext.compiled.compiled_ticks import CompiledTicks
 from hapnet.ext.compiled.servo_end import CompiledServo
-from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import Simulation
-from tests.conftest import mostly_slow
 
 LINK = {"link.up": "4g", "link.down": "4g", "duration_s": 1.0}
 TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.5}
 
 
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
-@pytest.mark.parametrize("case", mostly_slow(["tool", "seven joints"], 1))
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["tool", "seven joints"])
 def test_compiled_ends_give_the_same_run(case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     changes: dict[str, Any] = TOOL
     if case == "seven joints":
         file = tmp_path / "seven.urdf"
         file.write_text(seven_joints(), "utf-8")
         changes = by_joints(file) | {"scene": "joints"}
-    monkeypatch.setattr(coverage, "_WORTH_END_TICKS", 1)
+    for name in catalogue.ends():
+        real_time.make_ready(name)
     runs = [Simulation(Params().set(LINK | changes), 5)]
     monkeypatch.setattr("hapnet.simulation.simulation.no_compiler", lambda: "switched off")
     runs.append(Simulation(Params().set(LINK | changes), 5))

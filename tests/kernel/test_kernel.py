@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType
@@ -15,11 +14,12 @@ import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.couplings.registry import COUPLINGS
-from hapnet.ext.compiled import memory, samples, sources, twins
+from hapnet.ext.compiled import memory, progress, samples, sources, twins
 from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.records import machine_code, vectors
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import mostly_slow
 from tests.support.kernel_cases import LOSSY, differences, kernel_case
 from tests.support.kernel_edges import ONE_AXIS, SEVERAL_AXES
 from tests.support.paper import PAPER
@@ -74,7 +74,7 @@ def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
     assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed, LEAVES if diverges else None)
 
 
-LAWS = sorted(set(COUPLINGS) - {"pspm", "zoh"})
+LAWS = ["tdpa", *sorted(set(COUPLINGS) - {"pspm", "zoh", "tdpa"})]
 ROUGH = {"link.up": "delay 5ms 4ms loss 20% resend 2 3ms unordered limit 4", "link.down": "delay 20ms 10ms reorder 20%"}
 OF_LAWS: dict[str, dict[str, Any]] = {
     "over 4g": {"link.up": "4g", "link.down": "4g"},
@@ -92,7 +92,7 @@ OF_LAWS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("case", OF_LAWS)
-@pytest.mark.parametrize("coupling", LAWS)
+@pytest.mark.parametrize("coupling", mostly_slow(LAWS, 1))
 def test_every_law_gives_the_same_bits(coupling: str, case: str) -> None:
     assert not differences(SAMPLED.set({"duration_s": 1.5, "coupling": coupling, **OF_LAWS[case]}), 5)
 
@@ -187,14 +187,6 @@ def test_a_batch_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run.summary == Simulation(SAMPLED, 4, kernel=False).run().summary
 
 
-def test_the_kernel_is_compiled_once_it_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sources, "are_compiled", lambda kind: False)
-    monkeypatch.setattr(coverage, "_ticks", Counter())
-    long = SAMPLED.set({"duration_s": 90.0})
-    reasons = [Simulation(long).not_compiled for _ in range(3)]
-    assert reasons == ["compiling it would take longer than this run"] * 2 + [None]
-
-
 def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert not sources.are_compiled("one")
@@ -214,13 +206,13 @@ def test_machine_code_of_two_kinds_shares_no_file(monkeypatch: pytest.MonkeyPatc
     """Two processes that compile at the same time would each overwrite what the other one made."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name in ("one", "other"):
-        length = twins.entry(vectors.dot, name, {})
+        length = twins.entry(vectors.dot, name, {}).run
         assert length(2, np.array([3.0, 4.0]), np.array([3.0, 4.0])) == 25.0
     made = [path.name.split("-")[0] for path in tmp_path.rglob("*.nbi")]
     assert sorted(made) == ["vectors.one", "vectors.other"]
 
 
-@pytest.mark.parametrize("make", [machine_code.compiled, lambda function: twins.entry(function, "one", {})])
+@pytest.mark.parametrize("make", [machine_code.compiled, lambda function: twins.entry(function, "one", {}).run])
 def test_where_nothing_can_be_kept_nothing_is_written(
     make: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -255,17 +247,20 @@ def test_a_kernel_stops_when_either_side_has_no_room_for_another_sample(
     assert samples.have_room(rows) == has_room
 
 
-def test_the_compiler_tells_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_compiler_tells_how_far_it_is() -> None:
     """Each function that it compiles, and the end; of what is compiled already it reports nothing."""
-    monkeypatch.setattr(twins, "_PARTS", {"one", "another", "a third"})  # and the entry
     shares: list[float] = []
     double: Any = numba.njit(lambda x: 2 * x)
-    with twins.reporting(shares.append):
-        assert double(3) == 6
-    assert shares == [0.25, 1.0]
-    with twins.reporting(shares.append):
-        assert double(4) == 8
-    assert len(shares) == 2
+    token = progress.reported.set(shares.append)
+    try:
+        with progress.reporting(4):
+            assert double(3) == 6
+        assert shares == [0.25, 1.0]
+        with progress.reporting(4):
+            assert double(4) == 8
+        assert len(shares) == 2
+    finally:
+        progress.reported.reset(token)
 
 
 def test_without_numba_the_reference_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -292,25 +287,3 @@ def test_the_command_says_whether_the_kernel_runs_it(
     assert line in capsys.readouterr().out
     assert cli.main(["simulate", "--no-files", "--duration", "0.3", *words]) == 0
     assert "kernel" not in capsys.readouterr().out
-
-
-def test_kinds_share_the_twins_of_all_that_calls_nothing_which_they_choose() -> None:
-    """Of what chooses otherwise each has its own, also where that is a method of a law."""
-
-    def twins_of(coupling: str, solid: bool) -> Any:
-        kind = coverage.kind_of(Params(coupling=coupling))
-        assert kind is not None
-        return twins._twins(kind._replace(solid=solid).choices())
-
-    walls, solids, law, other = (
-        twins_of(*one) for one in (("pspm", False), ("pspm", True), ("tdpa", False), ("pd", False))
-    )
-    events = "hapnet.simulation.events"
-    assert twins_of("pspm", False)[events]["run_to"] is walls[events]["run_to"]
-    for one in (solids, law, other):
-        assert one["hapnet.records.vectors"]["dot"] is walls["hapnet.records.vectors"]["dot"]
-        assert one[events]["run_to"] is not walls[events]["run_to"]
-    integrator = "hapnet.plant.integrator"  # its mass responds among walls in one way, among solids in another
-    assert solids[integrator]["spring_among"] is not walls[integrator]["spring_among"]
-    assert solids[integrator]["factored"] is walls[integrator]["factored"]
-    assert law["hapnet.ext.compiled.law_sides"]["step"] is not other["hapnet.ext.compiled.law_sides"]["step"]

@@ -49,7 +49,10 @@ def test_solids_give_the_same_bits(scene: str, dof: int) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"coupling": "tdpa", "scene": "sphere?friction=0.5 + plane?normal=0,0,-1", "rendering": "paper"},
+        pytest.param(
+            {"coupling": "tdpa", "scene": "sphere?friction=0.5 + plane?normal=0,0,-1", "rendering": "paper"},
+            marks=pytest.mark.slow,
+        ),
         {"scene": "sphere", "dof": 2},
         {"scene": "cylinder?friction=0.5 + plane?normal=0,1,0&friction=0.3", "dof": 2},
         {"scene": "cylinder + sphere?at=20mm,30mm,0", "operator": "sine", "link.down": "delay 30ms 10ms rate 200kbit"},

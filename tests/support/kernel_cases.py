@@ -65,8 +65,12 @@ def both(params: Params, seed: int, why: str | None = None) -> tuple[Result, Res
 
 
 def differences(params: Params, seed: int, why: str | None = None) -> list[str]:
-    """In what bits the kernel's result differs: recorded columns, the scene, the summary, and the state at the end."""
-    expected, found = both(params, seed, why)
+    """In what bits the kernel's result differs."""
+    return differing(*both(params, seed, why))
+
+
+def differing(expected: Result, found: Result) -> list[str]:
+    """In what bits a result differs: recorded columns, the scene, the summary, and the state at the end."""
     different = []
     for side in ("device", "world"):
         columns, others = getattr(expected.recording, side), getattr(found.recording, side)

@@ -2,15 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar
 
 Reported = Callable[[float], None]
 
 
-def _nobody(share: float) -> None:
-    """Nobody waits."""
+def _ignore(share: float) -> None:
+    """Show nothing: no command waits."""
 
 
-reported: ContextVar[Reported] = ContextVar("told", default=_nobody)
+reported: ContextVar[Reported] = ContextVar("reported", default=_ignore)
 """Takes the share that is compiled, 0 to 1, again and again; 1 comes last."""
+
+
+@contextmanager
+def reporting(functions: int) -> Iterator[None]:
+    """Report, while numba compiles so many functions, which share of them it has; nothing if it only loads them."""
+    event = importlib.import_module("numba.core.event")
+    report, done = reported.get(), 0
+
+    class Compiled(event.Listener):  # type: ignore[name-defined, misc]  # numba has no types
+        def on_start(self, event: object) -> None:
+            """Do nothing: only what is compiled counts."""
+
+        def on_end(self, event: object) -> None:
+            nonlocal done
+            done += 1
+            report(min(done / functions, 0.99))
+
+    with event.install_listener("numba:compile", Compiled()):
+        yield
+    if done:
+        report(1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -17,11 +16,12 @@ from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.ext.arms.device import SimulatedArm
-from hapnet.ext.compiled import arm_end, bound, handle_end, progress, servo_end, sources, world_end
+from hapnet.ext.compiled import arm_end, bound, handle_end, servo_end, sources, world_end
 from hapnet.ext.compiled.arm_end import ArmEnd
 from hapnet.ext.compiled.compiled_ticks import CompiledTicks
 from hapnet.ext.compiled.handle_end import HandleEnd
 from hapnet.ext.compiled.kinds import OF_SET_POSITIONS
+from hapnet.ext.compiled.progress import reporting
 from hapnet.ext.compiled.servo_end import CompiledServo, ServoEnd
 from hapnet.ext.compiled.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.ext.tools.device import SimulatedHandle
@@ -49,11 +49,12 @@ def make_ready(name: str) -> Any:
     """The compiled function of one of them; loads or makes the machine code, once in a process."""
     part, _, axes = name.partition("-")
     module, kind = _COMPILED[part]
-    from hapnet.ext.compiled.twins import as_one_unit, entry, reporting  # here, since it loads numba
+    from hapnet.ext.compiled.twins import entry  # here, since it loads numba
 
-    run: Any = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES)
+    twin = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES)
+    run = twin.run
     array, _ = bound.memory(kind, int(axes or AXES))
-    with as_one_unit(), reporting(progress.reported.get()):
+    with reporting(twin.functions):
         run(array)  # of no axes
     run.disable_compile()  # what has other arguments is an error, not half a minute without a tick
     sources.mark(name)
@@ -76,16 +77,20 @@ def part_of_device(params: Params) -> str:
     return HANDLE if params.hardware == "simulated" and params.units == POSE else ""
 
 
-def missing(spec: CouplingSpec[Any], wanted: Iterable[str], axes: int, params: Params) -> list[str]:
-    """Those of the ends, `SERVO` and `WORLD`, that this coupling has as set-positions and that are not compiled yet for
-    so many axes; beside the servo what of the device is."""
-    if machine_code.no_compiler() is not None:
-        return []
-    compiled = zip((SERVO, WORLD), spec.compiled or (), strict=False)
-    device = part_of_device(params)
-    ends = {end: named(end, axes) for end, law in compiled if law is None}
-    asked = [name for end in wanted for name in (ends.get(end), device if end == SERVO else None)]
-    return [name for name in asked if name and not sources.are_compiled(name)]
+def missing(params: Params) -> list[str]:
+    """Name what is not compiled yet, and too slow at 1 kHz in plain Python: the ticks of a simulated arm or handle.
+
+    params : with the units of the world.
+    """
+    part = part_of_device(params)
+    return [part] if part and machine_code.no_compiler() is None and not sources.are_compiled(part) else []
+
+
+def are_ready(spec: CouplingSpec[Any], axes: int, params: Params) -> bool:
+    """Whether both ends of this coupling, as far as they are set-positions, and the device's part are compiled."""
+    laws = zip((SERVO, WORLD), spec.compiled or (), strict=False)
+    names = [named(end, axes) for end, law in laws if law is None] + [part_of_device(params)]
+    return all(sources.are_compiled(name) for name in names if name)
 
 
 _DEVICES: dict[type, str] = {SimulatedArm: ARM, SimulatedHandle: HANDLE}
@@ -106,11 +111,16 @@ class CompiledDevices(Ends):
 
 
 class CompiledEnds(CompiledDevices):
-    """Makes ends of set-positions into compiled ones too; those of other laws stay Python's."""
+    """Makes ends of set-positions into compiled ones too, as far as there is machine code of them.
+
+    Those of other laws stay Python's.
+    """
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
         """A servo in its place, whose ticks are compiled, if that is possible; `servo` is not used any more then."""
         if type(servo) is not SampledServo or not _is_covered(servo.coupling):
+            return servo
+        if not sources.are_compiled(named(SERVO, servo.n)):
             return servo
         model = servo.coupling.source
         if model is not servo.model or type(model) not in (ContactModel, type(None)):
@@ -131,7 +141,7 @@ class CompiledEnds(CompiledDevices):
         if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling):
             return steps
         source, n = steps.coupling.source, len(steps.coupling.y)
-        if not (source is None or type(source) is PredictedDevice):
+        if not (source is None or type(source) is PredictedDevice) or not sources.are_compiled(named(WORLD, n)):
             return steps
         array, end = bound.memory(WorldEnd, room_for(n))
         run, end.n = make_ready(named(WORLD, n)), n

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,8 +14,12 @@ from hapnet.errors import HapnetError
 from hapnet.ext.study.backend import Backend, few_workers
 from hapnet.ext.study.journal import Journal
 from hapnet.ext.study.runner import Sweep
-from hapnet.ext.study.spec import Case, Spec
+from hapnet.ext.study.spec import Case, Spec, params_of
+from hapnet.ext.study.task import spread
+from hapnet.loading import extension
+from hapnet.params import Params
 from hapnet.processes.pool import usable_cores
+from netem.errors import NetemError
 
 Progress = Callable[[int, int], None]
 """Called now and then with how many cases are done, and how many there are."""
@@ -55,11 +59,12 @@ def run_missing(
     stopped: KeyboardInterrupt | HapnetError | None = None
     workers: Backend | None = None
     try:
-        for _ in rounds:
-            total, done, _ = journal.count()
-            if done < total:
-                workers = workers or backend(most - done)
-                Sweep(journal, workers, lambda done: progress(done, most)).run()
+        with extension("compiled").background(_runs(journal, most - before)):
+            for _ in rounds:
+                total, done, _ = journal.count()
+                if done < total:
+                    workers = workers or backend(most - done)
+                    Sweep(journal, workers, lambda done: progress(done, most)).run()
     except (KeyboardInterrupt, HapnetError) as ended:
         if workers is None and isinstance(ended, HapnetError):
             raise
@@ -70,6 +75,15 @@ def run_missing(
     lasted_s = time.monotonic() - began
     total, done, failed = journal.count()
     return Ran(total if stopped is None else most, before, done, failed, lasted_s, stopped)
+
+
+def _runs(journal: Journal, count: int) -> Iterator[tuple[Params, float]]:
+    """The parameters of some of the cases without a result, and how many ticks `count` cases have, by these."""
+    some = spread(journal.pending())
+    for case in some:
+        with suppress(HapnetError, NetemError):  # such a case has its error as its result
+            params = params_of(journal.fixed, case.given)
+            yield params, count / len(some) * params.duration_s * params.device.servo_hz
 
 
 def run_all(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from typing import NamedTuple
 
 from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import known
-from hapnet.ext.compiled import sources
+from hapnet.ext.compiled import real_time, sources
+from hapnet.ext.compiled.background import Background
 from hapnet.ext.compiled.kinds import Kind
 from hapnet.ext.solids.rigid import RigidScene, describes
 from hapnet.params import Params, follows
@@ -25,16 +28,24 @@ _MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ, and over a step of the admis
 OUT_OF_RANGE = "it leaves the range that messages can carry"
 
 
-_WORTH_TICKS = 200_000
-"""The reference takes as long for so many ticks as compiling the kernel takes, once for all processes."""
+_WORTH_TICKS = 1_000_000
+"""Plain Python takes about a minute for so many ticks, longer than compiling a kind takes once for all processes."""
 
 _WORTH_ARM_TICKS = 5_000
-"""The same for an arm."""
+"""Plain Python takes as long for so many ticks of an arm as compiling it takes."""
 
-_WORTH_END_TICKS = 30_000
-"""The same for the ends of such a run, beside the arm."""
 
-_ticks: Counter[str] = Counter()
+class Choice(NamedTuple):
+    """Which code runs a simulation.
+
+    why_not : why compiled code does not; None: it does. awaits_code : can it, as soon as its machine code is made?
+    """
+
+    why_not: str | None
+    awaits_code: bool = False
+
+
+NOT_YET = "it is not compiled yet: hapnet compile does that, once"
 
 
 def kind_of(params: Params, scene: World | None = None) -> Kind | None:
@@ -49,59 +60,48 @@ def kind_of(params: Params, scene: World | None = None) -> Kind | None:
     return Kind(*law.compiled, describes(params.scene) if scene is None else type(scene) is RigidScene)
 
 
-def unavailable(setup: Setup, kind: Kind) -> str | None:
-    """Why the kernel is not there for this run; None: it is.
+def background(runs: Iterable[tuple[Params, float]]) -> AbstractContextManager[Background | None]:
+    """Compile, in a process beside this one, what is about to be run for many ticks, here or in other processes.
 
-    As long as it is not compiled, a process first runs some on the reference, which gives the same bits.
+    runs : their parameters, and how many ticks they have. None is returned if nothing is to be compiled for them.
     """
-    if sources.are_compiled(kind.name):
-        return None
-    _ticks[kind.name] += round(setup.params.duration_s * setup.params.device.servo_hz)
-    return None if _ticks[kind.name] >= _WORTH_TICKS else "compiling it would take longer than this run"
+    ticks = Counter[str]()
+    if no_compiler() is None:
+        for params, count in runs:
+            if (kind := kind_of(params)) is not None:
+                ticks[kind.name] += count  # type: ignore[assignment]  # half a tick is as good
+    names = [name for name, count in ticks.items() if count >= _WORTH_TICKS and not sources.are_compiled(name)]
+    return Background(*names) if names else nullcontext()
 
 
-def compile_for(runs: Iterable[tuple[Params, float]]) -> None:
-    """Compile now what is about to be run for many ticks, here or in processes that would each compile it.
-
-    runs : their parameters, and how many ticks they have.
-    """
-    if no_compiler() is not None:
-        return
-    ticks = Counter[Kind]()
-    for params, count in runs:
-        if (kind := kind_of(params)) is not None:
-            ticks[kind] += count  # type: ignore[assignment]  # half a tick is as good
-    for kind, count in ticks.items():
-        if count >= _WORTH_TICKS and not sources.are_compiled(kind.name):
-            from hapnet.ext.compiled.whole_runs.run import make_ready  # here, since it loads numba
-
-            make_ready(kind)
+def beside(setup: Setup) -> AbstractContextManager[Background | None]:
+    """Compile, in a process beside this one, what the rest of a run needs, if the run is long enough for that."""
+    return background([(setup.params, setup.params.duration_s * setup.params.device.servo_hz)])
 
 
 def with_device(setup: Setup) -> Setup:
-    """The setup, with the ticks of an arm or of a tool's handle, and both ends of the coupling, compiled if that pays.
-    The rest of such a run is the reference's.
+    """The setup, with the ticks of an arm or of a tool's handle compiled if that pays, and both ends of the coupling if
+    there is machine code of them. The rest of such a run is the reference's.
     """
     params = setup.params
-    from hapnet.ext.compiled import real_time
-
     ticks = round(params.duration_s * params.device.servo_hz)
-    wanted = real_time.SERVO, real_time.WORLD
-    if ticks >= _WORTH_END_TICKS or not real_time.missing(setup.coupling, wanted, setup.dof, params):
+    if real_time.are_ready(setup.coupling, setup.dof, params):
         return replace(setup, ends=real_time.CompiledEnds())
-    compiles = ticks >= _WORTH_ARM_TICKS or sources.are_compiled(real_time.part_of_device(params))
+    compiles = ticks >= _WORTH_ARM_TICKS or not real_time.missing(params)
     return replace(setup, ends=real_time.CompiledDevices()) if compiles else setup
 
 
-def chosen(setup: Setup, kernel: bool | None) -> str | None:
-    """Why the kernel does not run this; None: it does.
+def chosen(setup: Setup, kernel: bool | None) -> Choice:
+    """Choose for a run. `kernel` : must compiled code run it? None: where it is there.
 
-    setup : its walls have met the virtual mass. kernel : must it? None: where it is there.
+    setup : its walls have met the virtual mass.
     """
     why, kind = why_not(setup), kind_of(setup.params, setup.scene)
     if why is not None or kind is None:
-        return why
-    return unavailable(setup, kind) if kernel is None else None
+        return Choice(why)
+    if kernel or sources.are_compiled(kind.name):
+        return Choice(None)
+    return Choice(NOT_YET, awaits_code=True)
 
 
 def why_not(setup: Setup) -> str | None:

@@ -10,11 +10,12 @@ import numpy as np
 
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings.rendering import RenderingTuning
-from hapnet.ext.compiled import kinds, progress, sources
+from hapnet.ext.compiled import kinds, sources
 from hapnet.ext.compiled.kinds import Kind, scenario
 from hapnet.ext.compiled.memory import bare, give_back, load, new, plain, store
+from hapnet.ext.compiled.progress import reporting
 from hapnet.ext.compiled.simulation import STEPS, Scenario, enter
-from hapnet.ext.compiled.twins import as_one_unit, entry, reporting
+from hapnet.ext.compiled.twins import entry
 from hapnet.ext.compiled.whole_runs import coverage, device, wire, world
 from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
 from hapnet.ext.compiled.whole_runs.link import CompiledLink
@@ -36,13 +37,14 @@ def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """Return the function that runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a
     process.
     """
-    run = entry(enter, sources.name_of(kind.name), kind.choices())
-    record = new(scenario(kind))
-    with as_one_unit(), reporting(progress.reported.get()):
+    twin = entry(enter, sources.name_of(kind.name), kind.choices())
+    record, run = new(scenario(kind)), twin.run
+    with reporting(twin.functions):
         run(bare(record), -1)  # nothing is due at that time
     give_back(record, scenario(kind))
     sources.mark(kind.name)
-    return run
+    made: Callable[[Scenario, int], int] = run
+    return made
 
 
 class CompiledRun:

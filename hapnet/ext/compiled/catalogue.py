@@ -1,0 +1,37 @@
+"""All that can be compiled, by name: kinds of whole scenarios, and the ends of a side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from hapnet.couplings.registry import COUPLINGS
+from hapnet.ext.compiled import real_time
+from hapnet.ext.compiled.kinds import Kind
+from hapnet.records.record import AXES
+
+_MANY_AXES = 12
+"""A tool's end, or that of an arm with more joints than `AXES`, has room for so many."""
+
+
+def of_coupling(name: str) -> dict[str, Kind]:
+    """The kinds of scenarios that a coupling has, among walls and among solids, by name; none if it is not compiled."""
+    compiled = COUPLINGS[name].compiled
+    kinds = [] if compiled is None else [Kind(*compiled, solid) for solid in (False, True)]
+    return {kind.name: kind for kind in kinds}
+
+
+def ends() -> list[str]:
+    """The names of the ends of a side of set-positions, of a simulated arm and of a tool's handle."""
+    sides = (real_time.SERVO, real_time.WORLD)
+    named = [real_time.named(end, axes) for axes in (AXES, _MANY_AXES) for end in sides]
+    return [*named, real_time.ARM, real_time.HANDLE]
+
+
+def makers() -> dict[str, Callable[[], object]]:
+    """Return for each name the function that compiles it now, or loads its machine code."""
+    from hapnet.ext.compiled.whole_runs.run import make_ready  # here, since it loads numba
+
+    kinds = {name: kind for law in COUPLINGS for name, kind in of_coupling(law).items()}
+    found: dict[str, Callable[[], object]] = {name: partial(make_ready, kind) for name, kind in kinds.items()}
+    return found | {name: partial(real_time.make_ready, name) for name in ends()}
