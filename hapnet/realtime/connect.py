@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, NamedTuple, TypedDict, Unpack, overload
 
 from hapnet import checks
 from hapnet.assembly import device_class
@@ -33,23 +33,29 @@ DeviceChoice = str | Device | Callable[..., Device] | None
 Scene = str | World | Callable[..., Any] | None
 
 
+class _Options(TypedDict, total=False):
+    """What a call for either side may say, beside its parameters."""
+
+    scene: Scene
+    connect: Endpoints
+    listen: Endpoints
+    zenoh: ZenohSettings | None
+    session: str
+    name: str
+    duration_s: float
+    record: str | PathLike[str] | None
+    seed: int | None
+    once: bool
+
+
 @overload
 def connect_device(
     params: Settings = None,
     *,
     role: Literal["leader"] = "leader",
     device: DeviceChoice = None,
-    scene: Scene = None,
-    connect: Endpoints = (),
-    listen: Endpoints = (),
-    zenoh: ZenohSettings | None = None,
-    session: str = "default",
-    name: str = "device",
-    duration_s: float = 0.0,
-    record: str | PathLike[str] | None = None,
-    seed: int | None = None,
     realtime: bool = False,
-    once: bool = False,
+    **options: Unpack[_Options],
 ) -> AbstractAsyncContextManager[ConnectedDevice]: ...
 
 
@@ -59,17 +65,8 @@ def connect_device(
     *,
     role: Literal["follower"],
     device: DeviceChoice = None,
-    scene: Scene = None,
-    connect: Endpoints = (),
-    listen: Endpoints = (),
-    zenoh: ZenohSettings | None = None,
-    session: str = "default",
-    name: str = "device",
-    duration_s: float = 0.0,
-    record: str | PathLike[str] | None = None,
-    seed: int | None = None,
     realtime: bool = False,
-    once: bool = False,
+    **options: Unpack[_Options],
 ) -> AbstractAsyncContextManager[ConnectedWorld]: ...
 
 
@@ -127,8 +124,9 @@ def connect_device(
     checks.one_of("role", role, ("leader", "follower"))
     follows = role == "follower"
     call = _Call(
-        "world" if follows else "device", params, ("simulated" if device is None else device) if follows else device,
-        scene, connect, listen, zenoh, session, name, duration_s, record, seed, realtime, once,
+        role="world" if follows else "device", device="simulated" if follows and device is None else device,
+        params=params, scene=scene, link=_Connection(connect, listen, zenoh, session, name),
+        duration_s=duration_s, record=record, seed=seed, realtime=realtime, once=once,
     )  # fmt: skip
     return _world(call) if follows else _device(call)
 
@@ -157,8 +155,9 @@ def connect_world(
     `seed` is that of the lengths of the steps too.
     """
     call = _Call(
-        "world", params, None, scene, connect, listen, zenoh, session, name, duration_s, record, seed, False, once
-    )
+        role="world", params=params, scene=scene, link=_Connection(connect, listen, zenoh, session, name),
+        duration_s=duration_s, record=record, seed=seed, once=once,
+    )  # fmt: skip
     return _world(call)
 
 
@@ -196,33 +195,53 @@ async def _running(call: _Call) -> AsyncIterator[SideTask]:
             raise task.failure
 
 
-@dataclass(frozen=True)
-class _Call:
-    """The arguments of a call; see `connect_device`."""
+class _Connection(NamedTuple):
+    """How a side reaches its peer; see `connect_device`."""
 
-    role: Role
-    params: Settings
-    device: DeviceChoice
-    scene: Scene
     connect: Endpoints
     listen: Endpoints
     zenoh: ZenohSettings | None
     session: str
     name: str
-    duration_s: float
-    record: str | PathLike[str] | None
-    seed: int | None
-    realtime: bool
-    once: bool
 
     def check(self) -> None:
         """Raise InvalidParameter for an argument of the wrong type."""
         for name in ("session", "name"):
             _require(name, getattr(self, name), str, "a name")
+        _require("zenoh", self.zenoh, ZenohSettings | None, "a ZenohSettings, or None")
+
+    def settings(self) -> ZenohSettings:
+        """Zenoh's settings. Raises InvalidParameter."""
+        connect, listen = _endpoints("connect", self.connect), _endpoints("listen", self.listen)
+        if self.zenoh is None:
+            return ZenohSettings(connect=connect, listen=listen, multicast_scouting=not (connect or listen))
+        for name, given in (("connect", connect), ("listen", listen)):
+            if given:
+                raise InvalidParameter(name, given, "not beside zenoh, which has it too")
+        return self.zenoh
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Call:
+    """The arguments of a call; see `connect_device`."""
+
+    role: Role
+    params: Settings
+    device: DeviceChoice = None
+    scene: Scene
+    link: _Connection
+    duration_s: float
+    record: str | PathLike[str] | None
+    seed: int | None
+    realtime: bool = False
+    once: bool
+
+    def check(self) -> None:
+        """Raise InvalidParameter for an argument of the wrong type."""
+        self.link.check()
         for name in ("realtime", "once"):
             _require(name, getattr(self, name), bool, "True or False")
         _require("record", self.record, str | PathLike | None, "a file's path, or None")
-        _require("zenoh", self.zenoh, ZenohSettings | None, "a ZenohSettings, or None")
         checks.non_negative("duration_s", self.duration_s)
         if self.seed is not None:
             checks.whole("seed", self.seed, at_least=0)
@@ -241,24 +260,15 @@ class _Call:
     def _made(
         self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
     ) -> tuple[RealtimeSide, tuple[str, ...]]:
-        zenoh = self._settings()
+        zenoh = self.link.settings()
         setup = prepare(self._parameters(names))
         warnings = setup.warnings + zenoh_warnings(zenoh)
         side = RealtimeSide(
-            setup, self.role, zenoh, session=self.session, name=self.name, seed=self.seed,
+            setup, self.role, zenoh, session=self.link.session, name=self.link.name, seed=self.seed,
             record=None if self.record is None else Path(fspath(self.record)),
             realtime=self.realtime, once=self.once, notify=notify, watch=watch,
         )  # fmt: skip
         return side, warnings
-
-    def _settings(self) -> ZenohSettings:
-        connect, listen = _endpoints("connect", self.connect), _endpoints("listen", self.listen)
-        if self.zenoh is None:
-            return ZenohSettings(connect=connect, listen=listen, multicast_scouting=not (connect or listen))
-        for name, given in (("connect", connect), ("listen", listen)):
-            if given:
-                raise InvalidParameter(name, given, "not beside zenoh, which has it too")
-        return self.zenoh
 
     def _parameters(self, names: ExitStack) -> Params:
         if isinstance(self.params, Mapping) and "duration_s" in self.params:

@@ -103,8 +103,10 @@ def _as_world(sample: Sample, step_s: float, felt: Vector) -> Sample:
         return sample
     nothing = (0.0,) * len(sample.position_m)
     return WorldSample(
-        sample.time_ns, step_s, sample.position_m, sample.velocity_mps or nothing, sample.set_position_m,
-        sample.target_m, sample.force_N, felt, 0.0, sample.reservoir_J, sample.potential_J, sample.sent_J,
-        sample.credited_J, sample.margin_J, sample.slack_J, sample.age_s, sample.transit_s, sample.bound_J,
-        sample.work_J, sample.stored_J, sample.account_J,
+        time_ns=sample.time_ns, step_s=step_s, position_m=sample.position_m,
+        velocity_mps=sample.velocity_mps or nothing, set_position_m=sample.set_position_m, target_m=sample.target_m,
+        coupling_force_N=sample.force_N, contact_force_N=felt, penetration_m=0.0, reservoir_J=sample.reservoir_J,
+        potential_J=sample.potential_J, sent_J=sample.sent_J, credited_J=sample.credited_J, margin_J=sample.margin_J,
+        slack_J=sample.slack_J, age_s=sample.age_s, transit_s=sample.transit_s, bound_J=sample.bound_J,
+        work_J=sample.work_J, stored_J=sample.stored_J, account_J=sample.account_J,
     )  # fmt: skip
