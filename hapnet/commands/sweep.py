@@ -13,7 +13,6 @@ from typer.core import TyperGroup
 from hapnet.commands import complete, flags, output
 from hapnet.ext.study.spec import SEED, Case, Spec, in_file, value_words
 from hapnet.params import Params
-from hapnet.summary.causes import INCOMPLETE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -117,6 +116,8 @@ def run(
             output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
         if ran.stopped is not None:
             return studies.stop(ran, "the same command goes on")
+        from hapnet.summary.causes import INCOMPLETE  # here, since it loads numpy
+
         return written.code(INCOMPLETE if failed else 0)
 
 

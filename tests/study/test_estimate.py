@@ -10,7 +10,6 @@ from hapnet import cli
 from hapnet.commands import output, studies
 from hapnet.ext.study import task
 from hapnet.ext.study.task import mean_seconds, spread
-from hapnet.params import Params
 
 
 class Clock:
@@ -65,12 +64,9 @@ def test_no_part_is_begun_after_the_limit() -> None:
 def test_kinds_are_added_up_and_shared_by_the_workers(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def quick(part: float) -> Params:
-        return Params(duration_s=0.1)
-
     clock = Clock()
     monkeypatch.setattr(studies, "mean_seconds", lambda run, parts: task.mean_seconds(run, parts, clock=clock))
-    kinds = [studies.Kind("run", [0.2, 0.4] * 4, 400, quick), studies.Kind("search", [10.0], 3, quick)]
+    kinds = [studies.Kind("run", [0.2, 0.4] * 4, 400), studies.Kind("search", [10.0], 3)]
     studies.estimate(output.console(None), clock.run, kinds, 3)
     studies.estimate(output.console(None), clock.run, kinds, 0, "tcp://scheduler:8786")
     kind = r"a run takes 0.3 s \(mean of 4\); a search takes 10 s \(mean of 1\); all of them, "

@@ -128,7 +128,6 @@ def test_it_says_how_many_cases_there_are_before_it_begins(
     """And how long they take, unless that is at once: a tenth of a second here, by the first 5 s of each of 40 s."""
     monkeypatch.setattr(task, "measure", lambda params, seed: known())
     monkeypatch.setattr(studies, "mean_seconds", lambda run, parts: (0.1, len(parts)))
-    monkeypatch.setattr(studies.coverage, "compile_for", lambda ticks: None)
     flags = ["compare", "--link", "lan", "--coupling", "pspm,zoh", "--workers", "1", "--no-files"]
     assert cli.main([*flags, "--operator", "press", "--operator", "sine", "--duration", "80"]) == 0
     first, second = capsys.readouterr().out.splitlines()[:2]
