@@ -24,8 +24,8 @@ from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, L
 from hapnet.control.held_steps import FollowerServo, HeldSteps, reflected
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings import held_torque
-from hapnet.couplings.deadband import deadband
 from hapnet.couplings.link_delays import delays
+from hapnet.couplings.registry import deadband
 from hapnet.couplings.rendering import untold_share
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hapnet.control.deadband import MAX_S, MAX_WAVE_S, Deadband
 from hapnet.couplings.spec import CouplingSpec, scalar_stiffness
 from hapnet.couplings.stiffness import through
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections
 from hapnet.loading import load, published
 from hapnet.params import Params
+from hapnet.wire.messages import Role, Wave
 
 
 class _BuiltIn(Mapping[str, CouplingSpec[Any]]):
@@ -90,3 +92,21 @@ def ideal_stiffness(params: Params, wall: float) -> float:
     if not isinstance(K_world, float):
         raise InvalidParameter("world.stiffness", K_world, "a number, to compute the ideal stiffness at a wall")
     return through((K, K_world), wall)
+
+
+SENT_A_SILENCE = 5
+"""A deadband sends at least this many samples in the time after which a peer counts as silent."""
+
+
+def deadband(params: Params, role: Role) -> Deadband | None:
+    """The deadband that decides which samples this side sends; None: it sends all."""
+    if params.wire.deadband == 0.0:
+        return None
+    spec = coupling(params.coupling)
+    sends = spec.sends(role, params)
+    silence_s = min(params.device.silence_after_s, params.world.silence_after_s)
+    return Deadband(
+        params.wire.deadband,
+        longest_s=min(MAX_WAVE_S if sends is Wave else MAX_S, silence_s / SENT_A_SILENCE),
+        port="position" if role == "device" else "force",
+    )

@@ -21,7 +21,7 @@ from hapnet.ext.bench.plants import PairedDevice
 from hapnet.ext.bench.registry import ROWS
 from hapnet.ext.bench.row import Call, Options, Row, cost
 from hapnet.ext.bench.wire import credit_times, link_release
-from hapnet.ext.compiled.compiled_ticks import CompiledTicks
+from hapnet.ext.compiled.real_time import CompiledTicks
 from hapnet.ext.compiled.servo_end import CompiledServo
 from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.processes.child import Child, WaitForStart, together

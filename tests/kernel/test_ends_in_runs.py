@@ -8,7 +8,7 @@ import pytest
 
 from hapnet.ext.bench.plants import by_joints, seven_joints
 from hapnet.ext.compiled import catalogue, real_time
-from hapnet.ext.compiled.compiled_ticks import CompiledTicks
+from hapnet.ext.compiled.real_time import CompiledTicks
 from hapnet.ext.compiled.servo_end import CompiledServo
 from hapnet.params import Params
 from hapnet.records.machine_code import no_compiler

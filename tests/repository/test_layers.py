@@ -30,7 +30,7 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 }  # fmt: skip
 MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
-SHORT, MOST_SHORT = 60, 48
+SHORT, MOST_SHORT = 60, 49
 """A module of fewer lines joins a neighbour that is about the same; at most so many of hapnet's stand alone."""
 
 BASE = {

@@ -11,8 +11,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.table import omni
 from hapnet.ext.bench.plants import seven_joints
-from hapnet.ext.compiled.compiled_ticks import CompiledTicks
-from hapnet.ext.compiled.real_time import CompiledDevices
+from hapnet.ext.compiled.real_time import CompiledDevices, CompiledTicks
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine
 from hapnet.records.machine_code import no_compiler

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.errors import InvalidParameter
-from hapnet.ext.compiled.compiled_ticks import CompiledTicks
-from hapnet.ext.compiled.real_time import CompiledDevices
+from hapnet.ext.compiled.real_time import CompiledDevices, CompiledTicks
 from hapnet.ext.tools.device import SimulatedHandle, TurningHand, turned
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES

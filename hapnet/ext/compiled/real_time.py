@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.contact_surfaces import IN_PLACE_OF_FLAT_ONES
 from hapnet.control.coupling import DeviceCoupling, Ends, Made, WorldCoupling
@@ -18,7 +19,6 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.compiled import arm_end, bound, handle_end, servo_end, sources, world_end
 from hapnet.ext.compiled.arm_end import ArmEnd
-from hapnet.ext.compiled.compiled_ticks import CompiledTicks
 from hapnet.ext.compiled.handle_end import HandleEnd
 from hapnet.ext.compiled.kinds import OF_SET_POSITIONS
 from hapnet.ext.compiled.progress import reporting
@@ -185,3 +185,20 @@ def _is_covered(coupling: SetPositionCoupling) -> bool:
 
 def _are_walls(contacts: Surroundings) -> bool:
     return type(contacts) is Contacts and contacts.separate and len(contacts.walls) <= MOST
+
+
+class CompiledTicks:
+    """Makes a tick by a compiled call: the `compiled` of a `SimulatedArm` or a `SimulatedHandle`.
+
+    array, end : the end's memory, with `path`, of two rows, and `work`. run : the compiled tick.
+    """
+
+    def __init__(self, array: Any, end: Any, run: Any) -> None:
+        self._array, self._end, self._run = array, end, run
+
+    def __call__(self, begin: Vector, end: Vector) -> float:
+        path, n = self._end.path, len(begin)
+        path[0][:n], path[1][:n] = begin, end
+        self._run(self._array)
+        work: float = self._end.work
+        return work
