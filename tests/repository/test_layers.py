@@ -31,7 +31,6 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
 SHORT, MOST_SHORT = 60, 49
-"""A module of fewer lines joins a neighbour that is about the same; at most so many of hapnet's stand alone."""
 
 BASE = {
     "errors", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "param_sources",
@@ -299,7 +298,7 @@ def test_modules_stay_short() -> None:
 
 
 def test_few_modules_are_tiny() -> None:
-    """A reader who has to open many files loses the thread."""
+    """A module of fewer lines joins a neighbour that is about the same; at most so many of hapnet's stand alone."""
     modules = [module for module in MODULES if module.parts[0] == "hapnet" and module.name != "__init__.py"]
     short = [str(module) for module in modules if len((ROOT / module).read_text("utf-8").splitlines()) < SHORT]
     assert len(modules) > 300

@@ -15,6 +15,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hapnet.checks import Vector, one_of
@@ -33,6 +34,22 @@ _STEP_M = 1e-5
 _NO_FORCE: Vector = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class _Faults:
+    """What `Inverse3Emulator` does wrong, as its arguments say."""
+
+    ignores: bool
+    deaf: bool
+    asleep: bool
+    button: bool
+    rubbish: float
+    units: float
+    latency_ns: int
+    stall_ns: int
+    brake_ns: int
+    killed_ns: int
+
+
 class Inverse3Emulator(Emulator):
     """10 N, 0.01 mm, and no force once no command has come for `hold` seconds.
 
@@ -43,7 +60,6 @@ class Inverse3Emulator(Emulator):
     share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of units.
     button : is the grip's button a pressed? ignores : it ignores presets, so its origin is 0.1 m off. deaf : it takes
     no forces. asleep : its grip sleeps. seed : of what is random.
-    More than twenty attributes: one for each fault.
     """
 
     dof = 3
@@ -73,12 +89,14 @@ class Inverse3Emulator(Emulator):
         super().__init__(handle, clock)
         one_of("spelling", spelling, ("both", *wire.SPELLINGS))
         self._is_old = spelling == "values"  # a service before 3.5: no presets, no session's number, no force reported
-        self._ignores, self._deaf, self._asleep = ignores or self._is_old, deaf, asleep
+        stall_ns, brake_ns, killed_ns, latency_ns = (round(s / NANO) for s in (stall, brake, killed, latency))
+        self._faults = _Faults(
+            ignores=ignores or self._is_old, deaf=deaf, asleep=asleep, button=button, rubbish=rubbish, units=units,
+            latency_ns=latency_ns, stall_ns=stall_ns, brake_ns=brake_ns, killed_ns=killed_ns,
+        )  # fmt: skip
         self._preset = wire.NO_FRAME
         self._spellings = wire.SPELLINGS if spelling == "both" else (spelling,)
         handle.watchdog_s = hold
-        self._latency_ns, self._rubbish, self._units, self._button = round(latency / NANO), rubbish, units, button
-        self._stall_ns, self._brake_ns, self._killed_ns = (round(s / NANO) for s in (stall, brake, killed))
         self._random = random.Random(seed)
         self._service = _listen("port", port)
         self._reports = None if events < 0 else _listen("events", events)
@@ -103,16 +121,17 @@ class Inverse3Emulator(Emulator):
 
     def run(self, stop: threading.Event) -> None:
         start_ns = self._clock()
-        stalled = not self._stall_ns
+        faults = self._faults
+        stalled = not faults.stall_ns
         try:
             while not stop.is_set():
                 age_ns = self._clock() - start_ns
-                if self._killed_ns and age_ns >= self._killed_ns:
+                if faults.killed_ns and age_ns >= faults.killed_ns:
                     break
-                if not stalled and age_ns >= self._stall_ns:
+                if not stalled and age_ns >= faults.stall_ns:
                     stalled = True
                     stop.wait(_STALL_NS * NANO)
-                self._brake_now(bool(self._brake_ns) and age_ns % self._brake_ns >= self._brake_ns - _BRAKE_NS)
+                self._brake_now(bool(faults.brake_ns) and age_ns % faults.brake_ns >= faults.brake_ns - _BRAKE_NS)
                 self.serve(_LOOK_S)
                 self.handle.read(self._clock())
         finally:
@@ -161,7 +180,7 @@ class Inverse3Emulator(Emulator):
                 self._hearers.remove(caller)
             return
         if caller in self._clients:
-            due_ns = self._clock() + self._latency_ns
+            due_ns = self._clock() + self._faults.latency_ns
             self._waiting.extend((due_ns, caller, message) for message in messages)
 
     def _handle(self, client: WebSocket, raw: bytes) -> None:
@@ -171,9 +190,9 @@ class Inverse3Emulator(Emulator):
         session = message.get("session", {})
         reported = json.dumps(self._reported(whole=not self._is_old and "force_render_full_state" in session)).encode()
         self._configure(message)
-        if (force := self._commanded(message)) is not None and not self._deaf:
+        if (force := self._commanded(message)) is not None and not self._faults.deaf:
             self.handle.hold(self._clock(), _NO_FORCE if self._braked else force)
-        if self._rubbish and self._random.random() < self._rubbish:
+        if self._random.random() < self._faults.rubbish:
             reported = bytes(self._random.randrange(32, 127) for _ in range(len(reported)))
         try:
             client.send(reported)
@@ -184,7 +203,7 @@ class Inverse3Emulator(Emulator):
     def _configure(self, message: dict[str, Any]) -> None:
         for entry in message.get("inverse3", ()):
             reported = entry.get("configure", {}).get("preset")
-            if isinstance(reported, dict) and not self._ignores:
+            if isinstance(reported, dict) and not self._faults.ignores:
                 self._preset = str(reported.get("preset", self._preset))
 
     def _commanded(self, message: dict[str, Any]) -> Vector | None:
@@ -208,8 +227,8 @@ class Inverse3Emulator(Emulator):
             x = (x[0], x[1] + BASE_M, x[2])
         force = self.handle.force
         state = {
-            "cursor_position": _named([self._units * _STEP_M * round(p / _STEP_M) for p in x]),
-            "cursor_velocity": _named([self._units * p for p in v]),
+            "cursor_position": _named([self._faults.units * _STEP_M * round(p / _STEP_M) for p in x]),
+            "cursor_velocity": _named([self._faults.units * p for p in v]),
             "angular_position": {"a0": 0.0, "a1": 0.0, "a2": 0.0},
             "angular_velocity": {"a0": 0.0, "a1": 0.0, "a2": 0.0},
             "body_orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
@@ -223,10 +242,10 @@ class Inverse3Emulator(Emulator):
             "device_id": "61576",
             "state": {
                 "orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0},
-                "buttons": {"a": self._button, "b": False, "c": False},
+                "buttons": {"a": self._faults.button, "b": False, "c": False},
                 "hall": 0,
             },
-            "status": {"awake": not self._asleep, "connected": True, "ready": not self._asleep},
+            "status": {"awake": not self._faults.asleep, "connected": True, "ready": not self._faults.asleep},
         }
         if whole:
             arm["config"] = {"type": "inverse3", "handedness": "right"}

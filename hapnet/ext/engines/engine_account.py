@@ -68,8 +68,6 @@ class EngineFailed(HapnetError):
 class EngineAccount:
     """`engine` while it runs, and its account. `name` : the scene's, for what went wrong.
 
-    More than twenty attributes: the account, and what was known at the last substep's end.
-
     position, velocity : of the proxy, as the engine said last [m], [m/s].
 
     Raises HapnetError, as every call does: the engine raised something, or gave what it may not.

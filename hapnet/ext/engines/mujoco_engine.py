@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,11 +56,28 @@ def mujoco_world(
     return world
 
 
-class MujocoEngine(Engine):
-    """The model that `scene` names while it runs; `dof` axes of it are the hand's. Methods are as `Engine` says.
+class _Slides(NamedTuple):
+    """The engine's own arrays, of the slide joints on which an added sphere moves."""
 
-    More than twenty attributes: what each substep would else ask of the model anew.
-    """
+    position: Array
+    velocity: Array
+    contact: Array
+    push: Array
+
+    @classmethod
+    def of(cls, found: Model, dof: int) -> _Slides:
+        """The views of `dof` joints, the model's first that the hand leads."""
+        model, data = found.model, found.data
+        first = found.dofs[0] if found.dofs else 0
+        place = int(model.jnt_qposadr[model.dof_jntid[first]]) if found.dofs else 0
+        joints = slice(first, first + dof)
+        return cls(
+            data.qpos[place : place + dof], data.qvel[joints], data.qfrc_constraint[joints], data.qfrc_applied[joints]
+        )
+
+
+class MujocoEngine(Engine):
+    """The model that `scene` names while it runs; `dof` axes of it are the hand's. Methods are as `Engine` says."""
 
     def __init__(self, scene: str, dof: int) -> None:
         self.dof: int = dof
@@ -72,12 +90,7 @@ class MujocoEngine(Engine):
         self._signature = found.engine.mjtState.mjSTATE_FULLPHYSICS
         self._saved = np.empty(found.engine.mj_stateSize(found.model, self._signature))
         self._dofs = list(found.dofs)
-        # views of the engine's own arrays, of the slide joints
-        place = int(found.model.jnt_qposadr[found.model.dof_jntid[found.dofs[0]]]) if found.dofs else 0
-        first = found.dofs[0] if found.dofs else 0
-        self._qpos, self._qvel = found.data.qpos[place : place + dof], found.data.qvel[first : first + dof]
-        self._contact = found.data.qfrc_constraint[first : first + dof]
-        self._push, self._energies = found.data.qfrc_applied[first : first + dof], found.data.energy
+        self._slides = _Slides.of(found, dof)
         self._has_motors = bool(found.model.nu)
         self._first_geom = int(found.model.body_geomadr[found.body])
         self._geoms = int(found.model.body_geomnum[found.body])
@@ -124,7 +137,7 @@ class MujocoEngine(Engine):
     def energy_J(self) -> tuple[float, float]:
         """Weight that the model compensates for has no potential."""
         data = self._data
-        potential, kinetic = self._energies.tolist()
+        potential, kinetic = data.energy.tolist()
         for body, *weight in self._weights:
             potential += inner(weight, data.xipos[body].tolist())
         return kinetic, potential
@@ -133,14 +146,14 @@ class MujocoEngine(Engine):
         """Of the proxy, from where it began [m]."""
         data, found = self._data, self.found
         if self._dofs:
-            return tuple(self._qpos.tolist())
+            return tuple(self._slides.position.tolist())
         place = data.site_xpos[found.site] if found.site >= 0 else data.xipos[found.body]
         return tuple([x - at for x, at in zip(place.tolist(), self._origin, strict=False)])  # the first axes
 
     def velocity(self) -> Vector:
         """Of the proxy [m/s]."""
         if self._dofs:
-            return tuple(self._qvel.tolist())
+            return tuple(self._slides.velocity.tolist())
         return tuple((self._rows() @ self._data.qvel).tolist())
 
     def inverse_mass(self) -> float | Array:
@@ -154,7 +167,7 @@ class MujocoEngine(Engine):
 
     def contact_force(self) -> Vector | None:
         """On an added sphere."""
-        return tuple(self._contact.tolist()) if self._dofs else None
+        return tuple(self._slides.contact.tolist()) if self._dofs else None
 
     def depth(self) -> float:
         """How deep the proxy is in what it touches, where it is deepest [m]."""
@@ -169,7 +182,7 @@ class MujocoEngine(Engine):
         """Put the added sphere at rest there [m]; returns whether it is free. A body of the model stays where it is."""
         if not self._dofs:
             return position == self.position()
-        self._qpos[:], self._qvel[:] = position, 0.0
+        self._slides.position[:], self._slides.velocity[:] = position, 0.0
         self._engine.mj_forward(self._model, self._data)
         return self.depth() == 0.0
 
@@ -226,7 +239,7 @@ class MujocoEngine(Engine):
     def _apply(self, force: Vector) -> None:
         data = self._data
         if self._dofs:
-            self._push[:] = force
+            self._slides.push[:] = force
             return
         found = self.found
         push = np.zeros(3)

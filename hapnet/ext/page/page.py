@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -35,10 +36,22 @@ _WIDTHS, _NARROW = (290, 370), (250, 240)  # of the two panels [pixels]
 _NARROW_BELOW = 1100  # in windows of a smaller width the panels are narrow, or little is left for the scene [pixels]
 
 
+@dataclass(slots=True)
+class _Last:
+    """The newest of a pair that the page has shown, and when it came [s].
+
+    taken, heard : samples by number; the picture of one may be made anew. statuses : of both sides.
+    """
+
+    taken: int = 0
+    heard: int = 0
+    heard_s: float = -1e9
+    statuses: tuple[Status | None, Status | None] = (None, None)
+    status_s: float = -1e9
+
+
 class Page:
     """The page's content. Times `now_s` are from one monotonic clock.
-
-    More than twenty attributes: every panel is one, and each keeps what was shown last, as only a change is sent.
 
     controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
     player : what plays a recording; None: what is shown happens now.
@@ -53,9 +66,7 @@ class Page:
         self._scene: Scene | None = None
         self._drawn: tuple[int, Any, str, object, object] | None = None  # for which axes, walls, words, arm it was made
         self._parts: tuple[Part, ...] | None = None
-        self._taken = self._heard = 0
-        self._heard_s = self._status_s = -1e9
-        self._statuses: tuple[Status | None, Status | None] = (None, None)
+        self._last = _Last()
         self._troubles = Troubles()
         self._steps = Steps()
         self._starting_from: tuple[int | None, int | None] | None = None
@@ -139,10 +150,10 @@ class Page:
 
     def _draw_numbers(self, snapshot: Snapshot, now_s: float) -> None:
         troubles = [*self._steps.failures(), *self._troubles.now(snapshot, now_s)]
-        if (statuses := (snapshot.device_status, snapshot.world_status)) != self._statuses:
-            self._statuses, self._status_s = statuses, now_s
+        if (statuses := (snapshot.device_status, snapshot.world_status)) != self._last.statuses:
+            self._last.statuses, self._last.status_s = statuses, now_s
         paused = any(status.paused for status in statuses if status is not None)
-        fresh = now_s - (self._status_s if paused else self._heard_s) <= OLD_S
+        fresh = now_s - (self._last.status_s if paused else self._last.heard_s) <= OLD_S
         self._numbers.update(snapshot, self._state(snapshot, now_s), troubles, fresh=fresh)
 
     def _draw_plots(self, snapshot: Snapshot) -> None:
@@ -150,15 +161,16 @@ class Page:
 
     def _drop_scene(self) -> None:
         """Make the scene anew with the next picture: it may have been drawn in part."""
-        self._drawn, self._taken = None, -1
+        self._drawn, self._last.taken = None, -1
 
     def _draw_scene(self, now_s: float) -> None:
         snapshot = self._history.snapshot()
-        if snapshot.taken == self._taken:
+        last = self._last
+        if snapshot.taken == last.taken:
             return
-        self._taken = snapshot.taken
-        if snapshot.taken != self._heard:  # otherwise only the picture is made anew
-            self._heard, self._heard_s = snapshot.taken, now_s
+        last.taken = snapshot.taken
+        if snapshot.taken != last.heard:  # otherwise only the picture is made anew
+            last.heard, last.heard_s = snapshot.taken, now_s
         if (track := snapshot.device or snapshot.world) is None:
             return
         words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
@@ -176,7 +188,7 @@ class Page:
         self._scene.update(snapshot)
 
     def _state(self, snapshot: Snapshot, now_s: float) -> str:
-        silent = now_s - self._heard_s > SILENT_S
+        silent = now_s - self._last.heard_s > SILENT_S
         if self._starting_from is not None:
             began = all(a != b for a, b in zip(self._starting_from, _incarnations(snapshot), strict=True))
             if not began or silent:

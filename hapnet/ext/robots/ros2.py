@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -34,10 +35,19 @@ _START_S = 10.0
 _NS = 1e-9
 
 
+@dataclass(slots=True)
+class _Newest:
+    """What came last: how the handle is turned, the force that acted, that of the surroundings with its time [ns]."""
+
+    quaternion: Vector | None = None
+    acted: Vector | None = None
+    touched: tuple[Vector, int] | None = None
+    frame: str = ""
+    """Of the pose."""
+
+
 class Ros2(Driver):
     """Positions come from one topic, forces go to another: ``ros2:/arm/current_pose,command=/arm/target_wrench``.
-
-    More than twenty attributes: what a driver declares, and of each topic what came last.
 
     state : topic of the positions, PoseStamped; with `joints`, JointState. command : topic on which the forces go out,
     WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic that says which
@@ -90,10 +100,7 @@ class Ros2(Driver):
         self._state, self._command, self._frame = state, command, frame
         self._wait_s = 2.0 / rate
         self._velocity = [TimedVelocity(math.inf, NOISE) for _ in range(dof)]
-        self._quaternion: Vector | None = None
-        self._acted: Vector | None = None
-        self._touched: tuple[Vector, int] | None = None
-        self._state_frame = ""
+        self._newest = _Newest()
         self._node = RosNode("hapnet", domain=domain, router=router)
         self._states = Inbox(self._position, 1.0 / rate, time.monotonic_ns)
         self._measured = Inbox(self._force, 1.0 / rate, time.monotonic_ns)
@@ -109,7 +116,7 @@ class Ros2(Driver):
         if contact:
             self._first(self._contacts, contact)  # that one always counts; no later one does, if the topic is slower
             why = f", or slower than {1.0 / contact_s:g} Hz: contact_rate"
-            self._touched = self._first(self._contacts, contact, why)
+            self._newest.touched = self._first(self._contacts, contact, why)
 
     @classmethod
     def missing(cls) -> str:
@@ -121,11 +128,11 @@ class Ros2(Driver):
                 one.restart()
             unused = self._states.unused
             raise DeviceSilent(f"nothing new on {self._state}" + (f" ({unused} so far)" if unused else ""))
-        (x, self._quaternion), came_ns = found
+        (x, self._newest.quaternion), came_ns = found
         at_s = came_ns * _NS
         force = self._measured.next()
-        self._acted = None if force is None else force[0]
-        self._touched = self._contacts.next() or self._touched
+        self._newest.acted = None if force is None else force[0]
+        self._newest.touched = self._contacts.next() or self._newest.touched
         return x, tuple([one.update(at_s, at_s, axis) for one, axis in zip(self._velocity, x, strict=True)])
 
     def apply(self, force: Vector) -> Vector | None:
@@ -145,15 +152,15 @@ class Ros2(Driver):
         return None
 
     def acted(self) -> Vector | None:
-        return self._acted
+        return self._newest.acted
 
     def contact_force(self) -> Vector | None:
-        if self._touched is None or (time.monotonic_ns() - self._touched[1]) * _NS > self._contact_ends_s:
+        if self._newest.touched is None or (time.monotonic_ns() - self._newest.touched[1]) * _NS > self._contact_ends_s:
             return None
-        return self._touched[0]
+        return self._newest.touched[0]
 
     def orientation(self) -> Vector | None:
-        return self._quaternion if self._turns else None
+        return self._newest.quaternion if self._turns else None
 
     def close(self) -> None:
         self._node.close()
@@ -171,7 +178,7 @@ class Ros2(Driver):
         if self._axes is None:
             return self._of_joints(data, "position"), None
         stamped = self._node.types.decode(POSE, data)
-        pose, self._state_frame = stamped.pose, stamped.header.frame_id
+        pose, self._newest.frame = stamped.pose, stamped.header.frame_id
         at, turned = pose.position, pose.orientation
         quaternion = _finite(turned.w, turned.x, turned.y, turned.z)
         if (size := math.hypot(*quaternion)) < 0.5:
@@ -188,8 +195,8 @@ class Ros2(Driver):
         """As `_force`; of a wrench in the frame of a sensor that turns nobody knows where it points."""
         if self._axes is not None:
             frame = self._node.types.decode(WRENCH, data).header.frame_id
-            if frame != self._state_frame:
-                raise BadMessage("frame_id", f"{frame!r}; allowed: {self._state_frame!r}, that of {self._state}")
+            if frame != self._newest.frame:
+                raise BadMessage("frame_id", f"{frame!r}; allowed: {self._newest.frame!r}, that of {self._state}")
         return self._force(data)
 
     def _of_joints(self, data: bytes, part: str) -> Vector:
