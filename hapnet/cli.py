@@ -40,15 +40,15 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "Simulate both sides in virtual time: in one process, deterministic for a seed, much faster than real time.",
     ),
     "play": (
-        "hapnet.commands.play:play",
+        "hapnet.ext.page.commands.play:play",
         "Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.",
     ),
     "view": (
-        "hapnet.commands.view:view",
+        "hapnet.ext.page.commands.view:view",
         "Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.",
     ),
     "bridge": (
-        "hapnet.commands.bridge:bridge",
+        "hapnet.ext.page.commands.bridge:bridge",
         "Publish a running pair on ROS 2's topics, by rmw_zenoh's layout and without ROS: `hapnet bridge ros2`.",
     ),
     "device": (
@@ -57,11 +57,11 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "`hapnet world`.",
     ),
     "world": (
-        "hapnet.commands.world:world",
+        "hapnet.commands.device:world",
         "Run the virtual world's side only, for two hosts. Start it before or after `hapnet device`.",
     ),
     "reproduce": (
-        "hapnet.commands.reproduce:reproduce",
+        "hapnet.ext.pictures.commands:reproduce",
         "Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed).",
     ),
     "replay": (
@@ -69,11 +69,11 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.",
     ),
     "report": (
-        "hapnet.commands.report:report",
+        "hapnet.ext.pictures.commands:report",
         "Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy.",
     ),
     "compare": (
-        "hapnet.commands.compare:compare",
+        "hapnet.ext.study.commands.compare:compare",
         "Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.",
     ),
     "export": (
@@ -81,35 +81,35 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
         "Write one or two recordings as tables: CSV, and Parquet. Those of two hosts are put on one clock.",
     ),
     "transparency": (
-        "hapnet.commands.transparency:transparency",
+        "hapnet.ext.study.commands.transparency:transparency",
         "Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.",
     ),
     "tune": (
-        "hapnet.commands.tune:tune",
+        "hapnet.ext.study.commands.tune:tune",
         "Search the parameters that are best for an objective and break no constraint; score them on other cases.",
     ),
     "devices": (
-        "hapnet.commands.devices:devices",
+        "hapnet.ext.devices.commands:devices",
         "List the devices that can be given to --device, what was found of each, and what is missing for it.",
     ),
     "emulate": (
-        "hapnet.commands.emulate:emulate",
+        "hapnet.ext.devices.commands:emulate",
         "Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its own.",
     ),
     "bench": (
-        "hapnet.commands.bench:bench",
+        "hapnet.ext.bench.commands:bench",
         "Measure what the servo, the message path and the simulation cost here, each beside a bare reference.",
     ),
     "doctor": (
-        "hapnet.commands.doctor:doctor",
+        "hapnet.ext.doctor.commands:doctor",
         "Check what this machine allows a servo to do, and say how to allow the rest.",
     ),
     "compile": (
-        "hapnet.commands.compile:compile_couplings",
+        "hapnet.ext.compiled.commands:compile_couplings",
         "Make the machine code of simulations and servos now (extra fast), once on a machine.",
     ),
     "sweep": (
-        "hapnet.commands.sweep:app",
+        "hapnet.ext.study.commands.sweep:app",
         "Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
     ),
 }

@@ -168,10 +168,12 @@ _MODULES = {
     "tools' drivers": "hapnet.ext.tools.posed",
     "robots": "hapnet.ext.robots.following",
     "driven robots": "hapnet.ext.robots.robot_side",
+    "compiling": "hapnet.ext.compiled.progress",
     "compiled": "hapnet.ext.compiled.whole_runs.coverage",
     "compiled ends": "hapnet.ext.compiled.real_time",
     "compiled runs": "hapnet.ext.compiled.whole_runs.run",
     "pictures": "hapnet.ext.pictures.run",
+    "reports": "hapnet.ext.pictures.report",
     "mujoco": "hapnet.ext.engines.mujoco_engine",
     "soft": "hapnet.ext.soft.soft",
     "tools' worlds": "hapnet.ext.tools.scene",
@@ -185,5 +187,5 @@ WORLDS = ("mujoco", "soft", "tools' worlds", "solids")
 
 @cache
 def extension(name: str) -> Any:
-    """The module of an extension, by its name in the table. `hapnet.assembly` and `hapnet.simulation` use it."""
+    """The module of an extension, by its name in the table."""
     return import_module(_MODULES[name])

@@ -9,7 +9,6 @@ import pytest
 from hapnet.assembly.build import device_session, device_side, prepare, world_session
 from hapnet.errors import InvalidParameter
 from hapnet.ext.pictures.run import figure
-from hapnet.ext.pictures.tables import brief, motion
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
@@ -19,6 +18,7 @@ from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import read
+from hapnet.summary.tables import brief, motion
 from hapnet.units import text_of, units_of, within
 from hapnet.wire.events import Mismatch, Paired
 from tests.support.sessions import MS, Network

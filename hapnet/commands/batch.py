@@ -85,10 +85,9 @@ def as_dict(run: BatchRun) -> dict[str, Any]:
 
 def _table(runs: list[BatchRun], width: int) -> Table:
     """Median, extremes and, in a terminal of `_WIDE` columns, quartiles over the runs."""
+    import numpy as np
     from rich.markup import escape
     from rich.table import Table
-
-    from hapnet.ext.metrics.measured import quantile
 
     wanted = {"median": 0.5, "least": 0.0, "q1": 0.25, "q3": 0.75, "most": 1.0}
     shares = [(name, share) for name, share in wanted.items() if width >= _WIDE or name not in ("q1", "q3")]
@@ -96,7 +95,7 @@ def _table(runs: list[BatchRun], width: int) -> Table:
     for name, value, scale in _figures():
         known = [scale * float(x) for x in (value(run.summary) for run in runs) if x is not None]
         if known:
-            table.add_row(escape(name), *(_words(quantile(known, share)) for _, share in shares))
+            table.add_row(escape(name), *(_words(float(np.quantile(known, share))) for _, share in shares))
     return table
 
 

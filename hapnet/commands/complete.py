@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.laws import COUPLING_NAMES, GROUP
-from hapnet.loading import published
+from hapnet.loading import extension, published
 from hapnet.params import Params
 from netem.presets import PRESETS
 
 OPERATORS = ("rest", "sine", "press", "hand-1")
-FIGURES = ("fig4", "fig5", "fig6")
 MODES = ("peer", "client", "router")
 MOTIONS = (".csv", ".mcap")
 """Files that can be an operator's motion."""
@@ -68,14 +67,11 @@ def couplings() -> list[str]:
 
 def scenes() -> list[tuple[str, str]]:
     """Worlds by name with what they are, the solids that need no file, and what packages publish."""
-    from hapnet.ext.solids.rigid import FROM_FILES, KINDS
-    from hapnet.ext.tools.scene import TOOLS
     from hapnet.plant.worlds.registry import GROUP, SCENES, about
 
-    solids = [(name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES]
-    others = [(f"tool:{name}", words) for name, (_, words) in TOOLS.items()]
+    others = [*extension("solids").OFFERED, *extension("tools' worlds").OFFERED]
     others += [("soft", "a soft block"), ("soft:organ", "a soft organ")]
-    return [*((name, about(name)) for name in SCENES), *solids, *others, *((name, "") for name in published(GROUP))]
+    return [*((name, about(name)) for name in SCENES), *others, *((name, "") for name in published(GROUP))]
 
 
 def devices() -> list[str]:
@@ -103,14 +99,6 @@ def assignments(incomplete: str) -> list[tuple[str, str]]:
         reported = dict.fromkeys((_word(values[name]), *_allowed(name)))
         found += [(f"{name}={value}", found[0][1]) for value in reported if value]
     return found
-
-
-def rows(incomplete: str) -> list[str]:
-    """Rows of the benchmark; after a comma, another row."""
-    from hapnet.ext.bench.registry import ROWS
-
-    before, comma, _ = incomplete.rpartition(",")
-    return [f"{before}{comma}{row}" for row in ROWS]
 
 
 def specs(incomplete: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""`hapnet device`: one side in this process."""
+"""`hapnet device` and `hapnet world`: one side in this process."""
 
 from __future__ import annotations
 
@@ -48,6 +48,17 @@ def device(
         raise InvalidParameter("--role", role, "leader or follower")
     follows = replace(model, hardware=None, follower=model.hardware or "simulated")
     return one_side("world", follows, side, zenoh, links, params)
+
+
+def world(
+    *,
+    model: Annotated[ModelOptions, Without("operator", "hardware", "servo", "servo_hz")],
+    side: Annotated[SideFlags, Without("realtime")],
+    zenoh: ZenohOptions,
+    links: OneWay,
+    params: ParamsOptions,
+) -> int:
+    return one_side("world", model, side, zenoh, links, params)
 
 
 def one_side(

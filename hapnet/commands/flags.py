@@ -131,11 +131,6 @@ def out_in(default: str) -> Any:
     return typer.Option(help="Directory for all output files.", show_default=default)
 
 
-def dry_run(help: str) -> Any:
-    """The flag `--dry-run` of a command; `help` says what it tells."""
-    return typer.Option("--dry-run", help=help)
-
-
 Out = Annotated[Path | None, out_in("runs/<UTC time>-<seed>")]
 Recorded = Annotated[
     list[Path],
@@ -151,11 +146,6 @@ Realtime = Annotated[
     ),
 ]
 
-Workers = Annotated[int, typer.Option(min=0, max=1024, help="Processes on this machine; 0: one per core.")]
-Dask = Annotated[
-    str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
-]
-RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run the failed cases again.")]
 
 Link = Annotated[
     str | None,
@@ -261,17 +251,3 @@ Deadband = Annotated[
         "--deadband", metavar="FRACTION", help="Send only changes of the force above this fraction; 0.1 is hardly felt."
     ),
 ]
-Figure = Annotated[str, typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*complete.FIGURES))]
-Only = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME[,NAME]",
-        help="Rows to measure, as names or patterns: servo_*,device_tick.",
-        autocompletion=complete.rows,
-    ),
-]
-Host = Annotated[
-    str, typer.Option(help="Serve the page on this address; 0.0.0.0: others can open it too, and press every button.")
-]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port, or on the next free one.")]
-Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]

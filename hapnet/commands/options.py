@@ -243,15 +243,6 @@ class SideFlags:
     verbose: flags.Verbose = False
 
 
-@dataclass(frozen=True)
-class PageOptions:
-    """Where the live page is served."""
-
-    host: flags.Host = "127.0.0.1"
-    port: flags.Port = 8080
-    browser: flags.Browser = True
-
-
 def no_out_without_files(out: Path | None, files: bool) -> None:
     """Raise InvalidParameter for --out where no files are written."""
     if out is not None and not files:

@@ -5,33 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 from hapnet.assembly.build import Setup
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.commands import output
 from hapnet.commands.progress import Progress
-from hapnet.commands.report import write
 from hapnet.errors import InvalidParameter, RecordingError
-from hapnet.ext.pictures.report import PAGE, Report, source_of
+from hapnet.loading import extension
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.run import Summary
 
-if TYPE_CHECKING:
-    from hapnet.ext.pictures.page import Source
-
 FILES = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
 
 
 class Outcome(NamedTuple):
-    """A run's summary; and what was recorded of it, with the files, if anything was."""
+    """A run's summary; and what was recorded of it, with each file and its content, if anything was."""
 
     summary: Summary
     recording: Recording | None
-    sources: list[Source]
+    sources: list[tuple[Path, Recording]]
 
 
 def of_pair(
@@ -71,7 +67,7 @@ def of_pair(
         return Outcome(summary, None, [])
     summary["motion"] = motion(whole)
     meta = {**whole.meta, "seed": seed, "links": {"up": str(setup.up), "down": str(setup.down)}}
-    sources = [source_of(files[role], recording) for role, recording in recordings.items()]
+    sources = [(files[role], recording) for role, recording in recordings.items()]
     return Outcome(summary, replace(whole, meta=meta, summary=summary), sources)
 
 
@@ -84,7 +80,7 @@ def of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
     except RecordingError as error:
         written.missing.append(f"no report: {error}")
         return Outcome(summary, None, [])
-    return Outcome(summary, replace(recording, summary=summary), [source_of(file, recording)])
+    return Outcome(summary, replace(recording, summary=summary), [(file, recording)])
 
 
 def write_files(found: Outcome, directory: Path, written: output.Written) -> None:
@@ -92,5 +88,21 @@ def write_files(found: Outcome, directory: Path, written: output.Written) -> Non
     with written.part():
         output.write_json(found.summary, str(directory / "summary.json"))
     if found.recording is not None:
+        reports = extension("reports")
         with Progress(output.progress_console(), "drawing"):
-            write(Report(found.recording, tuple(found.sources)), directory, PAGE, {"run": "figure.png"}, written)
+            sources = tuple(reports.source_of(*source) for source in found.sources)
+            report = reports.Report(found.recording, sources)
+            write(report, directory, reports.PAGE, {"run": "figure.png"}, written)
+
+
+def write(report: Any, directory: Path, page: str, names: Mapping[str, str], written: output.Written) -> list[str]:
+    """Write the page of a `Report`, and the pictures for which `names` has a file name; returns the written names.
+
+    written : collects what cannot be written.
+    """
+    there = []
+    for name, data in report.content(page, names).items():
+        with written.part():
+            extension("reports").save(data, directory / name, "figure" if name.endswith(".png") else "report")
+            there.append(name)
+    return there

@@ -270,7 +270,7 @@ def show_kernel(out: Console, why_not: str | None) -> None:
 
 def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
     """The verdict and what matters most in three lines or, if `verbose`, all tables."""
-    from hapnet.ext.pictures.tables import brief_text, summary_text
+    from hapnet.summary.tables import brief_text, summary_text
 
     out.print(summary_text(summary) if verbose else brief_text(summary))
 

@@ -16,11 +16,12 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.commands.log import record
 from hapnet.commands.side import CONSOLE, ORPHANED, PARENT, PLACE
+from hapnet.commands.standby import Standby
 from hapnet.errors import HapnetError
 from hapnet.params import Params
 from hapnet.processes.start import (
@@ -41,36 +42,6 @@ from hapnet.realtime.servo_process import NOT_STARTED
 from hapnet.side.notices import Notice
 from hapnet.summary.causes import INCOMPLETE
 from hapnet.transport.config import free_address, local_address
-
-
-class Standby(NamedTuple):
-    """A process that waits to be a side (standby.py). report : the pipe of its summary, which it calls `file`."""
-
-    child: ProgramOnLoop
-    report: int
-    file: int
-
-    @classmethod
-    async def started(cls) -> Standby:
-        """Start one."""
-        report, theirs = os.pipe()
-        try:
-            command = module("hapnet.commands.standby")
-            child = await started_on_loop(command, stdin=PIPE, keeps=(theirs,), own_group=True)
-        except BaseException:
-            os.close(report)
-            raise
-        finally:
-            os.close(theirs)
-        return cls(child, report, theirs)
-
-    async def end(self) -> None:
-        """End it, as it is not needed."""
-        os.close(self.report)
-        with contextlib.suppress(ProcessLookupError):
-            self.child.kill()
-        await self.child.communicate()
-
 
 NONE_READY: Mapping[str, Standby] = MappingProxyType({})
 

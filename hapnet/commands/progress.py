@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from io import UnsupportedOperation
 from typing import TYPE_CHECKING
 
-from hapnet.ext.compiled import progress as compiler
+from hapnet.loading import extension
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,13 +62,13 @@ class Progress:
         self.stage(doing, total, unit)
 
     def __enter__(self) -> Progress:
-        self._before = compiler.reported.set(self._compiling)
+        self._before = extension("compiling").reported.set(self._compiling)
         if self._background:
             self._thread.start()
         return self
 
     def __exit__(self, *exc: object) -> None:
-        compiler.reported.reset(self._before)
+        extension("compiling").reported.reset(self._before)
         self._over.set()
         with self._lock:
             if self._bar is not None:

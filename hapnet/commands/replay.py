@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,9 +13,8 @@ import typer
 from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
-from hapnet.commands.trust import permits
 from hapnet.errors import InvalidParameter
-from hapnet.loading import permitting
+from hapnet.loading import Permits, extension, permitting
 from hapnet.params import Params
 from hapnet.units import within
 from netem.groups import Without
@@ -60,8 +62,6 @@ def _replay(
     from dataclasses import replace as changed
 
     from hapnet.assembly.scenes import for_its_scene
-    from hapnet.ext.pictures.run import figure as figure_of_run, replay_figure
-    from hapnet.ext.pictures.style import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.replay import compare, read_original
     from hapnet.simulation.simulation import Simulation
@@ -91,13 +91,13 @@ def _replay(
     summary = result.summary
     compared = summary["replay"] = compare(original, result.recording, summary)
     recording = changed(result.recording, summary=summary)
-    written = output.Written()
+    written, pictures = output.Written(), extension("pictures")
     with written.part():
         save(recording, target)
     with written.part():
-        save_figure(figure_of_run(recording), directory / "figure.png")
+        pictures.save_figure(pictures.figure(recording), directory / "figure.png")
     with written.part():
-        save_figure(replay_figure(original.recording, recording), directory / "replay.png")
+        pictures.save_figure(pictures.replay_figure(original.recording, recording), directory / "replay.png")
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
     output.show_summary(words, summary, verbose=verbose)
@@ -146,3 +146,31 @@ def verdict(compared: dict[str, Any], units: str | None = None) -> str:
         return "the replay differs from the original; their paths cannot be compared"
     errors = [f"{1e3 * error:.3g} {within(units, 'mm')}" for error in (most, rms)]
     return f"the replay differs from the original: the device by {errors[0]} at most, {errors[1]} rms"
+
+
+def permits(files: str, typed: Iterable[object], *, trust: bool, ask: Callable[[str], bool] | None = None) -> Permits:
+    """For `loading.permitting`: permits what the user typed, all with `trust`, and what the user says yes to.
+
+    files : as text. typed : the values of the command line. ask : puts a question to the user; None: on a terminal.
+    """
+    answers: dict[str, bool] = {}
+    texts = [str(value) for value in typed]
+
+    def permit(parameter: str, name: str) -> None:
+        if trust or any(re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.:])", text) for text in texts):
+            return
+        if name not in answers:
+            question = f"{files} names {name} ({parameter}): code that runs with your rights. Import it?"
+            answers[name] = (ask or _asked)(question)
+        if not answers[name]:
+            allowed = f"permitted: {files} names it, and importing it runs its code (--trust, if you know who wrote it)"
+            raise InvalidParameter(parameter, name, allowed)
+
+    return permit
+
+
+def _asked(question: str) -> bool:
+    """The user's answer; no, if there is no terminal."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    return typer.confirm(question, default=False, err=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -48,13 +49,12 @@ def run(
     from tempfile import TemporaryDirectory
 
     from hapnet.assembly.build import prepare
-    from hapnet.commands import known_devices, terminal
-    from hapnet.commands.log import check_target
+    from hapnet.commands import known_devices
+    from hapnet.commands.log import Repeats, check_target
     from hapnet.commands.outcome import FILES, of_pair, write_files
     from hapnet.commands.pair import Pair
-    from hapnet.commands.repeats import Repeats
     from hapnet.commands.side import exit_code, held_back
-    from hapnet.ext.compiled import real_time
+    from hapnet.loading import extension
     from hapnet.summary.structure import SIDES
     from hapnet.summary.verdict import incomplete
 
@@ -97,11 +97,12 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
+            real_time = extension("compiled ends")
             for part in real_time.missing(setup.params):
                 real_time.make_ready(part)
-            reads = not is_simulated(chosen.hardware) and terminal.is_ours()
+            reads = not is_simulated(chosen.hardware) and may_read_input()
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)
-            with terminal.left_as_it_was():
+            with terminal_restored():
                 asyncio.run(_run(pair, caught))
         with held_back(caught):
             for role, text in repeats.rest():
@@ -178,3 +179,27 @@ def check_sides(setup: Setup) -> None:
     if is_real_robot(setup.params):
         load_class(setup.params.follower.robot, "follower.robot")
     world_side(setup, WorldEndpoint(world_session(setup, 1)), np.random.default_rng(0), lambda sample: None)
+
+
+def may_read_input() -> bool:
+    """Whether a child process may read standard input. A terminal stops whoever reads in the background."""
+    may = True
+    if sys.platform != "win32":
+        may = not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    return may
+
+
+@contextmanager
+def terminal_restored() -> Iterator[None]:
+    """Give the terminal back in the mode that it had: a device's class may read its keyboard, and may be killed."""
+    if sys.platform == "win32" or not sys.stdin.isatty() or not may_read_input():
+        yield
+    else:
+        import termios
+
+        before = termios.tcgetattr(sys.stdin.fileno())
+        try:
+            yield
+        finally:
+            with suppress(termios.error):  # it was closed meanwhile
+                termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, before)

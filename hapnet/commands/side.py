@@ -23,7 +23,7 @@ from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.outcome import FILES, of_side, write_files
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.compiled import real_time
+from hapnet.loading import extension
 from hapnet.params import Params
 from hapnet.processes.child import FrameWriter
 from hapnet.processes.system import ENDING, HANGUP, handle_on_loop, handled
@@ -102,6 +102,7 @@ def _main(
     log = Log(role, words, log_to, progress=given.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
+    real_time = extension("compiled ends")
     for part in real_time.missing(setup.params) if role == "device" else ():
         log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
         real_time.make_ready(part)

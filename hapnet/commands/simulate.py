@@ -10,6 +10,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no_out_without_files
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.loading import extension
 from hapnet.params import Params
 
 
@@ -36,7 +37,6 @@ def simulate(
 
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)
     no_out_without_files(out, files)
-    from hapnet.ext.pictures.style import save_figure
     from hapnet.recording.mcap import save
     from hapnet.simulation.simulation import Simulation
 
@@ -55,7 +55,7 @@ def simulate(
                 save(result.recording, directory / "run.mcap")
             progress.stage("drawing")
             with written.part():
-                save_figure(result.plot(), directory / "figure.png")
+                extension("pictures").save_figure(result.plot(), directory / "figure.png")
             with written.part():
                 output.write_json(result.summary, str(directory / "summary.json"))
     output.show_summary(words, result.summary, verbose=verbose)

@@ -72,7 +72,7 @@ def tab(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Tab:
         ("run --set world.wall.st", [WALL[0], "world.wall.stiffness=3000"]),
         ("run --set device.harvest=", [f"device.harvest={value}" for value in ("", "auto", "range", "measured")]),
         ("run --set nosuch", []),
-        ("reproduce ", list(complete.FIGURES)),
+        ("reproduce ", ["fig4", "fig5", "fig6"]),
         ("reproduce fig4 --set dura", ["duration_s=", "duration_s=10"]),
         ("bench --only ", list(ROWS)),
         ("bench --only servo_idle,codec", ["servo_idle,codec_position", "servo_idle,codec_energy"]),

@@ -1,6 +1,6 @@
 from hypothesis import given, strategies as st
 
-from hapnet.commands.repeats import EVERY_NS, REPEATING, REPORTED, Repeats
+from hapnet.commands.log import EVERY_NS, REPEATING, REPORTED, Repeats
 
 SILENT = "nothing from the world for 0.50 s: the set-position is held"
 

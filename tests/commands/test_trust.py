@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.cli import main
-from hapnet.commands.trust import permits
+from hapnet.commands.replay import permits
 from hapnet.errors import InvalidParameter
 from hapnet.loading import load, permitting
 from hapnet.params import Params

@@ -50,7 +50,7 @@ RUNS_ON = ("hapnet play", "hapnet view")
 
 PAGE = """
 from hapnet.assembly.build import prepare
-from hapnet.commands.play import led
+from hapnet.ext.page.commands.play import led
 from hapnet.commands.run import check_sides
 from hapnet.errors import HapnetError
 from hapnet.params import Params

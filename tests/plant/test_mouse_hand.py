@@ -8,8 +8,8 @@ import pytest
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
-from hapnet.commands.play import led
 from hapnet.ext.page.choices import CHOICES
+from hapnet.ext.page.commands.play import led
 from hapnet.params import Params
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance

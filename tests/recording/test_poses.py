@@ -11,7 +11,6 @@ from hapnet.assembly.build import device_session, prepare, world_session
 from hapnet.checks import Array
 from hapnet.ext.pictures.run import figure
 from hapnet.ext.pictures.scene import scene_figure
-from hapnet.ext.pictures.tables import brief, motion
 from hapnet.ext.study.case import measure
 from hapnet.mechanics import pose
 from hapnet.mechanics.pose import ARM_M, AXES
@@ -24,6 +23,7 @@ from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.from_samples import LiveFigures
 from hapnet.summary.structure import read
+from hapnet.summary.tables import brief, motion
 from hapnet.wire.events import Mismatch
 from tests.support.mcap_messages import messages
 from tests.support.sessions import MS, Network

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hapnet.ext.pictures.tables import brief_text, summary_text
+from hapnet.summary.tables import brief_text, summary_text
 from hapnet.summary.words import verdict
 
 ALONE = "passivity not known: of both ports together only, and the world's account is not here"

@@ -11,17 +11,17 @@ from typing import Any
 import pytest
 
 from hapnet import cli
-from hapnet.commands.play import led
 from hapnet.couplings.registry import COUPLINGS
+from hapnet.ext.page.commands.play import led
 from hapnet.ext.pictures.html import element, join
 from hapnet.ext.pictures.page import FOLDED, MOST_EVENTS, Source, page
 from hapnet.ext.pictures.pictures import pictures
 from hapnet.ext.pictures.settings import commands, settings
-from hapnet.ext.pictures.tables import links, motion, sides
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import read
+from hapnet.summary.tables import links, motion, sides
 from hapnet.summary.words import known, legible
 from tests.plots.test_run import run
 

@@ -13,12 +13,12 @@ import pytest
 from rich.console import Console
 
 from hapnet import cli
-from hapnet.commands import compare as command
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.metrics import METRICS
 from hapnet.ext.study import backend, compare, plans, tables, task
 from hapnet.ext.study.backend import ThisProcess, local_workers
 from hapnet.ext.study.case import Measures, measure
+from hapnet.ext.study.commands import compare as command
 from hapnet.ext.study.compare import Case, Plan, Variant, parted
 from hapnet.ext.study.journal import Row
 from hapnet.ext.study.sections import QUICK

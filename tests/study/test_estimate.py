@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from hapnet import cli
-from hapnet.commands import output, studies
+from hapnet.commands import output
 from hapnet.ext.study import task
+from hapnet.ext.study.commands import studies
 from hapnet.ext.study.task import mean_seconds, spread
 
 

@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from hapnet import cli
-from hapnet.commands import compare as command, studies
 from hapnet.ext.study import backend, compare, markdown, tables, task
 from hapnet.ext.study.backend import ThisProcess
 from hapnet.ext.study.case import Measures, simulated
+from hapnet.ext.study.commands import compare as command, studies
 from hapnet.ext.study.compare import Case, Plan, Variant
 from hapnet.ext.study.sections import FULL, HANDS, QUICK, TAPS
 from hapnet.params import Params

@@ -6,10 +6,10 @@ from typing import Any, get_type_hints, is_typeddict
 
 from hypothesis import given, settings, strategies as st
 
-from hapnet.ext.pictures.tables import brief_text, summary_text
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import SidePart, Summary, Theorem, known, read, unknown
+from hapnet.summary.tables import brief_text, summary_text
 from hapnet.summary.verdict import broken, judge
 from hapnet.summary.words import verdict
 

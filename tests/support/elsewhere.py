@@ -130,7 +130,13 @@ def main(platform: str, words: list[str]) -> int:
     if words == ["imports"]:
         print("\n".join(failures(platform)))
         return 0
-    for name in ("hapnet.commands.side", "hapnet.commands.doctor", "hapnet.realtime.runner", "hapnet.cli", "netem.aio"):
+    for name in (
+        "hapnet.commands.side",
+        "hapnet.ext.doctor.commands",
+        "hapnet.realtime.runner",
+        "hapnet.cli",
+        "netem.aio",
+    ):
         importlib.import_module(name)
     with contextlib.redirect_stdout(io.StringIO()):  # what reads the command line is imported then
         importlib.import_module("hapnet.cli").main([words[0], "--help"])

@@ -26,17 +26,17 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
-from hapnet.commands import stage
 from hapnet.commands.console import _do
-from hapnet.commands.reserve import Reserve
+from hapnet.commands.standby import Reserve
 from hapnet.ext.page.choices import CHOICES, label_of
+from hapnet.ext.page.commands import stage
 from hapnet.ext.page.numbers import _table
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.summary.words import stated
 from hapnet.transport.config import ZenohSettings
 from hapnet.wire.messages import Role
-from tests.commands.test_play import Playing, playing
+from tests.view.test_play import Playing, playing
 
 LABELS = ("hapnet", "paper", "zoh", "wave")
 WORDS = {True: "passive", False: "NOT passive", None: "not known"}

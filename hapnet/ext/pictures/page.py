@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from hapnet.couplings.registry import COUPLINGS, known
-from hapnet.ext.pictures import tables
 from hapnet.ext.pictures.html import Html, element, join, table
 from hapnet.ext.pictures.pictures import Picture
 from hapnet.ext.pictures.settings import Setting, commands, of_side, settings
 from hapnet.ext.pictures.zoomed import library
 from hapnet.recording import alignment
 from hapnet.recording.samples import Recording
+from hapnet.summary import tables
 from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
 from hapnet.summary.words import get, has_reservoirs, number, outcome, tuning, verdict
 

@@ -13,7 +13,7 @@ from typing import cast
 from hapnet.ext.pictures.page import Source, page
 from hapnet.ext.pictures.pictures import Picture, pictures
 from hapnet.ext.pictures.run import figure, html
-from hapnet.ext.pictures.style import png, save
+from hapnet.ext.pictures.style import png, save as save
 from hapnet.loading import only_imported, permitting
 from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording

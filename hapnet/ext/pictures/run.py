@@ -24,9 +24,9 @@ from hapnet.ext.pictures.style import (
     headed,
     legend_above,
     png,
+    save_figure as save_figure,
     sheet,
 )
-from hapnet.ext.pictures.tables import brief
 from hapnet.installing import require
 from hapnet.recording.hand import hand_times
 from hapnet.recording.poses import of_point, of_turning
@@ -34,6 +34,7 @@ from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read
+from hapnet.summary.tables import brief
 from hapnet.summary.words import get, has_reservoirs, millijoule, outcome, verdict
 from hapnet.units import RADIANS, units_in, within
 

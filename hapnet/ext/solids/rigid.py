@@ -353,3 +353,5 @@ FROM_FILES = ("mesh", "heights", "sdf")
 
 FIRST_WORDS = tuple(KINDS)
 """Of texts that describe such a world."""
+OFFERED = tuple((name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES)
+"""The worlds that need no file, each with the help on its properties."""

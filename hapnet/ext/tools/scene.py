@@ -46,6 +46,8 @@ TOOLS: dict[str, tuple[Callable[[Properties], Tool], str]] = {
     "stick": (lambda given: stick(given.length("length", 0.08)), "length=80mm"),
 }
 """The tools by name: how each is made, and the help on its properties."""
+OFFERED = tuple((f"{KIND}:{name}", words) for name, (_, words) in TOOLS.items())
+"""The worlds that need no file, each with the help on its properties."""
 
 
 class ToolScene(WorldDefaults):

@@ -15,6 +15,7 @@ from hapnet.commands import complete, flags, output
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.ext.study.commands import flags as own
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params, is_tool
 from netem.groups import Without
@@ -66,7 +67,7 @@ class TransparencyOptions:
         ),
     ] = False
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
-    dry_run: Annotated[bool, flags.dry_run("Say what would be measured, estimate the time by a few runs, and end.")] = (
+    dry_run: Annotated[bool, own.dry_run("Say what would be measured, estimate the time by a few runs, and end.")] = (
         False
     )
 
@@ -101,11 +102,11 @@ def transparency(
     if params.show_params:
         return params.show(chosen)
     from hapnet.commands.batch import seed_range
-    from hapnet.commands.studies import names_of
     from hapnet.couplings.registry import coupling
     from hapnet.ext.pictures.impedance import transmitted
     from hapnet.ext.pictures.style import save_figure
     from hapnet.ext.study import stable_stiffness, transparency
+    from hapnet.ext.study.commands.studies import names_of
     from hapnet.ext.study.impedance import Transmission, curve
     from hapnet.ext.study.plans import links_of
     from hapnet.ext.study.transparency import Task
@@ -186,8 +187,8 @@ def transparency(
 
 def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
     """Say what would be measured, and how long it takes."""
-    from hapnet.commands.studies import Kind, estimate
     from hapnet.ext.study import transparency
+    from hapnet.ext.study.commands.studies import Kind, estimate
 
     runs = [task for task in tasks if task.hand is None and task.case is None]
     walls = [task for task in tasks if task.hand is not None]
@@ -204,7 +205,7 @@ def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
 
 def _motions(given: TransparencyOptions, params: Params) -> tuple[str, ...]:
     """Of a tool; "" alone: into a wall. Raises InvalidParameter: what is asked for does not fit the scene."""
-    from hapnet.commands.studies import names_of
+    from hapnet.ext.study.commands.studies import names_of
 
     named = tuple(names_of(given.motion))
     if not is_tool(params.scene):

@@ -13,10 +13,11 @@ import pytest
 from rich.console import Console
 
 from hapnet import cli
-from hapnet.commands.pair import Pair, Standby
-from hapnet.commands.play import led
-from hapnet.commands.stage import SESSION, Stage
+from hapnet.commands.pair import Pair
+from hapnet.commands.standby import Standby
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.page.commands.play import led
+from hapnet.ext.page.commands.stage import SESSION, Stage
 from hapnet.ext.page.history import History
 from hapnet.ext.page.watcher import Watcher
 from hapnet.params import RELAXED_HAND, Params

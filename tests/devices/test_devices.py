@@ -67,7 +67,7 @@ class Stuttering(Arm):
     silent_every = 10
 
 
-ARM = "tests.commands.test_devices:Arm"
+ARM = "tests.devices.test_devices:Arm"
 
 
 @pytest.fixture
@@ -223,7 +223,7 @@ class Leaving:
 def test_a_driver_that_ends_the_program_is_listed_with_its_reason(
     monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    monkeypatch.setattr(registry, "known", lambda: {"mine": ("tests.commands.test_devices:Leaving", "my-arm")})
+    monkeypatch.setattr(registry, "known", lambda: {"mine": ("tests.devices.test_devices:Leaving", "my-arm")})
     assert cli.main(["devices", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["missing"] == "SystemExit: no licence"
 
@@ -251,7 +251,7 @@ def step(seconds: float) -> None:
 
 def examined(name: str, ramp_N: float = 0.0) -> dict[str, tuple[str, str]]:
     Arm.now_ns = 0
-    device = UserDevice(f"tests.commands.test_devices:{name}", 1)
+    device = UserDevice(f"tests.devices.test_devices:{name}", 1)
     checks = list(examine_device(device, 1000.0, lambda: Arm.now_ns, step, ramp_N))
     assert all(force == (0.0,) for force in device.device.pushed) == (ramp_N == 0.0)
     return {check.name: (check.state, check.value) for check in checks}

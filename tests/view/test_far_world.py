@@ -14,10 +14,10 @@ import pytest
 pytest.importorskip("viser", reason="the live page's library is not installed")
 
 from hapnet import cli
-from hapnet.commands.far_world import FarWorld, Hand, fitting
 from hapnet.commands.options import ZenohOptions
-from hapnet.commands.play import led
 from hapnet.commands.side import PAGE
+from hapnet.ext.page.commands.far_world import FarWorld, Hand, fitting
+from hapnet.ext.page.commands.play import led
 from hapnet.ext.page.history import History
 from hapnet.params import Params
 from hapnet.processes.child import FrameWriter, frames

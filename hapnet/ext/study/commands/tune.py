@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import complete, flags, output
+from hapnet.ext.study.commands import flags as own
 from hapnet.ext.study.spec import SEED, in_file, value_words
 
 if TYPE_CHECKING:
@@ -28,13 +29,13 @@ def tune(
             metavar="SPEC.toml", help="What is searched, what is wanted, and the cases.", autocompletion=complete.specs
         ),
     ],
-    workers: flags.Workers = 0,
-    dask: flags.Dask = None,
+    workers: own.Workers = 0,
+    dask: own.Dask = None,
     assign: flags.Assign = None,
     dry_run: Annotated[
-        bool, flags.dry_run("Check the spec, say what would run, estimate the time by a few cases.")
+        bool, own.dry_run("Check the spec, say what would run, estimate the time by a few cases.")
     ] = False,
-    retry_failed: flags.RetryFailed = False,
+    retry_failed: own.RetryFailed = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Discard all results of this tuning, and start again.")
     ] = False,
@@ -46,8 +47,8 @@ def tune(
 
     Writes found.toml (for --params), trials.csv, a figure, results.csv with all cases, and journal.sqlite.
     """
-    from hapnet.commands import studies
     from hapnet.ext.study import tune_results
+    from hapnet.ext.study.commands import studies
     from hapnet.ext.study.search import Search, base, most_cases
     from hapnet.ext.study.search_space import need_library
     from hapnet.ext.study.tune_spec import TuneSpec

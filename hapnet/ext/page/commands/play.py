@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from hapnet.commands import flags, output
-from hapnet.commands.options import NO_LINK, LinkOptions, ModelOptions, PageOptions, ParamsOptions, ZenohOptions
+from hapnet.commands.options import NO_LINK, LinkOptions, ModelOptions, ParamsOptions, ZenohOptions
 from hapnet.errors import InvalidParameter
+from hapnet.ext.page.commands.options import PageOptions
 from hapnet.param_sources import COMMAND, FLAG
 from hapnet.params import RELAXED_HAND, Params, is_simulated
 from netem.groups import Without
@@ -64,7 +65,7 @@ def play(
             if given:
                 raise InvalidParameter(flag, "given alone", "with -e or -l, for a world on another host")
         return _play_here(chosen, seed, out, page, json_to, realtime=realtime)
-    from hapnet.commands import far_world
+    from hapnet.ext.page.commands import far_world
 
     if chosen.asked("scene"):
         allowed = f"on the world's host: hapnet world --scene {chosen.scene}"
@@ -81,8 +82,8 @@ def _play_here(
 
     from hapnet.assembly.build import prepare
     from hapnet.commands.run import check_sides
-    from hapnet.commands.stage import SESSION, Stage, run
-    from hapnet.commands.view import show
+    from hapnet.ext.page.commands.stage import SESSION, Stage, run
+    from hapnet.ext.page.commands.view import show
     from hapnet.ext.page.history import History
     from hapnet.ext.page.server import serve
     from hapnet.ext.page.watcher import Watcher

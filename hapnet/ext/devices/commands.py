@@ -1,23 +1,62 @@
-"""`hapnet emulate`: stands in for a device, with a simulated hand on its handle."""
+"""`hapnet devices` lists the drivers; `hapnet emulate` stands in for a device, with a simulated hand on its handle."""
 
 from __future__ import annotations
 
 import signal
 import threading
 import time
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hapnet.commands import flags, output
 from hapnet.commands.options import ParamsOptions
 from hapnet.errors import InvalidParameter
-from hapnet.loading import load
+from hapnet.loading import extension, failure, load
 from hapnet.params import Params
 from netem.groups import Without
 
 if TYPE_CHECKING:
     from hapnet.ext.devices.emulator import Emulator
+
+
+def devices(json_to: flags.Json = None) -> int:
+    from hapnet.devices import registry
+
+    words = output.console(json_to)
+    rows = []
+    for name, (target, package) in registry.known().items():
+        row = _row(name, target, package)
+        rows.append(row)
+        words.print(f"{name:<10} {row['about']}", markup=False)
+        state = f"missing: {row['missing']}" if row["missing"] else f"found: {', '.join(row['found']) or 'none'}"
+        words.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
+    if rules := [rule for row in rows if (rule := row["udev"])]:
+        words.print(
+            "without these udev rules (/etc/udev/rules.d/70-hapnet.rules) only root may open some:", markup=False
+        )
+        for rule in rules:
+            words.print(f"  {rule}", style="dim", markup=False)
+    words.print("simulated arms: --device omni, or arm:FILE.urdf?tip=LINK", markup=False)
+    words.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
+    output.write_json(rows, json_to)
+    return 0
+
+
+def _row(name: str, target: str, package: str) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": name, "about": "", "tested": "untested", "from": package, "missing": "", "found": []}
+    row["udev"] = ""
+
+    try:
+        made = load("device", target, "a class that can be imported")
+        row["about"], row["tested"] = getattr(made, "about", ""), getattr(made, "tested", "untested")
+        row["udev"] = getattr(made, "udev", "")
+        row["missing"] = made.missing() if hasattr(made, "missing") else ""
+        if not row["missing"] and hasattr(made, "found"):
+            row["found"] = list(made.found())
+    except BaseException as error:  # another package's driver may raise anything: see `loading.failure`
+        row["missing"] = failure(error)
+    return row
 
 
 def emulate(
@@ -73,7 +112,6 @@ def make_emulator(device: str, params: Params) -> Emulator:
     from hapnet.assembly.units import with_units
     from hapnet.devices import registry
     from hapnet.ext.arms.device import SimulatedArm
-    from hapnet.ext.compiled.real_time import CompiledDevices
     from hapnet.ext.devices.emulator import ArmHandle, Handle
     from hapnet.plant.device import SimulatedDevice
     from hapnet.plant.worlds.registry import make_scene
@@ -94,7 +132,7 @@ def make_emulator(device: str, params: Params) -> Emulator:
         hand = operator(with_units(params, scene), scene)
         arm = SimulatedArm(table, hand, substeps=1, compensated=False, by_joints=True)
         if no_compiler() is None:
-            arm = CompiledDevices().simulated(arm)
+            arm = extension("compiled ends").CompiledDevices().simulated(arm)
         hanging: Emulator = kind(ArmHandle(arm), time.monotonic_ns, **given)
         return hanging
     scene = make_scene("free", dof=kind.dof)

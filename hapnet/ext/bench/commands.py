@@ -22,12 +22,30 @@ if TYPE_CHECKING:
     from hapnet.ext.bench.registry import Measure
     from hapnet.ext.bench.row import Options, Row
 
+
+def rows(incomplete: str) -> list[str]:
+    """Rows of the benchmark, for TAB; after a comma, another row."""
+    from hapnet.ext.bench.registry import ROWS
+
+    before, comma, _ = incomplete.rpartition(",")
+    return [f"{before}{comma}{row}" for row in ROWS]
+
+
+Only = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME[,NAME]",
+        help="Rows to measure, as names or patterns: servo_*,device_tick.",
+        autocompletion=rows,
+    ),
+]
+
 _WIDTH = 150  # of the table
 _FAILED = "not measured"
 
 
 def bench(
-    only: flags.Only = None,
+    only: Only = None,
     seconds: Annotated[float, typer.Option(help="Length of a round, in seconds.")] = 3.0,
     rounds: Annotated[int, typer.Option(help="Number of rounds; figures are medians over them.")] = 3,
     realtime: flags.Realtime = False,

@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from hapnet.commands import complete, flags, output
+from hapnet.ext.study.commands import flags as own
 from hapnet.ext.study.spec import SEED, Case, Spec, in_file, value_words
 from hapnet.params import Params
 
@@ -53,16 +54,16 @@ def run(
     spec: Annotated[
         Path, typer.Argument(metavar="SPEC.toml", help="What is fixed and what varies.", autocompletion=complete.specs)
     ],
-    workers: flags.Workers = 0,
-    dask: flags.Dask = None,
+    workers: own.Workers = 0,
+    dask: own.Dask = None,
     assign: flags.Assign = None,
     table: Annotated[
         str, typer.Option("--format", help="Format of the results: csv, parquet, both; auto: both if pyarrow is there.")
     ] = "auto",
     dry_run: Annotated[
-        bool, flags.dry_run("Check the spec, list its first and last cases, estimate the time by a few.")
+        bool, own.dry_run("Check the spec, list its first and last cases, estimate the time by a few.")
     ] = False,
-    retry_failed: flags.RetryFailed = False,
+    retry_failed: own.RetryFailed = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard all results of this sweep, and start again.")] = False,
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/sweep-<SPEC>")] = None,
@@ -74,9 +75,10 @@ def run(
 
     Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
-    from hapnet.commands import studies
+    from hapnet.ext.study.commands import studies
     from hapnet.ext.study.export import formats
     from hapnet.ext.study.sweep import SweepResult
+    from hapnet.summary.causes import INCOMPLETE
 
     endings = formats(table)
     words = output.console(json_to)
@@ -150,9 +152,9 @@ def plot(
 
     Without --x and --y: the two parameters with the most values. Works while the sweep runs.
     """
-    from hapnet.commands.studies import assigned
     from hapnet.ext.pictures.style import save_figure
     from hapnet.ext.pictures.sweep import draw
+    from hapnet.ext.study.commands.studies import assigned
     from hapnet.ext.study.grid import grid
     from hapnet.ext.study.journal import Journal
 

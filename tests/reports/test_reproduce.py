@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hapnet.commands.reproduce import SECTION_4
+from hapnet.ext.pictures.commands import SECTION_4
 from hapnet.ext.pictures.paper import profiles
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate

@@ -1,4 +1,4 @@
-"""`hapnet reproduce`: the paper's Figures 4, 5 and 6 from the simulation, with the reconstructed numbers.
+"""`hapnet report` makes a page and pictures of recordings; `hapnet reproduce` the paper's Figures 4, 5 and 6.
 
 The printing of the paper lost digits, and the defaults of `hapnet.params` restore them (`LOST`). The law of
 Figure 6's filter was not printed: here it is a first-order low-pass with a time constant of 15 ms, run every 5 ms.
@@ -6,15 +6,30 @@ Figure 6's filter was not printed: here it is a first-order low-pass with a time
 
 from __future__ import annotations
 
-from hapnet.commands import flags, output
-from hapnet.commands.complete import FIGURES
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapnet.commands import complete, flags, output
 from hapnet.commands.options import ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.installing import require
+from hapnet.loading import only_imported, permitting
 from hapnet.param_sources import COMMAND
+from hapnet.param_values import flatten
 from hapnet.params import Params
 
+if TYPE_CHECKING:
+    from hapnet.recording.samples import Recording
+
+
+FIGURES = ("fig4", "fig5", "fig6")
+Figure = Annotated[str, typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*FIGURES))]
 SECTION_4: dict[str, object] = {
     "rendering": "paper", "scene": "wall", "operator": "press", "link.up": "", "link.down": "",
     "record_hz": 1000.0, "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
@@ -26,9 +41,61 @@ SMOOTHING_S = 0.015
 """Time constant of Figure 6's filter [s]."""
 
 
+@permitting(only_imported)
+def report(
+    files: flags.Recorded,
+    json_to: flags.Json = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for output files.", show_default="beside FILE")] = None,
+    verbose: flags.Verbose = False,
+) -> int:
+    from hapnet.commands.outcome import write
+    from hapnet.ext.pictures.report import names_of, report as reported
+    from hapnet.recording.mcap import repair
+    from hapnet.recording.opened import fitting
+
+    require("report", "hapnet report")
+    words = output.console(json_to)
+    written = output.Written()
+    with Progress(output.progress_console(), "reading"), fitting(files[0]):
+        found = reported(files)
+    sources = []
+    for source in found.sources:
+        if source.torn:
+            with written.part():
+                source = replace(source, repaired=repair(source.path))
+            copy = f": repaired and indexed copy in {source.repaired}" if source.repaired else ""
+            words.print(f"{source.path} is torn (its writer was killed){copy}", markup=False)
+        sources.append(source)
+    found = replace(found, sources=tuple(sources))
+    first = found.sources[0].path
+    directory = first.parent if out is None else output.run_directory(out, None)
+    stem = "-".join(source.path.stem for source in found.sources)
+    with fitting(first):
+        there = write(found, directory, f"{stem}.html", names_of(stem), written)
+        output.show_summary(words, found.summary, verbose=verbose)
+        virtual = found.recording.meta.get("clock") == "virtual"
+        written.judge(found.summary, asked(found.parts), virtual=virtual, ran=False)
+    output.show_files(words, there, directory)
+    with written.part():
+        output.write_json(found.summary, json_to)
+    return written.code()
+
+
+def asked(recordings: Sequence[Recording]) -> Params | None:
+    """The parameters of the run, preferably the device's; None if this version cannot read them."""
+    for recording in sorted(recordings, key=lambda one: one.device is None):
+        tree = recording.meta.get("params")
+        if isinstance(tree, Mapping):
+            names = set(Params().flat())
+            with suppress(InvalidParameter):
+                flat = {name: value for name, value in flatten(tree) if name in names}
+                return Params.recorded(flat, recording.meta.get("sources"))
+    return None
+
+
 def reproduce(
     *,
-    figure: flags.Figure,
+    figure: Figure,
     duration: flags.Duration = None,
     seed: flags.Seed = 0,
     params: ParamsOptions,

@@ -16,21 +16,21 @@ from hapnet.assembly.links import link_profile
 from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
 from hapnet.commands import output
+from hapnet.commands.log import Repeats
 from hapnet.commands.pair import Pair
-from hapnet.commands.repeats import Repeats
-from hapnet.commands.reserve import Reserve
 from hapnet.commands.side import catch, exit_code
+from hapnet.commands.standby import Reserve
 from hapnet.couplings.registry import coupling
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.page.choices import CHOICES, SCENES, label_of
 from hapnet.ext.page.controls import Direction, require_no_file
 from hapnet.ext.page.history import Episode, History
-from hapnet.ext.pictures.tables import brief
 from hapnet.param_sources import PAGE
 from hapnet.params import Params
 from hapnet.processes.system import give_back_freed
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.structure import Summary
+from hapnet.summary.tables import brief
 from hapnet.summary.words import stated
 
 if TYPE_CHECKING:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapnet.commands import output
-from hapnet.commands.options import PageOptions, ZenohOptions
+from hapnet.commands.options import ZenohOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.ext.page.commands.options import PageOptions
 from hapnet.loading import only_imported, permitting
 from netem.groups import Without
 

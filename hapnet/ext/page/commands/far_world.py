@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 from hapnet.assembly.links import link_profile
 from hapnet.checks import Vector
 from hapnet.commands import output
-from hapnet.commands.options import PageOptions, ZenohOptions
+from hapnet.commands.options import ZenohOptions
 from hapnet.commands.side import CONSOLE, PAGE, zenoh_settings
-from hapnet.commands.view import show
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.page.commands.options import PageOptions
+from hapnet.ext.page.commands.view import show
 from hapnet.ext.page.controls import Direction, require_no_file
 from hapnet.ext.page.history import History
 from hapnet.ext.page.server import serve

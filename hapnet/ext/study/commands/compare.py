@@ -15,6 +15,7 @@ from hapnet.commands import complete, flags, output
 from hapnet.commands.options import ModelOptions, ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
+from hapnet.ext.study.commands import flags as own
 from hapnet.ext.study.sections import FULL, QUICK
 from hapnet.installing import require
 from hapnet.params import Params
@@ -121,9 +122,9 @@ class CompareOptions:
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
         False
     )
-    dry_run: Annotated[
-        bool, flags.dry_run("Say what would be compared, estimate the time by a few cases, and end.")
-    ] = False
+    dry_run: Annotated[bool, own.dry_run("Say what would be compared, estimate the time by a few cases, and end.")] = (
+        False
+    )
     metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
 
 
@@ -196,9 +197,9 @@ def _compare(
     whole: dict[str, Any],
 ) -> int:
     """Run one plan and show it; `whole` gets all of it. Returns the exit code if it was stopped, else 0."""
-    from hapnet.commands import studies
     from hapnet.ext.study import tables, tunings
     from hapnet.ext.study.backend import local_workers
+    from hapnet.ext.study.commands import studies
     from hapnet.ext.study.comparison import Comparison
     from hapnet.ext.study.run import journal_in
     from hapnet.processes.pool import usable_cores
@@ -238,7 +239,7 @@ def _compare(
 def _plans(params: Params, given: CompareOptions) -> dict[str, Plan]:
     """The plans that the flags describe, by their sections' names."""
     from hapnet.commands.batch import seed_range
-    from hapnet.commands.studies import deadbands, names_of
+    from hapnet.ext.study.commands.studies import deadbands, names_of
     from hapnet.ext.study.plans import plans
 
     found = plans(
@@ -258,7 +259,7 @@ def _plans(params: Params, given: CompareOptions) -> dict[str, Plan]:
 
 def _announce(console: Console, plans: Mapping[str, Plan], given: CompareOptions) -> None:
     """Say how many cases there are and, unless that is at once, how long they take."""
-    from hapnet.commands.studies import check_cases
+    from hapnet.ext.study.commands.studies import check_cases
 
     cases = {name: plan.spec.cases() for name, plan in plans.items()}
     for name, plan in plans.items():
@@ -278,7 +279,7 @@ def _report_time(
     console: Console, plans: Mapping[str, Plan], cases: Mapping[str, Sequence[SpecCase]], workers: int
 ) -> None:
     """Print how long these cases take, by the first seconds of a few of each plan."""
-    from hapnet.commands.studies import Kind, estimate
+    from hapnet.ext.study.commands.studies import Kind, estimate
     from hapnet.ext.study.spec import params_of
     from hapnet.ext.study.task import run_case
 

@@ -1,0 +1,1 @@
+"""The commands about the live page: `hapnet play`, `hapnet view` and `hapnet bridge`."""

@@ -1,0 +1,23 @@
+"""The flags that several of these commands have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+Host = Annotated[
+    str, typer.Option(help="Serve the page on this address; 0.0.0.0: others can open it too, and press every button.")
+]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port, or on the next free one.")]
+Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """Where the live page is served."""
+
+    host: Host = "127.0.0.1"
+    port: Port = 8080
+    browser: Browser = True
