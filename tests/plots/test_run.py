@@ -223,12 +223,10 @@ def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
         save_figure(figure(run(seconds=1)), tmp_path / "no" / "a.png")
 
 
-def test_no_pyplot_and_nothing_heavy_on_import() -> None:
+def test_a_figure_needs_no_pyplot() -> None:
     code = (
-        "import sys, hapnet.ext.pictures.run, hapnet.ext.pictures.report\n"
-        "print([m for m in ('matplotlib', 'rich', 'mcap') if m in sys.modules])\n"
-        "from tests.plots.test_run import figure, run; "
+        "import sys; from tests.plots.test_run import figure, run; "
         "figure(run(seconds=1)); print('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["[]", "False"]
+    assert done.stdout.strip() == "False"

@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -110,12 +108,3 @@ def test_recordings_of_different_runs_cannot_be_joined(key: str) -> None:
     for a, b in ((device, world), (world, device)):
         with pytest.raises(RecordingError, match=f"{key} is 'tuesday', the world's 'monday'"):
             join(a, b)
-
-
-def test_importing_the_modules_does_not_import_mcap() -> None:
-    code = (
-        "import sys, hapnet.recording.samples, hapnet.recording.mcap\n"
-        "print([m for m in ('mcap', 'matplotlib', 'rich', 'zenoh') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -10,15 +10,6 @@ import pytest
 from hapnet.errors import InvalidParameter, MissingLibrary
 from hapnet.ext.page.history import History
 from hapnet.ext.page.server import serve
-from tests.conftest import ENVIRONMENT
-
-
-def test_hapnet_and_its_help_do_not_import_viser() -> None:
-    code = (
-        "import sys, hapnet, hapnet.cli, hapnet.ext.page.history, hapnet.ext.page.server; print('viser' in sys.modules)"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "False"
 
 
 def test_without_viser_a_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
