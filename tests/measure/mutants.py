@@ -134,15 +134,13 @@ def chosen(count: int, seed: int) -> list[Mutant]:
 
 
 def tests_of(module: Path, root: Path) -> list[str]:
-    """The test files that import it, or that import what imports it; those of its own room first."""
+    """The test files that import it, those of its own room first; then those that import what imports it."""
     texts = {file.relative_to(root): file.read_text("utf-8") for file in sorted((root / "tests").rglob("test_*.py"))}
-    found = importers(module, texts)
-    if not found:
-        sources = [*(root / "hapnet").rglob("*.py"), *(root / "netem").rglob("*.py")]
-        users = importers(module, {file.relative_to(root): file.read_text("utf-8") for file in sorted(sources)})
-        found = sorted({file for user in users for file in importers(user, texts)})
+    sources = sorted([*(root / "hapnet").rglob("*.py"), *(root / "netem").rglob("*.py")])
+    users = importers(module, {file.relative_to(root): file.read_text("utf-8") for file in sources})
     room = module.parent.name
-    return [str(file) for file in sorted(found, key=lambda f: (room not in f.parts, module.stem not in f.stem))]
+    direct = sorted(importers(module, texts), key=lambda f: (room not in f.parts, module.stem not in f.stem))
+    return list(map(str, dict.fromkeys([*direct, *(file for user in users for file in importers(user, texts))])))
 
 
 def importers(module: Path, texts: Mapping[Path, str]) -> list[Path]:
