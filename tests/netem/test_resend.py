@@ -46,6 +46,24 @@ def test_independent_losses_of_p_become_p_to_the_n_plus_1(percent: int, times: i
     assert expect(link.profile).loss == pytest.approx(p ** (times + 1))
 
 
+def arrived_of(first: str, second: str, count: int) -> set[int]:
+    """The messages that arrive of so many; the second profile counts from the middle on."""
+    link: Link[int] = Link(LinkProfile.parse(first), 5)
+    for number in range(count):
+        if number == count // 2:
+            link.change(LinkProfile.parse(second), number * MS)
+        link.send(number * MS, number, 100)
+    return {number for _, number in link.poll(10 * count * MS)}
+
+
+def test_resends_begin_in_the_middle_and_go_on_where_something_else_changes() -> None:
+    """Half are lost, and with a resend a quarter. A change of the delay leaves the draws of all others as they were."""
+    count, once = 8_000, "loss 50% resend 1 5ms unordered"
+    late = [number for number in arrived_of("loss 50%", once, count) if number >= count // 2]
+    assert likely(len(late), count // 2, 0.75)
+    assert arrived_of(once, f"delay 3ms {once}", count) == arrived_of(once, once, count)
+
+
 @pytest.mark.parametrize("loss", ["gemodel 2% 20%", "gemodel 5% 30% 80% 1%", "state 3% 25% 15% 30% 2%", "10% 60%"])
 def test_a_burst_takes_the_resends_with_it(loss: str) -> None:
     """All N resends are lost as often as N more losses follow one in a plain link, the first of the burst or not."""
