@@ -67,7 +67,8 @@ def couplings() -> list[str]:
 
 def scenes() -> list[tuple[str, str]]:
     """Worlds by name with what they are, the solids that need no file, and what packages publish."""
-    from hapnet.plant.worlds.registry import GROUP, SCENES, about
+    from hapnet.plant.scenes import SCENES
+    from hapnet.plant.worlds.registry import GROUP, about
 
     others = [*extension("solids").OFFERED, *extension("tools' worlds").OFFERED]
     others += [("soft", "a soft block"), ("soft:organ", "a soft organ")]

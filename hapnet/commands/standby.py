@@ -97,9 +97,9 @@ def load() -> None:
     from hapnet.assembly.build import prepare
     from hapnet.commands.options import ZenohOptions
     from hapnet.commands.side import zenoh_settings
+    from hapnet.installing import versions
     from hapnet.laws import COUPLING_NAMES, built_in
     from hapnet.params import Params
-    from hapnet.summary.run import versions
     from hapnet.wire.secret import Secret
 
     for name in COUPLING_NAMES:

@@ -16,7 +16,7 @@ from hapnet.control.coupling import CouplingSample, Update, counted, level_of, v
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.pspm import Modulation, SetPositionModulator
-from hapnet.control.reporter import MOST_REACH_M as MOST_REACH_M, Teller
+from hapnet.control.reporter import Teller
 from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.contacts import Mass, Step, Surroundings

@@ -22,7 +22,7 @@ from hapnet import checks
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.plant.operator import Operator
-from hapnet.plant.tick import DeviceState, TickModel, TickResult as TickResult, tick
+from hapnet.plant.tick import DeviceState, TickModel, TickResult, tick
 from hapnet.records.record import AXES, FloatRows, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import added, copy, length
 

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.contacts import Mass, Step as Step, Surroundings
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import dot, times
 

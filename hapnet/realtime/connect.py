@@ -34,7 +34,7 @@ Scene = str | World | Callable[..., Any] | None
 
 
 class _Options(TypedDict, total=False):
-    """What a call for either side may say, beside its parameters."""
+    """The arguments of a call for either side, beside its parameters."""
 
     scene: Scene
     connect: Endpoints

@@ -6,6 +6,7 @@ from typing import Any
 
 from hapnet.assembly.build import Setup
 from hapnet.couplings.registry import jointly_passive
+from hapnet.installing import versions
 from hapnet.realtime.controllers import Control
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.recorder import described
@@ -16,7 +17,7 @@ from hapnet.side.endpoint import NANO
 from hapnet.summary import path
 from hapnet.summary.from_samples import LiveFigures
 from hapnet.summary.reported import Claim, joined, values_of
-from hapnet.summary.run import Summary, combine, versions, with_wire
+from hapnet.summary.run import Summary, combine, with_wire
 from hapnet.transport.zenoh import ZenohTransport
 from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.records.histogram import Histogram as Histogram
+from hapnet.records.histogram import Histogram
 
 SWITCH_INTERVAL_S = 1e-4
 """Beside a busy Python thread the servo overslept by 5 ms with the default of 5 ms; 1e-5 s was worse than both."""

@@ -15,8 +15,9 @@ from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import CouplingState, ForceParts
 from hapnet.control.ledger import Ledger
-from hapnet.plant.device import Device, SimulatedDevice, TickResult
+from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.tick import TickResult
 from hapnet.recording.samples import DeviceSample, Event, MotionSample, PostureSample, Sample
 from hapnet.records.vectors import added
 from hapnet.side.endpoint import NANO, DeviceControl

@@ -19,6 +19,7 @@ from hapnet.assembly.operators import LIVE
 from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.installing import versions
 from hapnet.loading import extension
 from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
 from hapnet.processes.system import collector_paused
@@ -45,7 +46,7 @@ from hapnet.simulation.events import (
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
 from hapnet.summary.from_samples import START_S, motion
-from hapnet.summary.run import Summary, combine, device_summary, versions, with_wire, world_summary
+from hapnet.summary.run import Summary, combine, device_summary, with_wire, world_summary
 from hapnet.units import POSE
 from netem import Link
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from hapnet.couplings.registry import jointly_passive
 from hapnet.couplings.stiffness import Felt, of_springs
-from hapnet.installing import versions as versions
+from hapnet.installing import versions
 from hapnet.recording.samples import Recording, plain
 from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf

@@ -21,10 +21,10 @@ from hapnet.summary.structure import (
     Theorem,
     read,
 )
+from hapnet.summary.verdict import has_reservoirs
 from hapnet.summary.words import (
     degrees,
     felt,
-    has_reservoirs,
     milli,
     millijoule,
     number,

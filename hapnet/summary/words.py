@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from hapnet.mechanics.pose import ARM_M
-from hapnet.summary.structure import Summary, Verdict, known as known
-from hapnet.summary.verdict import DEFICIT_J, has_reservoirs as has_reservoirs, judge
+from hapnet.summary.structure import Summary, Verdict, known
+from hapnet.summary.verdict import DEFICIT_J, judge
 from hapnet.units import POSE, within
 
 _WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}

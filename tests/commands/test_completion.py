@@ -13,7 +13,7 @@ from hapnet.commands import complete
 from hapnet.ext.bench.registry import ROWS
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
-from hapnet.plant.worlds.registry import SCENES
+from hapnet.plant.scenes import SCENES
 from netem.profile import PRESETS
 from tests.conftest import ENVIRONMENT
 from tests.support.commands import Capture, Tab

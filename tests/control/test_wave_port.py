@@ -8,7 +8,8 @@ from hypothesis import given, strategies as st
 
 from hapnet.control.coupling import Wave
 from hapnet.ext.laws.digital_wave import Replay
-from hapnet.ext.laws.parts.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.ext.laws.parts.wave_integral import Line
+from hapnet.ext.laws.parts.wave_port import WaveDevice, WaveWorld
 from hapnet.ext.laws.wave import DelayLine
 from tests.support.wave_ports import TICK, put_in
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from hapnet.control.coupling import Wave
 from hapnet.ext.laws.digital_wave import Replay
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Recovery
-from hapnet.ext.laws.parts.wave_port import Line
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, Recovery
 from hapnet.ext.laws.wave import DelayLine
 from hapnet.ext.metrics.motion import drift
 from hapnet.params import Params

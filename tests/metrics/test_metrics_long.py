@@ -8,12 +8,12 @@ import pytest
 from hapnet.checks import Array
 from hapnet.ext.metrics.contact import rendered_by_tenths
 from hapnet.ext.metrics.force import force_meanwhile, rms_difference
-from hapnet.ext.metrics.measured import Span, first_and_last, tenths
+from hapnet.ext.metrics.measured import Measured, Span, first_and_last, tenths
 from hapnet.ext.metrics.motion import free_windows
 from hapnet.ext.metrics.passivity import energy_out
 from hapnet.ext.metrics.world import contact_force_error, modulated_share, visits
 from hapnet.ext.study import case
-from hapnet.ext.study.case import Measured, simulated
+from hapnet.ext.study.case import simulated
 from hapnet.params import Params
 from tests.support.metric_recordings import RATE_HZ, device, recording, sampled, world
 

@@ -11,8 +11,9 @@ from scipy.linalg import expm
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.spring import Spring
-from hapnet.plant.device import SimulatedDevice, TickResult
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Operator, Rest, Sine
+from hapnet.plant.tick import TickResult
 from tests.conftest import random_spd
 
 HAND = Impedance()

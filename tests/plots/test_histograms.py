@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
 from hapnet.ext.pictures.histograms import lateness_histogram, link_histogram
-from hapnet.realtime.servo import Histogram
+from hapnet.records.histogram import Histogram
 from netem import Link, LinkProfile
 from netem.profile import PRESETS
 

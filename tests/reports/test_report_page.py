@@ -20,9 +20,9 @@ from hapnet.ext.pictures.settings import commands, settings
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
 from hapnet.simulation.simulation import simulate
-from hapnet.summary.structure import read
+from hapnet.summary.structure import known, read
 from hapnet.summary.tables import links, motion, sides
-from hapnet.summary.words import known, legible
+from hapnet.summary.words import legible
 from tests.plots.test_run import run
 
 VOID = {"meta", "img"}

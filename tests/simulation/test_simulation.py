@@ -19,7 +19,8 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import held_torque
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.params import Params
-from hapnet.plant.device import SimulatedDevice, TickResult
+from hapnet.plant.device import SimulatedDevice
+from hapnet.plant.tick import TickResult
 from hapnet.recording.samples import Columns
 from hapnet.side.device import ContinuousDeviceSide, DeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide

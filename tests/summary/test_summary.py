@@ -6,11 +6,12 @@ from typing import Any
 import pytest
 
 from hapnet.couplings.registry import COUPLINGS
+from hapnet.installing import versions
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
 from hapnet.simulation.simulation import Simulation, simulate
 from hapnet.summary.recorded import from_recording, of_recordings
-from hapnet.summary.run import Summary, combine, device_summary, merge, versions
+from hapnet.summary.run import Summary, combine, device_summary, merge
 
 SIDE_KEYS = {"ledger", "reservoir_min_J", "sent_nJ", "credited_nJ", "discarded_nJ", "abandoned_nJ", "incarnations"}
 LINK_KEYS = {"profile", "offered", "delivered", "lost", "reordered", "delay_p50_ms", "delay_p99_ms"}

@@ -8,9 +8,8 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.ext.solids.rigid_contacts import RigidContacts
-from hapnet.mechanics.contacts import Surroundings
+from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.params import Params
-from hapnet.plant.integrator import Step
 from hapnet.plant.operator import Impedance, minimum_jerk
 from hapnet.plant.worlds.scene import Scene
 from hapnet.plant.worlds.walls import Wall

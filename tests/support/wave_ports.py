@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.control.coupling import Wave
-from hapnet.ext.laws.parts.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.ext.laws.parts.wave_integral import Line
+from hapnet.ext.laws.parts.wave_port import WaveDevice, WaveWorld
 
 TICK = 1e-3
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from hapnet.ext.bench.row import Distribution, Limit, Options, Row
 from hapnet.processes.child import Child, WaitForStart, together
-from hapnet.realtime.servo import DeadlineGrid, Histogram, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from hapnet.realtime.servo import DeadlineGrid, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from hapnet.records.histogram import Histogram
 from hapnet.side.punctuality import KEPT
 
 PERIOD_NS = 1_000_000

@@ -29,7 +29,8 @@ from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
 from hapnet.params import Params, is_arm
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
-from hapnet.plant.worlds.walls import MOST, Contacts
+from hapnet.plant.worlds.coupled import MOST
+from hapnet.plant.worlds.walls import Contacts
 from hapnet.records import machine_code
 from hapnet.records.record import AXES, Record, room_for
 from hapnet.units import POSE

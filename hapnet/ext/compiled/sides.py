@@ -16,7 +16,8 @@ from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import counted
 from hapnet.control.harvest import by_range
 from hapnet.control.prediction import Around, PredictedDevice
-from hapnet.control.set_position_coupling import MOST_REACH_M, SetPositionCoupling
+from hapnet.control.reporter import MOST_REACH_M
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.ext.compiled.endpoint import PROXY, Wire, finish
 from hapnet.ext.compiled.link import Message
 from hapnet.plant import device as devices, integrator

@@ -36,7 +36,7 @@ _NO_FORCE: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class _Faults:
-    """What `Inverse3Emulator` does wrong, as its arguments say."""
+    """The faults of an `Inverse3Emulator`, as its arguments say."""
 
     ignores: bool
     deaf: bool

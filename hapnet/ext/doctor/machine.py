@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hapnet.errors import HapnetError
-from hapnet.realtime.servo import FIFO_PRIORITY, DeadlineGrid, Histogram, set_timer_slack
+from hapnet.realtime.servo import FIFO_PRIORITY, DeadlineGrid, set_timer_slack
+from hapnet.records.histogram import Histogram
 from hapnet.transport.security import ANYBODY, Security
 
 OK, WARNING, MISSING, SKIPPED = "ok", "warning", "missing", "skipped"

@@ -15,7 +15,7 @@ from hapnet.control.coupling import Wave
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.ext.laws import wave
-from hapnet.ext.laws.parts.wave_port import Line
+from hapnet.ext.laws.parts.wave_integral import Line
 from hapnet.ext.laws.wave import WaveParams
 from hapnet.params import Params
 from hapnet.records.record import Floats, OfAxes, Reals, Record, equation

@@ -33,8 +33,8 @@ from hapnet.couplings.spec import (
     scalar_stiffness,
 )
 from hapnet.ext.laws.parts.wave_filter import WaveFilter
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Recovery, lose, recover
-from hapnet.ext.laws.parts.wave_port import Line, WaveDevice, WaveWorld
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, Recovery, lose, recover
+from hapnet.ext.laws.parts.wave_port import WaveDevice, WaveWorld
 from hapnet.param_sections import Matrix
 from hapnet.param_values import NOT_NEGATIVE, parameter
 from hapnet.params import Params

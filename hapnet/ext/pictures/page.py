@@ -23,7 +23,8 @@ from hapnet.recording import alignment
 from hapnet.recording.samples import Recording
 from hapnet.summary import tables
 from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
-from hapnet.summary.words import get, has_reservoirs, number, outcome, tuning, verdict
+from hapnet.summary.verdict import has_reservoirs
+from hapnet.summary.words import get, number, outcome, tuning, verdict
 
 FOLDED = 12
 """A longer list of events is folded."""

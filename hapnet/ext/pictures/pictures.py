@@ -11,7 +11,8 @@ from hapnet.ext.pictures.scene import scene_figure
 from hapnet.ext.pictures.style import png
 from hapnet.recording.samples import Recording
 from hapnet.summary.structure import DIRECTIONS, read
-from hapnet.summary.words import has_reservoirs, number
+from hapnet.summary.verdict import has_reservoirs
+from hapnet.summary.words import number
 
 
 @dataclass(frozen=True)

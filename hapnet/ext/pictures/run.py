@@ -35,7 +35,8 @@ from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.structure import DIRECTIONS, read
 from hapnet.summary.tables import brief
-from hapnet.summary.words import get, has_reservoirs, millijoule, outcome, verdict
+from hapnet.summary.verdict import has_reservoirs
+from hapnet.summary.words import get, millijoule, outcome, verdict
 from hapnet.units import RADIANS, units_in, within
 
 if TYPE_CHECKING:

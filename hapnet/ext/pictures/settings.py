@@ -15,8 +15,8 @@ from hapnet.param_sources import RESOLVED
 from hapnet.param_values import flatten
 from hapnet.params import Params, is_simulated
 from hapnet.recording.samples import Recording
-from hapnet.summary.structure import read
-from hapnet.summary.words import get, known
+from hapnet.summary.structure import known, read
+from hapnet.summary.words import get
 
 
 class Setting(NamedTuple):

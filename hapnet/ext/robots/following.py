@@ -1,23 +1,26 @@
-"""A robot in the virtual mass's place: what its parameters become."""
+"""A robot in the virtual mass's place: what its parameters become, and which drivers measure its contact force."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
-from hapnet.assembly.contact_force import require_contact_force
-from hapnet.assembly.device_class import servo_rate
+from hapnet.assembly.device_class import load_class, servo_rate
 from hapnet.assembly.follower import Follower
+from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
 from hapnet.couplings.rendering import largest
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec
-from hapnet.errors import InvalidParameter
+from hapnet.devices.driver import Driver
+from hapnet.devices.registry import known
+from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.engines.engine_world import EngineMass
 from hapnet.ext.robots.follower import Robot, RobotScene
 from hapnet.mechanics.contacts import Mass
@@ -184,3 +187,40 @@ def held_warnings(servo: DeviceParams, dof: int) -> list[str]:
 
 def _times(factor: float, value: ArrayLike) -> Any:
     return (factor * np.asarray(value, dtype=float)).tolist()
+
+
+def require_contact_force(hardware: str, device: UserDevice | None = None) -> None:
+    """Raise InvalidParameter if this driver measures no contact force.
+
+    device : the open driver, of which a reading must have a force; None: it is not open yet. Then only its class can be
+    asked, and nothing is known of a function that makes drivers, or of a driver on the other host.
+    """
+    if device is not None:
+        measured = _measures(device)
+    else:
+        try:
+            measured = _may_measure(hardware)
+        except InvalidParameter:
+            return
+    if not measured:
+        have = ", ".join(filter(_named, known()))
+        allowed = f"position with {hardware}, which measures no contact force: contact_force() is for that ({have})"
+        raise InvalidParameter("follower.feedback", "force", allowed)
+
+
+def _measures(device: UserDevice) -> bool:
+    with suppress(DeviceSilent):
+        device.read()
+    return device.contact_force() is not None
+
+
+def _may_measure(hardware: str) -> bool:
+    made = load_class(hardware)
+    made = made.func if isinstance(made, partial) else made
+    return not isinstance(made, type) or getattr(made, "contact_force", None) not in (None, Driver.contact_force)
+
+
+def _named(hardware: str) -> bool:
+    with suppress(InvalidParameter):
+        return _may_measure(hardware)
+    return False

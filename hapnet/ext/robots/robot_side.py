@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 from hapnet.assembly.build import Setup, drive, follower_servo
-from hapnet.assembly.contact_force import require_contact_force
 from hapnet.assembly.fixture import Fixture
 from hapnet.assembly.own_parts import closed_if_refused, named_section
 from hapnet.assembly.user_device import UserDevice
@@ -13,7 +12,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
-from hapnet.ext.robots.following import frame_of, held_warnings
+from hapnet.ext.robots.following import frame_of, held_warnings, require_contact_force
 from hapnet.ext.robots.robot import RobotSide
 from hapnet.params import DeviceParams
 from hapnet.recording.samples import DeviceSample, Event, Sample, WorldSample

@@ -37,7 +37,7 @@ _NS = 1e-9
 
 @dataclass(slots=True)
 class _Newest:
-    """What came last: how the handle is turned, the force that acted, that of the surroundings with its time [ns]."""
+    """The newest messages: how the handle is turned, the force that acted, that of the surroundings with its time [ns]."""
 
     quaternion: Vector | None = None
     acted: Vector | None = None

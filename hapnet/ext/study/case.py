@@ -9,7 +9,7 @@ from hapnet.assembly.simulated_device import with_own_device
 from hapnet.assembly.springs import with_springs
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS, Measures as Measures
-from hapnet.ext.metrics.measured import Measured as Measured
+from hapnet.ext.metrics.measured import Measured
 from hapnet.ext.metrics.obstacles import rubs
 from hapnet.param_sources import RULE
 from hapnet.params import Params

@@ -9,7 +9,7 @@ from typing import Any
 
 from hapnet.ext.study.journal import Journal, Row
 from hapnet.ext.study.spec import LINK, SEED, flat_of, link_words, value_words
-from hapnet.recording.export import formats as formats, write_csv
+from hapnet.recording.export import write_csv
 from hapnet.recording.whole_file import complete_or_absent
 
 NAME = "results"

@@ -11,10 +11,11 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.ext.metrics.contact import pressed_wall
+from hapnet.ext.metrics.measured import Measured
 from hapnet.ext.metrics.obstacles import normal_where_deepest
 from hapnet.ext.pictures import comparison, tuning
 from hapnet.ext.pictures.comparison import STIFFNESS, STORY, TRUE_ERROR, Look, Points, Traces
-from hapnet.ext.study.case import Measured, simulated, was_passive
+from hapnet.ext.study.case import simulated, was_passive
 from hapnet.ext.study.compare import Case, Outcome, Plan, Variant, by_hand
 from hapnet.ext.study.search import Search
 from hapnet.ext.study.spec import value_words

@@ -22,7 +22,7 @@ from typing import Any
 
 from hapnet.errors import InvalidParameter
 from hapnet.loading import WORLDS, extension, published
-from hapnet.plant.scenes import SCENES as SCENES
+from hapnet.plant.scenes import SCENES
 from hapnet.plant.worlds.protocol import World
 
 GROUP = "hapnet.worlds"

@@ -36,7 +36,7 @@ from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.worlds import coupled
-from hapnet.plant.worlds.coupled import MOST as MOST, Coupled
+from hapnet.plant.worlds.coupled import MOST, Coupled
 from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes, equation
 from hapnet.records.vectors import dot, inner
 

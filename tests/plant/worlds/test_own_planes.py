@@ -8,7 +8,8 @@ from examples.own_moving_world import magnet, workshop
 from hapnet import ForceWorld, HapnetError, Obstacle, Params, Plane, simulate
 from hapnet.ext.engines.own_worlds import SteppedWorld
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds.registry import SCENES, make_scene
+from hapnet.plant.scenes import SCENES
+from hapnet.plant.worlds.registry import make_scene
 from tests.measure.curved import error_N
 from tests.plant.worlds.test_own_worlds import HeldWall, wall
 

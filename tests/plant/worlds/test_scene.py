@@ -13,8 +13,9 @@ import hapnet
 from hapnet.assembly.build import prepare
 from hapnet.errors import InvalidParameter
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.scenes import SCENES
 from hapnet.plant.worlds.protocol import Surface
-from hapnet.plant.worlds.registry import SCENES, make_scene, scene_parameters
+from hapnet.plant.worlds.registry import make_scene, scene_parameters
 from hapnet.plant.worlds.scene import Scene
 
 

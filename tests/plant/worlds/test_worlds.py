@@ -11,9 +11,10 @@ from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
+from hapnet.plant.scenes import SCENES
 from hapnet.plant.worlds.coupled import eliminate
 from hapnet.plant.worlds.protocol import World, WorldDefaults
-from hapnet.plant.worlds.registry import SCENES, make_scene
+from hapnet.plant.worlds.registry import make_scene
 from hapnet.simulation.simulation import Simulation, simulate
 
 STIFFNESS = 2000.0

@@ -15,9 +15,10 @@ from hapnet.ext.compiled.background import Background
 from hapnet.ext.compiled.kinds import Kind
 from hapnet.ext.solids.rigid import RigidScene, describes
 from hapnet.params import Params, follows
+from hapnet.plant.worlds.coupled import MOST
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import Scene
-from hapnet.plant.worlds.walls import MOST, Contacts
+from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.machine_code import no_compiler
 from hapnet.records.record import AXES
 from netem import LinkProfile

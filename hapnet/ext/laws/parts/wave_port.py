@@ -21,7 +21,7 @@ from hapnet.control.coupling import CouplingSample, Wave
 from hapnet.control.law import DeviceEnd, End, WorldEnd
 from hapnet.ext.laws.parts import wave_filter, wave_integral
 from hapnet.ext.laws.parts.wave_filter import WaveFilter
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line as Line, push_on, take_from
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, push_on, take_from
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation, fields
 from hapnet.records.vectors import copy
 

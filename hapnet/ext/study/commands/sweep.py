@@ -76,8 +76,8 @@ def run(
     Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
     from hapnet.ext.study.commands import studies
-    from hapnet.ext.study.export import formats
     from hapnet.ext.study.sweep import SweepResult
+    from hapnet.recording.export import formats
     from hapnet.summary.causes import INCOMPLETE
 
     endings = formats(table)
