@@ -37,7 +37,7 @@ _NS = 1e-9
 
 @dataclass(slots=True)
 class _Newest:
-    """The newest messages: how the handle is turned, the force that acted, that of the surroundings with its time [ns]."""
+    """The newest turn of the handle, force that acted, and force of the surroundings with its time [ns]."""
 
     quaternion: Vector | None = None
     acted: Vector | None = None
