@@ -1,6 +1,6 @@
 """Where the values of parameters come from. A value without a source was not set: it is the default, and may be chosen.
 
-What nobody set may be chosen by a scene, a device or a rule (`hapnet.assembly.resolved`). What was set is used as it
+What nobody set may be chosen by a scene, a device or a rule (`hapnet.assembly.resolve`). What was set is used as it
 was set, or refused.
 """
 

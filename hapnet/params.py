@@ -244,14 +244,14 @@ class Params(Section):
                 branch = branch.setdefault(part, {})
             branch[last] = value
         own: dict[str, Any] = {name: tree.pop(name) for name in tree.keys() - _SECTIONS}
+        if own:
+            now = self.law_sections()
+            if not now.keys() >= own.keys():
+                now |= self._sections_for(changes)
+            laws = dict(self.laws) | {name: replaced(now[name], values) for name, values in own.items()}
+            tree["laws"] = tuple(laws.items())
         changed: Params = replaced(self, tree)
-        if not own:
-            return changed
-        now = self.law_sections()
-        if not now.keys() >= own.keys():
-            now |= self._sections_for(changes)
-        laws = dict(self.laws) | {name: replaced(now[name], values) for name, values in own.items()}
-        return dataclasses.replace(changed, laws=tuple(laws.items()))
+        return changed
 
     def unset(self, *names: str) -> Params:
         """A copy in which these parameters are as if nobody had set them. Raises InvalidParameter: there is no such."""
@@ -414,7 +414,7 @@ def _made(section: Field[Any]) -> type[Any]:
 def as_params(given: Params | Mapping[str, object]) -> Params:
     """These parameters, or the defaults with these changes by dotted names. Raises InvalidParameter."""
     if isinstance(given, Mapping):
-        return Params().set({str(name): value for name, value in given.items()})
+        given = Params().set({str(name): value for name, value in given.items()})
     if not isinstance(given, Params):
         raise InvalidParameter("params", given, 'a Params, or changes such as {"link.up": "4g", "link.down": "4g"}')
     return given

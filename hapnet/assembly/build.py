@@ -6,24 +6,23 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 
+from hapnet.assembly.choices import choosing, refuse
 from hapnet.assembly.follower import Follower, follower_of
 from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import operator
 from hapnet.assembly.own_parts import named_failures, named_section, require_parts
-from hapnet.assembly.resolved import resolved
+from hapnet.assembly.resolve import held_warnings, misfits, resolve
 from hapnet.assembly.simulated_device import description, simulated_device
-from hapnet.assembly.units import check_units
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
 from hapnet.control.held_steps import FollowerServo, HeldSteps, reflected
 from hapnet.control.set_position_servo import Harvest
-from hapnet.couplings import held_torque
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import deadband
 from hapnet.couplings.rendering import untold_share
@@ -33,7 +32,7 @@ from hapnet.couplings.stiffness import Felt, felt
 from hapnet.errors import InvalidParameter
 from hapnet.loading import extension
 from hapnet.mechanics.contacts import Mass
-from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_arm, is_simulated, known_damping
+from hapnet.params import DeviceParams, Params, WorldParams, as_params, is_simulated
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.live_hand import live_hand_of
 from hapnet.plant.operator import Operator
@@ -45,7 +44,7 @@ from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, W
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide
-from hapnet.units import METRES, POSE, one_text
+from hapnet.units import METRES, one_text
 from hapnet.wire.identity import RESERVOIR, ROBOT, SHARED, UNITS
 from hapnet.wire.messages import Role
 from hapnet.wire.secret import Secret
@@ -53,9 +52,6 @@ from hapnet.wire.session import Session, SessionSettings
 from netem import LinkProfile, Timeline
 
 End = TypeVar("End")
-
-_SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}
-"""Parameters that apply to received set-positions, and their values for a law that receives something else."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ class Setup:
         if known is None and "stiffness" in scene_parameters(self.params.scene):
             known = (self.params.world.wall.stiffness,)
         stiffest = max(known or (), default=None)
-        params = self.follower.seen(self.params)
+        params = choosing(self.params, *self.follower.seen)
         return felt(self.coupling.springs(params, self.tuning), stiffest)
 
 
@@ -121,66 +117,21 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
 
     Raises InvalidParameter: names the parameter that does not fit.
     """
-    params = as_params(params)
-    with named_failures(params):
-        return _prepared(params, default_servo)
-
-
-def _prepared(params: Params, default_servo: str) -> Setup:
-    used = resolved(params)
-    params, scene, spec, warnings = used.params, used.scene, used.coupling, list(used.scene.warnings)
-    check_units(params, scene.dof)
-    device = params.device
-    if scene.moves_proxy and "world" not in spec.set_positions:
-        allowed = f"one whose virtual mass has a spring in the scene {params.scene}, such as pspm or zoh"
-        raise InvalidParameter("coupling", params.coupling, allowed)
-    servo = device.servo
-    if servo == "auto":
-        acts_within = spec.continuous is not None and params.rendering == "paper"
-        acts_within = acts_within and not is_arm(params.hardware) and scene.units != POSE
-        servo = default_servo if acts_within else "sampled"
-    elif servo == "continuous" and spec.continuous is None:
-        raise InvalidParameter("device.servo", servo, f"sampled with the coupling {params.coupling}")
-    harvest = cast(
-        Harvest, ("range" if servo == "continuous" else "measured") if device.harvest == "auto" else device.harvest
-    )
-    if servo == "continuous":
-        if device.clutch:
-            raise InvalidParameter("device.clutch", device.clutch, "empty with the continuous servo")
-        if device.enable != "auto":
-            raise InvalidParameter("device.enable", device.enable, "auto with the continuous servo")
-        if harvest == "measured":
-            raise InvalidParameter("device.harvest", "measured", "range with the continuous servo: no torque is held")
-        if device.resolution_m:
-            raise InvalidParameter("device.resolution_m", device.resolution_m, "0 with the continuous servo")
-    if 0.0 < device.watchdog_s < 1.0 / device.servo_hz:
-        raise InvalidParameter("device.watchdog_s", device.watchdog_s, "0 (off), or a period of the servo or more")
-    if harvest == "range" and device.trusted_damping and is_simulated(params.hardware):
-        raise InvalidParameter("device.trusted_damping", device.trusted_damping, "0 with the range harvest")
-    for name, side in (("device", device), ("world", params.world)):
-        for field_name, plain in _SET_POSITIONS_ONLY.items() if name not in spec.set_positions else ():
-            if (value := getattr(side, field_name)) != plain:
-                raise InvalidParameter(f"{name}.{field_name}", value, f"{plain} with the coupling {params.coupling}")
-        if side.on_silence == "release" and not side.step_limit_N:
-            raise InvalidParameter(
-                f"{name}.on_silence", "release", f"hold, or release with {name}.step_limit_N above 0"
+    given = as_params(params)
+    with named_failures(given):
+        used = resolve(given, default_servo)
+        refuse(misfits(used))
+        params, scene, spec = used.params, used.scene, used.coupling
+        warnings = [*scene.warnings, *held_warnings(used), *follower_of(params).warnings(params, spec, scene.dof)]
+        up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
+        tuning = spec.tune(choosing(params, *follower_of(params).seen), delays(up, down, params.link.path_s))
+        warnings.extend(spec.warn(params, tuning))
+        if scene.has_effects and not spec.staged(params):
+            warnings.append(
+                f"{params.coupling} with rendering {params.rendering} has no contact model: effects are not felt"
             )
-    if params.hardware != "simulated" and servo != "sampled":
-        raise InvalidParameter("device.servo", servo, "sampled with a device of your own")
-    if servo == "sampled" and spec.limited:
-        found = held_torque.check(dataclasses.replace(device, own_damping=known_damping(params)), harvest, scene.dof)
-        if is_simulated(params.hardware) or harvest == "range":  # else what the device itself declares counts
-            warnings.extend(found)
-    warnings.extend(follower_of(params).warnings(params, spec, scene.dof))
-    up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
-    tuning = spec.tune(follower_of(params).seen(params), delays(up, down, params.link.path_s))
-    warnings.extend(spec.warn(params, tuning))
-    if scene.has_effects and not spec.staged(params):
-        warnings.append(
-            f"{params.coupling} with rendering {params.rendering} has no contact model: effects are not felt"
-        )
-    timelines = (link_timeline("up", params), link_timeline("down", params))
-    return Setup(params, scene, servo, harvest, spec, tuning, up, down, *timelines, tuple(warnings))
+        timelines = (link_timeline("up", params), link_timeline("down", params))
+        return Setup(params, scene, used.servo, used.harvest, spec, tuning, up, down, *timelines, tuple(warnings))
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device", secret: Secret | None = None) -> Session:
@@ -287,7 +238,7 @@ def world_side(setup: Setup, endpoint: WorldControl, rng: np.random.Generator, w
 
 def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo:
     """The servo of the robot that follows, at rest at `position` [m] in the leader's units."""
-    params, make = setup.follower.seen(setup.params), setup.coupling.follower
+    params, make = choosing(setup.params, *setup.follower.seen), setup.coupling.follower
     assert make is not None, "refused by prepare"
     energy = 0.0 if empty else params.world.ceiling_J
     at_robot = dataclasses.replace(params, device=servo_of(params))
@@ -303,7 +254,9 @@ def _start(
 ) -> CouplingStart[Any]:
     """Return the start of an end of the coupling; `empty`: the side has restarted, so it begins without energy."""
     energy = 0.0 if empty else side.ceiling_J
-    return CouplingStart(setup.follower.on_link(setup.params), setup.tuning, position, energy, kinetic, setup.harvest)
+    return CouplingStart(
+        choosing(setup.params, *setup.follower.on_link), setup.tuning, position, energy, kinetic, setup.harvest
+    )
 
 
 def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:

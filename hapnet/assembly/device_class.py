@@ -1,4 +1,4 @@
-"""The class of a user's own device, given as ``module:Class``: found by its name, and asked before a device is made."""
+"""A user's own device, given as ``module:Class``: its class, asked before a device is made, and its declared range."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from hapnet import checks
 from hapnet.devices.registry import known, options, resolve
 from hapnet.errors import InvalidParameter
 from hapnet.loading import load
-from hapnet.params import ARMS, Params, is_simulated
+from hapnet.params import ARMS, DeviceParams, is_simulated
+from hapnet.plant.device import Device
+from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 
 
 def allowed() -> str:
@@ -33,16 +35,13 @@ def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
     return partial(found, **options(name, found, words)) if words else found
 
 
-def servo_rate(params: Params) -> float:
-    """The rate of the servo [Hz]: the device's own, if that is below the one that the parameters give.
+def servo_rate(hardware: str, wanted_hz: float) -> float:
+    """The rate of the servo [Hz]: the device's own, if that is below the wanted one.
 
     Raises InvalidParameter: there is no such device, or its rate is not a number.
     """
-    wanted = params.device.servo_hz
-    if is_simulated(params.hardware):
-        return wanted
-    own = declared(load_class(params.hardware), "rate_hz")
-    return wanted if own is None else min(wanted, checks.positive("rate_hz", own))
+    own = None if is_simulated(hardware) else declared(load_class(hardware), "rate_hz")
+    return wanted_hz if own is None else min(wanted_hz, checks.positive("rate_hz", own))
 
 
 def is_blocking(hardware: str) -> bool:
@@ -53,3 +52,26 @@ def is_blocking(hardware: str) -> bool:
 def declared(made: Callable[..., Any], part: str) -> Any:
     """The declaration of a class, or of a function that makes devices, before it is called; None: there is none."""
     return getattr(made.func if isinstance(made, partial) else made, part, None)
+
+
+def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
+    """The operating range: what `device` declares, and `params` for the rest.
+
+    Raises InvalidParameter: a number in it is impossible.
+    """
+
+    def declared_or(part: str, name: str, value: object) -> NamedValue:
+        declared = getattr(device, part, None)
+        return (name, value) if declared is None else (part, declared)
+
+    return operating_range(
+        dof,
+        declared_or("workspace", "device.workspace_m", params.workspace_m),
+        declared_or("greatest_speed", "device.greatest_speed", _unless_declared(params.greatest_speed)),
+        declared_or("stiffness_range", "device.stiffness_range", params.stiffness_range),
+    )
+
+
+def _unless_declared(speed: float) -> float:
+    low, high = SPEED_MPS
+    return min(max(10.0 * speed, low), high)

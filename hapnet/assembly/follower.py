@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from hapnet.assembly.choices import Part
 from hapnet.checks import Vector
 from hapnet.couplings.rendering import largest
 from hapnet.couplings.spec import CouplingSpec
@@ -23,14 +24,13 @@ class Follower:
     """No robot follows: the parameters are used as they are, in the device's own units.
 
     `hapnet.ext.robots.following.RobotFollower` is one with a robot.
+
+    seen : chooses the robot's parameters in the leader's units (`hapnet.mechanics.frame`). on_link : the same, with the
+    spring of a tool along the coordinates of the link.
     """
 
-    def place(self, params: Params, spec: CouplingSpec[Any], scene: World) -> tuple[Params, World]:
-        """The parameters with what follows from the robot's servo, and the scene in which it stands.
-
-        Raises InvalidParameter: what does not fit a follower.
-        """
-        return params, scene
+    seen: tuple[Part, ...] = ()
+    on_link: tuple[Part, ...] = ()
 
     def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
         """Warnings for whoever runs a simulated follower, or means to."""
@@ -40,14 +40,6 @@ class Follower:
     def is_held(self, params: Params, spec: CouplingSpec[Any]) -> bool:
         """Whether the robot's force is held from tick to tick."""
         return False
-
-    def seen(self, params: Params) -> Params:
-        """The parameters with the robot's in the leader's units (`hapnet.mechanics.frame`)."""
-        return params
-
-    def on_link(self, params: Params) -> Params:
-        """As `seen`, with the spring of a tool along the coordinates of the link."""
-        return params
 
     def arms(self, params: Params) -> Arms | None:
         """From a tool's pose as its servo has it to that on the link (`hapnet.mechanics.pose_frame`); None: the

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapnet.assembly.declared_range import declared_range
+from hapnet.assembly.device_class import declared_range
 from hapnet.assembly.units import LEVER_M
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter

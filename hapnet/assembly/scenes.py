@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any
 
+from hapnet.assembly.choices import Choice
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.pose import DOF
 from hapnet.param_sources import SCENE
@@ -25,8 +26,8 @@ SCENE_PARAMETERS = {
 """A scene's keyword, and the parameter that it gets."""
 
 
-def with_scene(params: Params) -> Params:
-    """The parameters with those that the scene's name sets, and with the scene's own defaults for what is not set.
+def scene_defaults(params: Params) -> Choice:
+    """Choose what the scene's name sets, and the scene's own defaults for what is not set.
 
     Raises InvalidParameter: the user set another value than the scene's name does.
     """
@@ -41,7 +42,7 @@ def with_scene(params: Params) -> Params:
         if name is not None and name not in params.given and (own or value != params.get(name)):
             with suppress(InvalidParameter):  # none, or of another kind: then only the scene knows what it uses
                 found |= params.typed({name: value})
-    return params.set(found, SCENE) if found else params
+    return Choice(found, SCENE)
 
 
 def scene_of(params: Params) -> World:

@@ -13,17 +13,6 @@ from hapnet.recording.hand import fingerprint
 from hapnet.units import METRES, POSE
 
 
-def with_own_device(params: Params) -> Params:
-    """The parameters as an arm needs them, if the device is one: its axes, and what it weighs and damps at home.
-
-    Raises InvalidParameter: a parameter does not go with an arm.
-    """
-    if not is_arm(params.hardware):
-        return params
-    changed: Params = extension("arms").with_arm(params)
-    return changed
-
-
 def unit_of(hardware: str) -> str:
     """The unit of a simulated device's axes. Raises InvalidParameter: there is no such arm."""
     return str(extension("arms").unit_of(hardware)) if is_arm(hardware) else METRES

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hapnet.assembly.choices import Choice, choosing
 from hapnet.assembly.device_class import declared, load_class
 from hapnet.couplings import held_torque
 from hapnet.couplings.registry import coupling
@@ -22,22 +23,27 @@ MOST_CEILING_J = 0.2
 _ROUNDS = 30
 
 
-def with_springs(params: Params) -> Params:
-    """The parameters with `device.stiffness` as a number of N/m, if it was 0; `device.ceiling_J` may follow it.
+def spring(params: Params) -> Choice:
+    """`device.stiffness` as a number of N/m, if it is 0; `device.ceiling_J` may follow it.
 
     The rule is for the couplings with the stages of ``rendering = "hapnet"``. All others have the paper's spring, with
-    which they were tuned. A spring of more than that is never stiffer than the ceiling covers while its torque is held;
-    a ceiling that is left at its default grows for it.
+    which they were tuned.
 
     Raises InvalidParameter: there is no such device, or no such coupling, or one axis of several has no stiffness.
     """
-    device = params.device
-    if isinstance(device.stiffness, tuple) and not np.all(np.linalg.norm(np.atleast_2d(device.stiffness), axis=0)):
-        raise InvalidParameter("device.stiffness", device.stiffness, "0 for all axes (by rule), or above 0 for each")
-    if device.stiffness != 0.0:
-        return params
-    if not coupling(params.coupling).staged(params):
-        return params.set({"device.stiffness": PAPERS}, RULE)
+    stiffness = params.device.stiffness
+    if isinstance(stiffness, tuple) and not np.all(np.linalg.norm(np.atleast_2d(stiffness), axis=0)):
+        raise InvalidParameter("device.stiffness", stiffness, "0 for all axes (by rule), or above 0 for each")
+    values: dict[str, object] = {}
+    if stiffness == 0.0:
+        values = _by_rule(params) if coupling(params.coupling).staged(params) else {"device.stiffness": PAPERS}
+    return Choice(values, RULE)
+
+
+def _by_rule(params: Params) -> dict[str, object]:
+    """The rule's spring. One stiffer than the paper's is never stiffer than the ceiling covers while its torque is
+    held; a ceiling that nobody set grows for it.
+    """
     held = _as_declared(params)
     K = default_stiffness(
         known_damping(params),
@@ -51,22 +57,19 @@ def with_springs(params: Params) -> Params:
     if "device.ceiling_J" not in params.given and K > PAPERS:
         needed_J = held_torque.ceiling_for(dataclasses.replace(held, stiffness=K))
         ceiling_J = min(max(ceiling_J, math.ceil(1e3 * needed_J) / 1e3), MOST_CEILING_J)
-    K = _covered(dataclasses.replace(held, ceiling_J=ceiling_J), K)
-    chosen = {"device.stiffness": K}
-    if ceiling_J != held.ceiling_J:
-        chosen["device.ceiling_J"] = ceiling_J
-    return params.set(chosen, RULE)
+    chosen: dict[str, object] = {"device.stiffness": _covered(dataclasses.replace(held, ceiling_J=ceiling_J), K)}
+    return chosen if ceiling_J == held.ceiling_J else {**chosen, "device.ceiling_J": ceiling_J}
 
 
 def without_rule(params: Params) -> Params:
-    """The reverse of `with_springs`: what the rule would choose again is left to it."""
+    """The reverse of `spring`: what the rule would choose again is left to it."""
     springs = ("device.stiffness", "device.ceiling_J")
     if params.asked("device.stiffness"):
         return params
     for names in (springs[:1],) if params.asked("device.ceiling_J") else (springs, springs[:1]):
         left_open = params.unset(*names)
         try:
-            chosen = with_springs(left_open)
+            chosen = choosing(left_open, spring)
             if all(chosen.get(name) == params.get(name) for name in springs):
                 return left_open
         except InvalidParameter:  # the device, or the coupling, is not at hand
@@ -77,13 +80,13 @@ def without_rule(params: Params) -> Params:
 def _as_declared(params: Params) -> DeviceParams:
     """The device's parameters, with what its class declares in their place."""
     device = dataclasses.replace(params.device, damping=float(np.max(params.device.damping)))
-    if is_simulated(params.hardware):
-        return device
-    made = load_class(params.hardware)
-    limits = [limit for limit in (device.force_limit_N, declared(made, "force_limit")) if _is_number(limit)]
-    reported = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
-    known: dict[str, Any] = {name: float(value) for name, value in reported.items() if _is_number(value)}
-    return dataclasses.replace(device, force_limit_N=float(min(limits, default=0.0)), **known)
+    if not is_simulated(params.hardware):
+        made = load_class(params.hardware)
+        limits = [limit for limit in (device.force_limit_N, declared(made, "force_limit")) if _is_number(limit)]
+        reported = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
+        known: dict[str, Any] = {name: float(value) for name, value in reported.items() if _is_number(value)}
+        device = dataclasses.replace(device, force_limit_N=float(min(limits, default=0.0)), **known)
+    return device
 
 
 def _is_number(value: object) -> bool:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from hapnet.assembly.declared_range import declared_range
+from hapnet.assembly.choices import Choice
+from hapnet.assembly.device_class import declared_range
 from hapnet.assembly.simulated_device import unit_of
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.param_sources import SCENE
 from hapnet.params import Params, is_arm, is_simulated
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.worlds.protocol import World
-from hapnet.units import METRES, POSE, RADIANS, one_text, within
+from hapnet.units import METRES, RADIANS, one_text, within
 
 _PLACES = (
     "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
@@ -40,8 +40,8 @@ _TURNED = {
 """Defaults for axes in radians: Nm/rad, Nms/rad, kg m^2, Nm, rad and rad/s."""
 
 
-def with_units(params: Params, scene: World) -> Params:
-    """The parameters with the world's units, and with defaults for radians if all axes are in these.
+def scene_units(params: Params, scene: World) -> Choice:
+    """The scene's units, and defaults for radians if all axes are in these.
 
     Raises InvalidParameter: the parameters, the device or the world name others.
     """
@@ -51,29 +51,9 @@ def with_units(params: Params, scene: World) -> Params:
     if is_arm(params.hardware) and (unit := unit_of(params.hardware)) != of_world:
         need = f"one whose axes are in {of_world}, as those of the scene {params.scene}"
         raise InvalidParameter("hardware", params.hardware, f"{need}; this one's are in {unit}")
-    if of_world == METRES:
-        return params
-    if of_world == POSE:
-        params = _for_all_coordinates(params)
     turned = _TURNED if of_world == RADIANS else {}
     left = {name: value for name, value in turned.items() if name not in params.given}
-    return params.set({"units": of_world, **left}, SCENE)
-
-
-_OF_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping")
-
-
-def _for_all_coordinates(params: Params) -> Params:
-    """Of a pose two numbers, in N/m and in Nm/rad (or Ns/m and Nms/rad), are one for each of its twelve coordinates."""
-    found: dict[str, object] = {}
-    for name in _OF_SPRINGS:
-        value = params.get(name)
-        if isinstance(value, tuple) and len(value) == 2 and not isinstance(value[0], tuple):
-            if not min(value) > 0.0:
-                what = "N/m and Nm/rad" if name.endswith("stiffness") else "Ns/m and Nms/rad"
-                raise InvalidParameter(name, value, f"one number, or two above 0 in {what}")
-            found[name] = (value[0],) * 3 + (value[1] / (2.0 * ARM_M**2),) * (AXES - 3)
-    return params.set(found, {name: params.source(name) for name in found}) if found else params
+    return Choice({} if of_world == METRES else {"units": of_world, **left}, SCENE)
 
 
 def check_units(params: Params, dof: int) -> None:

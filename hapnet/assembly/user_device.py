@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
-from hapnet.assembly.declared_range import declared_range
-from hapnet.assembly.device_class import allowed, load_class
+from hapnet.assembly.device_class import allowed, declared_range, load_class
 from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque

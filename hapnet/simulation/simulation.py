@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -96,7 +97,7 @@ class Simulation:
         self.setup: Setup = setup or prepare(params, "continuous")
         why_not = no_compiler()
         if why_not is None and (is_arm(params.hardware) or self.setup.params.units == POSE):
-            self.setup = extension("compiled").with_device(self.setup)
+            self.setup = replace(self.setup, ends=extension("compiled").device_ends(self.setup))
         self._motion_only = motion_only
         self._awaits_code = False  # is there a compiled kind of this run, without its machine code?
         self._begin()

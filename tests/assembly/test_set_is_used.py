@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 
 from hapnet import cli
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, virtual_mass
-from hapnet.assembly.resolved import resolved
+from hapnet.assembly.resolve import resolve
 from hapnet.assembly.scenes import for_its_scene
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.study.sweep import sweep
@@ -331,8 +331,8 @@ def test_what_a_device_declares_cannot_be_set_to_something_else(changes: dict[st
 
 @pytest.mark.parametrize("kind", ["wall", "joints", "named", "arm", "own hinge", "own device", "follower", "paper"])
 def test_resolved_again_nothing_changes(kind: str) -> None:
-    once = resolved(Params().set(KINDS[kind])).params
-    again = resolved(once).params
+    once = resolve(Params().set(KINDS[kind])).params
+    again = resolve(once).params
     assert (again, again.sources) == (once, once.sources)
     assert virtual_mass(prepare(once)).position == virtual_mass(prepare(KINDS[kind])).position
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from hapnet.assembly.springs import with_springs
+from hapnet.assembly.choices import choosing
+from hapnet.assembly.springs import spring
 from hapnet.couplings.stiffness import default_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
@@ -43,20 +44,20 @@ def test_a_count_of_the_encoders_changes_the_force_by_a_twentieth_of_a_newton_at
 
 def test_a_class_that_knows_its_model_only_once_it_is_open_declares_the_least() -> None:
     params = Params().set({"hardware": "hapnet.ext.devices.force_dimension:ForceDimension"})
-    assert with_springs(params).device.stiffness > 100.0
+    assert choosing(params, spring).device.stiffness > 100.0
 
 
 def test_what_the_user_says_stays() -> None:
     params = Params().set({"device.stiffness": 123.0})
-    assert with_springs(params) is params
+    assert choosing(params, spring) is params
 
 
 def test_the_papers_feel_has_the_papers_spring() -> None:
-    assert with_springs(Params().set({"rendering": "paper"})).device.stiffness == 100.0
+    assert choosing(Params().set({"rendering": "paper"}), spring).device.stiffness == 100.0
 
 
 def test_a_run_records_the_number() -> None:
-    assert with_springs(Params()).device.stiffness == 200.0
+    assert choosing(Params(), spring).device.stiffness == 200.0
     meta = simulate({"duration_s": 0.1}).recording.meta
     assert meta["params"]["device"]["stiffness"] == 200.0
 
@@ -67,7 +68,7 @@ def test_a_stiffness_below_zero_is_refused() -> None:
 
 
 def test_a_range_that_is_declared_counts() -> None:
-    made = with_springs(Params().set({"device.own_damping": 0.0, "device.stiffness_range": (1.0, 300.0)}))
+    made = choosing(Params().set({"device.own_damping": 0.0, "device.stiffness_range": (1.0, 300.0)}), spring)
     assert made.device.stiffness == 150.0
 
 
@@ -79,14 +80,14 @@ def needed_J(K: float) -> float:
 
 
 def test_the_ceiling_follows_the_spring() -> None:
-    made = with_springs(Params().set({"device.own_damping": 0.6})).device
+    made = choosing(Params().set({"device.own_damping": 0.6}), spring).device
     assert made.stiffness == 350.0
     assert needed_J(350.0) <= made.ceiling_J <= needed_J(350.0) + 1e-3
-    assert with_springs(Params()).device.ceiling_J == 0.1  # enough for 200 N/m
+    assert choosing(Params(), spring).device.ceiling_J == 0.1  # enough for 200 N/m
 
 
 def test_the_spring_is_never_stiffer_than_a_ceiling_that_was_set_covers() -> None:
-    made = with_springs(Params().set({"device.own_damping": 0.6, "device.ceiling_J": 0.06})).device
+    made = choosing(Params().set({"device.own_damping": 0.6, "device.ceiling_J": 0.06}), spring).device
     assert isinstance(made.stiffness, float)
     assert made.ceiling_J == 0.06
     assert 0.98 * 0.06 < needed_J(made.stiffness) <= 0.06
@@ -100,17 +101,17 @@ class Fast:
 
 
 def test_what_a_device_declares_counts_for_the_reserve() -> None:
-    made = with_springs(Params().set({"hardware": "tests.couplings.test_default_stiffness:Fast"})).device
+    made = choosing(Params().set({"hardware": "tests.couplings.test_default_stiffness:Fast"}), spring).device
     assert made.stiffness == 100.0  # at 3 m/s no ceiling up to 0.2 J covers more
     assert made.ceiling_J == 0.2
 
 
 def test_one_axis_without_stiffness_is_refused() -> None:
     with pytest.raises(InvalidParameter, match=r"device\.stiffness"):
-        with_springs(Params().set({"device.stiffness": (0.0, 100.0)}))
+        choosing(Params().set({"device.stiffness": (0.0, 100.0)}), spring)
 
 
 def test_the_other_laws_keep_the_spring_they_were_tuned_with() -> None:
     for name in ("popc", "pd", "tdpa", "wave"):
-        assert with_springs(Params().set({"coupling": name})).device.stiffness == 100.0
-    assert with_springs(Params().set({"coupling": "zoh"})).device.stiffness == 200.0
+        assert choosing(Params().set({"coupling": name}), spring).device.stiffness == 100.0
+    assert choosing(Params().set({"coupling": "zoh"}), spring).device.stiffness == 200.0

@@ -8,6 +8,7 @@ import pytest
 
 from hapnet import simulate
 from hapnet.assembly.build import prepare
+from hapnet.assembly.choices import choosing
 from hapnet.assembly.follower import follower_of
 from hapnet.checks import Array, Vector
 from hapnet.couplings.set_position import servo_of
@@ -253,9 +254,9 @@ def test_the_leader_knows_a_scaled_tools_spring(a: float, b: float) -> None:
     scales = {"follower.motion_scale": a, "follower.force_scale": b, "world.stiffness": (400.0, turning)}
     params = prepare(as_params({**FOLLOWS, **scales, "scene": "tool:box"})).params
     along = [400.0 * a * b] * 3 + [600.0 * b / a] * 9
-    np.testing.assert_allclose(follower_of(params).on_link(params).world.stiffness, np.diag(along))
+    np.testing.assert_allclose(choosing(params, *follower_of(params).on_link).world.stiffness, np.diag(along))
     plain = params.set({"follower.motion_scale": 1.0, "follower.force_scale": 1.0})
-    assert follower_of(plain).on_link(plain).world.stiffness == plain.world.stiffness
+    assert choosing(plain, *follower_of(plain).on_link).world.stiffness == plain.world.stiffness
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hapnet.assembly.build import device_session, device_side, prepare
-from hapnet.assembly.declared_range import declared_range
+from hapnet.assembly.device_class import declared_range
 from hapnet.assembly.operators import UserOperator, operator
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hapnet import checks
+from hapnet.assembly.choices import Choice, Contribution
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import TIP_AXES, SimulatedArm
@@ -65,8 +66,8 @@ def _options(hardware: str) -> dict[str, str]:
     return given
 
 
-def with_arm(params: Params) -> Params:
-    """The parameters as an arm needs them: its axes, and what it weighs and damps at home.
+def arm_values(params: Params) -> Choice:
+    """An arm's axes, and what it weighs and damps at home.
 
     Raises InvalidParameter: a parameter does not go with an arm.
     """
@@ -88,7 +89,7 @@ def with_arm(params: Params) -> Params:
             raise InvalidParameter(f"device.{name}", value, f"auto or {plain} with the device {params.hardware}")
     for name, value in own.items():
         params.require(f"device.{name}", value, f"left out with the device {params.hardware}: its links have it")
-    return params.set({"dof": dof, **{f"device.{name}": value for name, value in own.items()}}, DEVICE)
+    return Choice({"dof": dof, **{f"device.{name}": value for name, value in own.items()}}, DEVICE)
 
 
 def unit_of(hardware: str) -> str:
@@ -123,3 +124,6 @@ def real_time_warnings(params: Params) -> tuple[str, ...]:
 def picture(meta: Mapping[str, Any]) -> ArmPicture | None:
     """The picture of the arm that a recording's description has; None: it has none."""
     return ArmPicture.of(meta)
+
+
+CONTRIBUTION = Contribution(before_scene=(arm_values,), sampled_only=True)

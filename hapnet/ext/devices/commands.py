@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -108,8 +109,9 @@ def make_emulator(device: str, params: Params) -> Emulator:
 
     Raises InvalidParameter: the device has no emulator, or not these options.
     """
+    from hapnet.assembly.choices import choosing
     from hapnet.assembly.operators import operator
-    from hapnet.assembly.units import with_units
+    from hapnet.assembly.units import scene_units
     from hapnet.devices import registry
     from hapnet.ext.arms.device import SimulatedArm
     from hapnet.ext.devices.emulator import ArmHandle, Handle
@@ -129,7 +131,7 @@ def make_emulator(device: str, params: Params) -> Emulator:
     given = registry.options(device, kind, behind)
     if (table := kind.arm(given)) is not None:
         scene = make_scene("joints", dof=len(table.joints))
-        hand = operator(with_units(params, scene), scene)
+        hand = operator(choosing(params, partial(scene_units, scene=scene)), scene)
         arm = SimulatedArm(table, hand, substeps=1, compensated=False, by_joints=True)
         if no_compiler() is None:
             arm = extension("compiled ends").CompiledDevices().simulated(arm)

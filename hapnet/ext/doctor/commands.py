@@ -60,7 +60,7 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
     if is_simulated(hardware):
         raise InvalidParameter("--device", hardware, "a real device (`hapnet devices`), or module:Class")
     device = UserDevice(hardware, dof)
-    rate_hz = min(servo_rate(Params().set({"hardware": hardware})), device.rate_hz or math.inf)
+    rate_hz = min(servo_rate(hardware, Params().device.servo_hz), device.rate_hz or math.inf)
     most_N = device.force_limit
     try:
         for flag, force_N in (("--ramp", ramp_N), ("--damping", damping_N)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.choices import Choice, Contribution, Refusal, refuse
 from hapnet.assembly.device_class import load_class, servo_rate
 from hapnet.assembly.follower import Follower
 from hapnet.assembly.user_device import UserDevice
@@ -36,77 +38,45 @@ from hapnet.side.reindexing import Reindexing
 from hapnet.units import POSE, POSE_AXES
 
 
+def in_leaders_units(params: Params) -> Choice:
+    """The robot's parameters in the leader's units, where these differ from its own."""
+    robot, world = params.follower, params.world
+    a, b = robot.motion_scale, robot.force_scale
+    scaled = {
+        "world.stiffness": _times(a * b, world.stiffness),
+        "world.damping": _times(a * b, world.damping),
+        "world.step_limit_N": b * world.step_limit_N,
+        "follower.mass": a * b * robot.mass,
+        "follower.own_damping": a * b * robot.own_damping,
+        "follower.resolution_m": robot.resolution_m / a,
+        "follower.force_limit_N": b * robot.force_limit_N,
+        "follower.step_limit_N": b * robot.step_limit_N,
+        "follower.greatest_speed": robot.greatest_speed / a,
+    }
+    return Choice({} if a == b == 1.0 else scaled, DEVICE)
+
+
+def spring_on_link(params: Params) -> Choice:
+    """The spring of a tool along the coordinates of the link, where these differ from its servo's."""
+    turned: dict[str, object] = {}
+    if (arms := _arms(params)) is not None:
+        K = checks.spd("world.stiffness", params.world.stiffness, POSE_AXES)
+        for _ in range(2):  # rows, then columns
+            K = np.array([arms.force(tuple(row)) for row in K.T.tolist()])
+        turned["world.stiffness"] = K.tolist()
+    return Choice(turned, DEVICE)
+
+
+def _arms(params: Params) -> Arms | None:
+    a = params.follower.motion_scale
+    return Arms(a) if params.units == POSE and a != 1.0 else None
+
+
 class RobotFollower(Follower):
     """A robot follows: simulated, or a driver's."""
 
-    def place(self, params: Params, spec: CouplingSpec[Any], scene: World) -> tuple[Params, World]:
-        robot = params.follower
-        if robot.servo == "sampled" and spec.follower is None:
-            allowed = f"continuous with the coupling {params.coupling}: it is not known how it holds a force there"
-            raise InvalidParameter("follower.servo", robot.servo, allowed)
-        held = self.is_held(params, spec)
-        if scene.moves_proxy and not held:
-            raise InvalidParameter(
-                "follower.servo", robot.servo, f"sampled in the scene {params.scene}, with pspm or zoh"
-            )
-        if scene.units == POSE and not held:
-            allowed = f"sampled in the scene {params.scene}, with pspm or zoh: a tool is moved by a held force"
-            raise InvalidParameter("follower.servo", robot.servo, allowed)
-        if robot.resolution_m and not held:
-            raise InvalidParameter("follower.resolution_m", robot.resolution_m, "0 with a continuous servo")
-        if robot.feedback == "force" and not held:
-            raise InvalidParameter("follower.feedback", robot.feedback, "position or planes with a continuous servo")
-        if robot.feedback == "planes" and not spec.staged(params):
-            allowed = "position or force: without the stages of rendering hapnet no planes are sent"
-            raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-        if robot.fixtures and not is_real_robot(params):
-            raise InvalidParameter("follower.fixtures", robot.fixtures, "no with a robot that meets the scene itself")
-        if is_real_robot(params):
-            if not held:
-                allowed = (
-                    f"simulated with the coupling {params.coupling} and a continuous servo: a driver holds its force"
-                )
-                raise InvalidParameter("follower.robot", robot.robot, allowed)
-            if robot.feedback == "planes":
-                allowed = "position or force with a robot whose surroundings nobody knows"
-                raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-            if robot.feedback == "force":
-                if scene.units == POSE:
-                    allowed = f"position in the scene {params.scene}: no driver says which torque its tool meets"
-                    raise InvalidParameter("follower.feedback", robot.feedback, allowed)
-                require_contact_force(robot.robot)
-            at_most = robot.servo_hz
-            with suppress(InvalidParameter):  # the driver may be on the other host only
-                at_most = servo_rate(params.set({"hardware": robot.robot, "device.servo_hz": robot.servo_hz}))
-            if at_most < robot.servo_hz:
-                params.require("follower.servo_hz", at_most, f"at most {at_most:g}, as the robot {robot.robot}")
-                params = params.set({"follower.servo_hz": at_most}, DEVICE)
-        period_s = 1.0 / params.follower.servo_hz
-        steps = dict.fromkeys(("world.step_min_s", "world.step_max_s"), period_s)
-        for name in steps:
-            params.require(
-                name, period_s, f"left out with a follower: its steps are those of its servo, {period_s:g} s"
-            )
-        params = params.set(steps, RULE)
-
-        def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
-            body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
-            if body is None:
-                body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
-            engine = isinstance(body, EngineMass)  # it knows its own damping
-            return Robot(
-                body,
-                scene.contacts,
-                frame_of(params, scene.units, scene.dof),
-                robot.own_damping if held and not engine else 0.0,
-                robot.resolution_m,
-                held=held,
-                engine=engine,
-                here=robot.start == "here",
-            )
-
-        frame = frame_of(params, scene.units, scene.dof)
-        return params, RobotScene(scene, made, period_s, frame, sees=robot.feedback == "planes")
+    seen = (in_leaders_units,)
+    on_link = (in_leaders_units, spring_on_link)
 
     def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
         if not self.is_held(params, spec) or not spec.limited or is_real_robot(params):
@@ -116,35 +86,8 @@ class RobotFollower(Follower):
     def is_held(self, params: Params, spec: CouplingSpec[Any]) -> bool:
         return params.follower.servo != "continuous" and spec.follower is not None
 
-    def seen(self, params: Params) -> Params:
-        robot, world = params.follower, params.world
-        a, b = robot.motion_scale, robot.force_scale
-        if a == b == 1.0:
-            return params
-        return params.set({
-            "world.stiffness": _times(a * b, world.stiffness),
-            "world.damping": _times(a * b, world.damping),
-            "world.step_limit_N": b * world.step_limit_N,
-            "follower.mass": a * b * robot.mass,
-            "follower.own_damping": a * b * robot.own_damping,
-            "follower.resolution_m": robot.resolution_m / a,
-            "follower.force_limit_N": b * robot.force_limit_N,
-            "follower.step_limit_N": b * robot.step_limit_N,
-            "follower.greatest_speed": robot.greatest_speed / a,
-        })  # fmt: skip
-
-    def on_link(self, params: Params) -> Params:
-        found, arms = self.seen(params), self.arms(params)
-        if arms is None:
-            return found
-        K = checks.spd("world.stiffness", found.world.stiffness, POSE_AXES)
-        for _ in range(2):  # rows, then columns
-            K = np.array([arms.force(tuple(row)) for row in K.T.tolist()])
-        return found.set({"world.stiffness": K.tolist()})
-
     def arms(self, params: Params) -> Arms | None:
-        a = params.follower.motion_scale
-        return Arms(a) if params.units == POSE and a != 1.0 else None
+        return _arms(params)
 
     def meets_here(self, params: Params) -> bool:
         return params.follower.start == "here"
@@ -169,6 +112,83 @@ class RobotFollower(Follower):
 
 
 ROBOT = RobotFollower()
+
+
+def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
+    """Raise InvalidParameter for what does not fit a follower."""
+    robot, is_posed, is_real = params.follower, scene.units == POSE, is_real_robot(params)
+    held, given = ROBOT.is_held(params, spec), f"in the scene {params.scene}, with pspm or zoh"
+    law = f"with the coupling {params.coupling}"
+
+    def unless(applies: bool, name: str, allowed: str) -> Refusal:
+        return Refusal(applies, f"follower.{name}", getattr(robot, name), allowed)
+
+    refuse((
+        unless(robot.servo == "sampled" and spec.follower is None, "servo",
+               f"continuous {law}: it is not known how it holds a force there"),
+        unless(scene.moves_proxy and not held, "servo", f"sampled {given}"),
+        unless(is_posed and not held, "servo", f"sampled {given}: a tool is moved by a held force"),
+        unless(robot.resolution_m > 0.0 and not held, "resolution_m", "0 with a continuous servo"),
+        unless(robot.feedback == "force" and not held, "feedback", "position or planes with a continuous servo"),
+        unless(robot.feedback == "planes" and not spec.staged(params), "feedback",
+               "position or force: without the stages of rendering hapnet no planes are sent"),
+        unless(robot.fixtures and not is_real, "fixtures", "no with a robot that meets the scene itself"),
+        unless(is_real and not held, "robot", f"simulated {law} and a continuous servo: a driver holds its force"),
+        unless(is_real and robot.feedback == "planes", "feedback",
+               "position or force with a robot whose surroundings nobody knows"),
+        unless(is_real and robot.feedback == "force" and is_posed, "feedback",
+               f"position in the scene {params.scene}: no driver says which torque its tool meets"),
+    ))  # fmt: skip
+    if is_real and robot.feedback == "force":
+        require_contact_force(robot.robot)
+
+
+def servo_hz(params: Params) -> Choice:
+    """The rate of a driver's robot, where that is below the servo's. Raises InvalidParameter: more was set."""
+    robot, at_most = params.follower, math.inf
+    if is_real_robot(params):
+        with suppress(InvalidParameter):  # the driver may be on the other host only
+            at_most = servo_rate(robot.robot, robot.servo_hz)
+    if at_most >= robot.servo_hz:
+        return Choice()
+    params.require("follower.servo_hz", at_most, f"at most {at_most:g}, as the robot {robot.robot}")
+    return Choice({"follower.servo_hz": at_most}, DEVICE)
+
+
+def steps(params: Params) -> Choice:
+    """The world's steps, which are the ticks of the robot's servo. Raises InvalidParameter: others were set."""
+    period_s = 1.0 / params.follower.servo_hz
+    names = ("world.step_min_s", "world.step_max_s")
+    for name in names:
+        params.require(name, period_s, f"left out with a follower: its steps are those of its servo, {period_s:g} s")
+    return Choice(dict.fromkeys(names, period_s), RULE)
+
+
+def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
+    """The scene with the robot in it."""
+    robot, held = params.follower, ROBOT.is_held(params, spec)
+
+    def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
+        body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
+        if body is None:
+            body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
+        engine = isinstance(body, EngineMass)  # it knows its own damping
+        return Robot(
+            body,
+            scene.contacts,
+            frame_of(params, scene.units, scene.dof),
+            robot.own_damping if held and not engine else 0.0,
+            robot.resolution_m,
+            held=held,
+            engine=engine,
+            here=robot.start == "here",
+        )
+
+    frame = frame_of(params, scene.units, scene.dof)
+    return RobotScene(scene, made, 1.0 / robot.servo_hz, frame, sees=robot.feedback == "planes")
+
+
+CONTRIBUTION = Contribution(in_scene=(servo_hz, steps), check=check, place=place)
 
 
 def frame_of(params: Params, units: str, dof: int) -> Frame:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from hapnet.assembly.build import Setup, drive, follower_servo
+from hapnet.assembly.choices import choosing
 from hapnet.assembly.fixture import Fixture
 from hapnet.assembly.own_parts import closed_if_refused, named_section
 from hapnet.assembly.user_device import UserDevice
@@ -64,7 +65,7 @@ def _following(
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
 
     if setup.coupling.limited:
-        for common, params_in in ((False, leads.params), (True, setup.follower.seen(leads.params))):
+        for common, params_in in ((False, leads.params), (True, choosing(leads.params, *setup.follower.seen))):
             for warning in held_warnings(servo_of(params_in), setup.dof):
                 if warning.startswith("world.ceiling_J") == common:  # joules are the leader's, all else is its own
                     write(Event(clock(), "warning", warning, "warning"))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
-from hapnet.assembly.simulated_device import with_own_device
-from hapnet.assembly.springs import with_springs
+from hapnet.assembly.choices import before_scene, choosing
+from hapnet.assembly.springs import spring
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS, Measures as Measures
 from hapnet.ext.metrics.measured import Measured
@@ -75,9 +75,9 @@ def simulated(params: Params, seed: int) -> Measured:
 def _studied(params: Params) -> Params:
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
-    return with_springs(
-        with_own_device(params.set({"device.servo": "sampled"}) if params.device.servo == "auto" else params)
-    )
+    if params.device.servo == "auto":
+        params = params.set({"device.servo": "sampled"})
+    return choosing(params, *before_scene(params), spring)
 
 
 @lru_cache(maxsize=_REFERENCES)

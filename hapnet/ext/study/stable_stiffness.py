@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hapnet.assembly.build import Setup
-from hapnet.assembly.simulated_device import with_own_device
+from hapnet.assembly.choices import before_scene, choosing
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.couplings.stiffness import colgate_bound
 from hapnet.errors import InvalidParameter
@@ -88,7 +88,7 @@ def cases(params: Params) -> list[Case]:
 
     Raises InvalidParameter: the device's B is not a number, so that there is no bound.
     """
-    device = with_own_device(params).device
+    device = choosing(params, *before_scene(params)).device
     dampings = {device.own_damping} if is_arm(params.hardware) else {*OWN_DAMPING, device.own_damping}
     bound(1.0, 1.0, device.damping)
     return [

@@ -8,7 +8,8 @@ from typing import Any
 from rich.table import Table
 
 from hapnet.assembly.build import prepare
-from hapnet.assembly.springs import with_springs
+from hapnet.assembly.choices import choosing
+from hapnet.assembly.springs import spring
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.ext.study.compare import Plan, Variant
@@ -20,7 +21,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 def tuning(params: Params) -> dict[str, Any]:
     """Return a coupling's rendering parameters: springs, dampers, its rule's choice, and the stiffness at best."""
-    params = with_springs(params)
+    params = choosing(params, spring)
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
     springs = {name: params.get(name) for name in _SPRINGS}

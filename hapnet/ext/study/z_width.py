@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable, Sequence
 from math import sqrt
 from typing import NamedTuple
 
-from hapnet.assembly.springs import with_springs
+from hapnet.assembly.choices import choosing
+from hapnet.assembly.springs import spring
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics.force import UNTIL_S, limit_cycles
@@ -57,7 +58,7 @@ def z_width(
     """
     timing = {"operator_hand.hold_s": _HELD_S, "duration_s": 0.8 + _HELD_S, "record_hz": params.device.servo_hz}
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
-    pressing, tried = with_springs(params.set({**_PRESS, **timing, **servo})), tuple(seeds)
+    pressing, tried = choosing(params.set({**_PRESS, **timing, **servo}), spring), tuple(seeds)
 
     def scaled(factor: float) -> Params:
         return pressing.set({name: factor * pressing.get(name) for name in springs})

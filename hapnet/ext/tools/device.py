@@ -12,11 +12,13 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from hapnet import checks
+from hapnet.assembly.choices import Choice, Contribution
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.tools import body as bodies
 from hapnet.ext.tools.body import RigidBody, Touched, kinetic, settle
 from hapnet.mechanics.pose import ARM_M, AXES, OfPose, coordinates, nearest
+from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.live_hand import LiveHand, WrappedHand
 from hapnet.plant.operator import Impedance, Operator, minimum_jerk
@@ -204,3 +206,22 @@ def turned(position: Vector, rotation: Vector, arm_m: float = ARM_M) -> Vector:
     angle = sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
     share = 0.5 if angle < 1e-9 else sin(0.5 * angle) / angle
     return coordinates(position, (cos(0.5 * angle), *[share * part for part in rotation]), arm_m)
+
+
+_OF_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping")
+
+
+def for_all_coordinates(params: Params) -> Choice:
+    """Of a pose two numbers, in N/m and in Nm/rad (or Ns/m and Nms/rad), are one for each of its twelve coordinates."""
+    found: dict[str, object] = {}
+    for name in _OF_SPRINGS:
+        value = params.get(name)
+        if isinstance(value, tuple) and len(value) == 2 and not isinstance(value[0], tuple):
+            if not min(value) > 0.0:
+                what = "N/m and Nm/rad" if name.endswith("stiffness") else "Ns/m and Nms/rad"
+                raise InvalidParameter(name, value, f"one number, or two above 0 in {what}")
+            found[name] = (value[0],) * 3 + (value[1] / (2.0 * ARM_M**2),) * (AXES - 3)
+    return Choice(found, {name: params.source(name) for name in found})
+
+
+CONTRIBUTION = Contribution(in_scene=(for_all_coordinates,), sampled_only=True)

@@ -8,7 +8,7 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import difference, gravity, matrices
-from hapnet.ext.arms.parameters import table_of, with_arm
+from hapnet.ext.arms.parameters import arm_values, table_of
 from hapnet.ext.arms.table import apparent_masses, chain_of, felt_damping
 from hapnet.ext.arms.urdf import table_from
 from hapnet.params import Params
@@ -177,7 +177,7 @@ def test_a_tip_on_its_joints_axis_is_refused(tmp_path: Path, tip: str) -> None:
     assert fixed.home == (0.5,)  # there is one stop: as near to 0 as that allows
     (tmp_path / "one.urdf").write_text(ONE.format(off, tip))
     with pytest.raises(InvalidParameter, match="allowed: a tip that moves"):
-        with_arm(Params().set({"hardware": f"arm:{tmp_path / 'one.urdf'}"}))
+        arm_values(Params().set({"hardware": f"arm:{tmp_path / 'one.urdf'}"}))
 
 
 def test_a_run_with_an_arm_from_a_file(tmp_path: Path) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from typing import NamedTuple
 
 from hapnet.assembly.build import Setup
+from hapnet.control.coupling import Ends
 from hapnet.couplings.registry import known
 from hapnet.ext.compiled import real_time, sources
 from hapnet.ext.compiled.background import Background
@@ -80,16 +80,16 @@ def beside(setup: Setup) -> AbstractContextManager[Background | None]:
     return background([(setup.params, setup.params.duration_s * setup.params.device.servo_hz)])
 
 
-def with_device(setup: Setup) -> Setup:
-    """The setup, with the ticks of an arm or of a tool's handle compiled if that pays, and both ends of the coupling if
-    there is machine code of them. The rest of such a run is the reference's.
+def device_ends(setup: Setup) -> Ends:
+    """Compile the ticks of an arm or of a tool's handle if that pays, and both ends of the coupling if there is machine
+    code of them. The rest of such a run is the reference's.
     """
     params = setup.params
     ticks = round(params.duration_s * params.device.servo_hz)
     if real_time.are_ready(setup.coupling, setup.dof, params):
-        return replace(setup, ends=real_time.CompiledEnds())
+        return real_time.CompiledEnds()
     compiles = ticks >= _WORTH_ARM_TICKS or not real_time.missing(params)
-    return replace(setup, ends=real_time.CompiledDevices()) if compiles else setup
+    return real_time.CompiledDevices() if compiles else setup.ends
 
 
 def chosen(setup: Setup, kernel: bool | None) -> Choice:
