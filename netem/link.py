@@ -30,7 +30,7 @@ from netem import models
 from netem.draws import Streams
 from netem.errors import NetemError
 from netem.line import RateLine
-from netem.offering import arrive, offer
+from netem.offering import leave, offer, passes
 from netem.profile import LinkProfile
 from netem.resend import Resends, taken
 from netem.slots import Entry, SlotGate
@@ -126,14 +126,9 @@ class Link(Generic[T]):
 
         True: a message counts as offered and delivered; deliver it. False: nothing has happened; use `send`.
         """
-        if not self.transparent or self.queue or self.ready or self.later or not self.is_up:
-            return False
-        counters = self.counters
-        counters.offered = counters.newest = counters.offered + 1
         if len(self._pending_delays) >= DelayHistogram.PENDING:
-            counters.delays.fold()
-        self._pending_delays.append(0)
-        return True
+            self.counters.delays.fold()
+        return passes(self)
 
     def send(self, now_ns: int, item: T, size: int | None = None) -> None:
         """Offer an item at `now_ns`. A rate, a trace or a slot uses its `size` in bytes; None: ``len(item)``.
@@ -200,8 +195,7 @@ class Link(Generic[T]):
             return out
         pending, counters = self._pending_delays, self.counters
         for due, order, item, sent, _ in self.ready:
-            arrive(counters, order)
-            pending.append(due - sent)
+            leave(self, due, order, sent)
             out.append((due, item))
         if now_ns - out[0][0] > counters.late_max_ns:
             counters.late_max_ns = now_ns - out[0][0]

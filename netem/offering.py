@@ -60,6 +60,22 @@ def offer(link: Link[Any], now_ns: int, item: Any, size: int) -> None:
     put(link, due_ns, order, item, now_ns, size)
 
 
+def passes(link: Link[Any]) -> bool:
+    """Offer and deliver a message at once, if the link has no effect and nothing is in flight. False: nothing has
+    happened."""
+    if not (link.transparent and link.is_up) or is_under_way(link):
+        return False
+    link.counters.offered = link.counters.newest = link.counters.offered + 1
+    count_delay(link, 0)
+    return True
+
+
+def leave(link: Link[Any], due_ns: int, order: int, offered_ns: int) -> None:
+    """The message with this number leaves the link."""
+    arrive(link.counters, order)
+    count_delay(link, due_ns - offered_ns)
+
+
 def lose(counters: Counters, order: int) -> None:
     """Count the message with this number as lost by the loss model or a trace."""
     counters.lost += 1
@@ -77,6 +93,16 @@ def arrive(counters: Counters, order: int) -> None:
 
 
 # -- what compiled code does otherwise --------------------------------------------------------------------------------
+
+
+def is_under_way(link: Link[Any]) -> bool:
+    """Whether anything is in flight."""
+    return bool(link.queue or link.ready or link.later)
+
+
+def count_delay(link: Link[Any], delay_ns: int) -> None:
+    """Count how long a delivered message took."""
+    link.counters.delays.pending.append(delay_ns)
 
 
 def draw(link: Link[Any], now_ns: int) -> tuple[bool, bool, bool, int, float]:

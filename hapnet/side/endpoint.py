@@ -385,6 +385,10 @@ class WorldControl(ControlHalf):
         Returns the position message to send, unless it is held back.
         """
         self.take(now_ns)
+        return self.answer(now_ns, dt, x, kinetic, work, dissipated)
+
+    def answer(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
+        """`step` without `take`, which came before."""
         if self.reindexing is not None:
             self.reindexing.watch(self.coupling, now_ns)
         return self._send(now_ns, self._counted(dt, x, kinetic, work, dissipated))

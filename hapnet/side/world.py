@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from hapnet.control.held_steps import FollowerServo, HeldSteps
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.errors import HapnetError
 from hapnet.loading import failure
-from hapnet.mechanics.contacts import Mass
+from hapnet.mechanics.contacts import Mass, Step
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.drawing import SceneWriter
 from hapnet.recording.samples import Event, WorldSample
+from hapnet.records.record import Record, equation
 from hapnet.side.device import Write
 from hapnet.side.endpoint import NANO, WorldControl
 from hapnet.side.notices import signal_text
@@ -25,14 +26,17 @@ from hapnet.wire.fields import Signal
 from hapnet.wire.signals import LEADS, STOP
 
 
-class WorldState(NamedTuple):
-    """The steps of a `WorldSide` so far, but for the mass and the coupling."""
+class Steps(Record):
+    """The world's steps so far: how many, and how long all, the longest and the last took [s].
 
-    steps: int
-    stepped_s: float
-    longest_step_s: float
-    last_ns: int
-    """When the running step began."""
+    began_ns : when the running one began.
+    """
+
+    count: int
+    all_s: float
+    longest_s: float
+    last_s: float
+    began_ns: int
 
 
 class WorldSide:
@@ -59,9 +63,9 @@ class WorldSide:
         self.mass = mass
         self.scene = scene
         self.origin_ns: int | None = None
-        self.steps: int = 0
-        self.longest_step_s: float = 0.0
-        self.stepped_s: float = 0.0
+        self.stepped: Steps = Steps()
+        self.moved: Step
+        """The result of the mass's last step."""
         self.environment: EnvironmentAccount | None = None
         """The environment's own account; None before control starts."""
         self.paused = False
@@ -74,12 +78,16 @@ class WorldSide:
         self._name = name
         self._write = write
         self._reported: dict[str, Signal] = {}
-        self.last_ns = 0
         self._scene_writer: SceneWriter | None = None
 
     @property
     def coupling(self) -> CouplingState:
         return self.endpoint.coupling
+
+    @property
+    def steps(self) -> int:
+        """How many steps were made."""
+        return self.stepped.count
 
     def step(self, now_ns: int) -> bytes | None:
         """End the running step, however long it took, and begin the next; returns the message to send, if there is one.
@@ -100,35 +108,41 @@ class WorldSide:
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)
             self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
-            self.origin_ns = self.last_ns = now_ns
+            self.origin_ns = self.stepped.began_ns = now_ns
             if (servo := self._servo) is not None:
                 servo.released = self._released
             self._scene_writer = self._drawn(now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
-        dt = (now_ns - self.last_ns) * NANO
-        self.last_ns = now_ns
         if self.paused or (self._stands_still and not isinstance(endpoint.coupling, SetPositionCoupling)):
+            dt = (now_ns - self.stepped.began_ns) * NANO
+            self.stepped.began_ns = now_ns
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
-        coupling = endpoint.coupling
-        mass.afford(coupling.account)
-        done = self._world.advance(mass, dt, self.scene.contacts)
-        message = endpoint.step(now_ns, dt, done.position, mass.kinetic_J, done.work_J, done.dissipated_J)
-        self.steps += 1
-        self.stepped_s += dt
-        self.longest_step_s = max(self.longest_step_s, dt)
-        ledger = coupling.ledger
+        message: bytes | None = step(self, endpoint, now_ns)
+        self._record(now_ns)
+        return message
+
+    def advance(self, dt: float) -> None:
+        """Move the mass through a step of `dt` seconds."""
+        self.mass.afford(self.coupling.account)
+        self.moved = self._world.advance(self.mass, dt, self.scene.contacts)
+
+    def settle(self) -> None:
+        """Count the step in the environment's account."""
         assert self.environment is not None, "made with the coupling"
-        self.environment.observe(mass.port_J(ledger.work), done.position)
+        self.environment.observe(self.mass.port_J(self.coupling.ledger.work), self.moved.position)
+
+    def _record(self, now_ns: int) -> None:
+        done, mass, endpoint, coupling = self.moved, self.mass, self.endpoint, self.coupling
+        ledger = coupling.ledger
         self._write(
             WorldSample(
-                now_ns, dt, done.position, mass.velocity, coupling.set_position, coupling.target,
+                now_ns, self.stepped.last_s, done.position, mass.velocity, coupling.set_position, coupling.target,
                 done.coupling_force, done.force, done.penetration_m, coupling.reservoir,
                 coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
                 *endpoint.used(now_ns), ledger.bound, ledger.work, ledger.stored, ledger.reservoir,
             )
         )  # fmt: skip
         self.draw(now_ns, done.position, done.force)
-        return message
 
     def draw(self, now_ns: int, position: Vector, force: Vector) -> None:
         """Write how the scene looks after a step, if it is time to; arguments as in `drawing.observe`."""
@@ -192,17 +206,51 @@ class WorldSide:
         servo = self._servo
         return {} if servo is None else {"quantisation_J": servo.quantisation, **servo.figures()}
 
-    def state(self) -> WorldState:
-        """The state for `restore`."""
-        return WorldState(self.steps, self.stepped_s, self.longest_step_s, self.last_ns)
-
-    def restore(self, state: WorldState) -> None:
-        """Go on from there."""
-        self.steps, self.stepped_s, self.longest_step_s, self.last_ns = state
-
     def next_step_ns(self) -> int:
         """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""
         try:
             return max(1, round(self.scene.next_step_s(self.rng) / NANO))
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._name} failed: next_step_s() raised {failure(error)}") from error
+
+
+@equation
+def step(side: Any, endpoint: Any, now_ns: int) -> Any:
+    """End the running step of the world, and begin the next; returns the message to send, if there is one.
+
+    side, endpoint : a `WorldSide` and its endpoint, or what compiled code has for them; what each does in its own way
+    are the functions below.
+    """
+    stepped = side.stepped
+    dt = (now_ns - stepped.began_ns) * NANO
+    stepped.began_ns = now_ns
+    advance(side, dt)
+    take(side, endpoint, now_ns)
+    message = answer(side, endpoint, now_ns, dt)
+    stepped.count += 1
+    stepped.all_s += dt
+    stepped.longest_s = max(stepped.longest_s, dt)
+    stepped.last_s = dt
+    settle(side)
+    return message
+
+
+def advance(side: Any, dt: float) -> None:
+    """Move the mass through a step of `dt` seconds."""
+    side.advance(dt)
+
+
+def take(side: Any, endpoint: Any, now_ns: int) -> None:
+    """Give the coupling what has arrived since the last step."""
+    endpoint.take(now_ns)
+
+
+def answer(side: Any, endpoint: Any, now_ns: int, dt: float) -> Any:
+    """Run the law at the onset of the next step; returns the message to send, if there is one."""
+    done = side.moved
+    return endpoint.answer(now_ns, dt, done.position, side.mass.kinetic_J, done.work_J, done.dissipated_J)
+
+
+def settle(side: Any) -> None:
+    """Count the step in the environment's account."""
+    side.settle()

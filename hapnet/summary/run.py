@@ -84,8 +84,9 @@ def unknown_device() -> SidePart:
 def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
     """The world's part, as its control half knows it."""
     result = _control_summary(side.endpoint, coupling_name)
-    mean = side.stepped_s / side.steps if side.steps else None
-    result["step"] = {"count": side.steps, "mean_s": mean, "max_s": side.longest_step_s if side.steps else None}
+    steps = side.stepped
+    mean, longest = (steps.all_s / steps.count, steps.longest_s) if steps.count else (None, None)
+    result["step"] = {"count": steps.count, "mean_s": mean, "max_s": longest}
     result["environment"] = _own_account(side)
     return cast(SidePart, {**result, **plain(side.held_forces())})
 

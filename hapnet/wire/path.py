@@ -269,6 +269,12 @@ def arrive(
     return SEEN if copy and counts_once else found
 
 
+@equation
+def is_used(place: int, counts_once: bool, may_be_late: bool) -> bool:
+    """Whether a message in this place is used. counts_once : see `arrive`. may_be_late : this side accepts it late."""
+    return place in (NEW, AGAIN) or (place == LATE and (counts_once or may_be_late))
+
+
 on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns
 """As equations call them."""
 

@@ -51,8 +51,8 @@ from hapnet.wire.messages import (
     decode,
     encode,
 )
-from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
-from hapnet.wire.path import Path, arrive
+from hapnet.wire.numbering import DOUBTFUL, LATE
+from hapnet.wire.path import Path, arrive, is_used
 from hapnet.wire.peer_monitor import Outages, PeerMonitor
 from hapnet.wire.replay_window import ReplayWindow, stale_detail
 from hapnet.wire.secret import Secret, decrypted
@@ -361,11 +361,9 @@ class Session:
             if isinstance(message, Position)
             else SampleReceived(message, path.under_way_ns)
         )
-        late = place == LATE
-        may_be_late = once or (self.settings.accept_stale and type(message) is Position)
-        if place == SEEN or (late and not may_be_late):
+        if not is_used(place, once, self.settings.accept_stale and type(message) is Position):
             raise BadMessage("stale", stale_detail(_word(message), sequence, place))
-        heard = None if late else monitor.ended
+        heard = None if place == LATE else monitor.ended
         return (received,) if heard is None else (received, heard)
 
     def _on_bye(self, message: Bye, now_ns: int, data: bytes) -> tuple[Event, ...]:

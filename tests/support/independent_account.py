@@ -172,7 +172,7 @@ class Witness:
 
         mass.step = watched_step
         endpoint: Any = simulation.world_endpoint
-        endpoint.step = _before(endpoint.step, lambda: self.world.take(len(self.steps)))
+        endpoint.take = _before(endpoint.take, lambda: self.world.take(len(self.steps)))
         self._watch_wire(endpoint, self.world, self.device, lambda: len(self.steps))
 
     def _watch_wire(self, endpoint: Any, here: Crossing, there: Crossing, now: Callable[[], int]) -> None:

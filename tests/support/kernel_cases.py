@@ -91,7 +91,8 @@ def _end(result: Result) -> dict[str, Any]:
     return {
         "ticks": device.ticks, "max_ns": device.max_ns, "read": device.device.read(), "hand": device.hand_work,
         "sampled": device.held_forces(), "quantisation": device.quantisation, "true_slack": device.true_slack,
-        "world": world.state(), "mass": (world.mass.position, world.mass.velocity), "next_step": world.next_step_ns(),
+        "world": vars(world.stepped), "mass": (world.mass.position, world.mass.velocity),
+        "next_step": world.next_step_ns(),
         **{
             side: [one.set_position, one.target, one.account, vars(one.ledger)]
             for side, one in (("at_device", device.coupling), ("at_world", world.coupling))

@@ -12,8 +12,8 @@ from hapnet.side.content import energy_nJ, span_ns
 from hapnet.wire import energy_channel as channels
 from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.fields import MAX_COORDINATE
-from hapnet.wire.numbering import DOUBTFUL, LATE, SEEN
-from hapnet.wire.path import InUse, Path, arrive
+from hapnet.wire.numbering import DOUBTFUL
+from hapnet.wire.path import InUse, Path, arrive, is_used
 from hapnet.wire.peer_monitor import PeerMonitor, on_any_message
 from hapnet.wire.replay_window import ReplayWindow
 from hapnet.wire.stream import BACKLOG, Integral, integrate
@@ -81,6 +81,13 @@ class Wire(Record):
     credits_nJ: Annotated[Wholes, (CREDITS,)]
 
 
+class Port(Record):
+    """A side's protocol, and the link that carries what it sends: a `LinkPort`."""
+
+    wire: Wire
+    link: Link
+
+
 @equation
 def receive(wire: Wire, message: Message, now_ns: int) -> None:
     """`WireHalf.receive`: a message of the peer arrives."""
@@ -111,13 +118,13 @@ def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
     place = arrive(
         path, wire.monitor, wire.window, once, now_ns, sequence, message.stamp_ns, message.echo_ns, message.came_ns
     )
-    if place == DOUBTFUL:
+    if is_used(place, once, endpoint.accepts_stale != 0):
+        _put(wire, message, now_ns, path.under_way_ns)
+    elif place == DOUBTFUL:
         endpoint.leaps += 1
-    elif place == SEEN or (place == LATE and not once and endpoint.accepts_stale == 0):
+    else:
         endpoint.stale += 1
         endpoint.last_stale, endpoint.stale_place = sequence, place
-    else:
-        _put(wire, message, now_ns, path.under_way_ns)
 
 
 @equation

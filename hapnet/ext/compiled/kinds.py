@@ -19,14 +19,15 @@ from hapnet.plant import integrator
 from hapnet.plant.tick import held_tick, tick as make_tick
 from hapnet.plant.worlds import walls
 from hapnet.records.record import Record, holding
-from hapnet.side import held_device
+from hapnet.side import held_device, world as steps
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
 
 
 OF_SET_POSITIONS: Choices = {
     coupling.update: sides.update, coupling.potential: set_position_coupling.potential, integrator.respond: sides.meet,
-    walls.apply: integrator.solve,
+    walls.apply: integrator.solve, steps.advance: sides.advance, steps.take: sides.take, steps.answer: sides.answer,
+    steps.settle: sides.settle,
 }  # fmt: skip
 """What is compiled where the world's end is one of set-positions, and the mass is among walls."""
 
@@ -57,7 +58,8 @@ class Kind(NamedTuple):
         if (world := self.world) is not None:
             chosen |= world.lines() | {
                 coupling.update: law_sides.update, coupling.potential: law_sides.no_potential,
-                sides.step: law_sides.step, samples.of_world: law_sides.of_world,
+                steps.advance: law_sides.advance, steps.take: law_sides.take, steps.answer: law_sides.answer,
+                samples.of_world: law_sides.of_world,
                 law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
                 law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
             }  # fmt: skip

@@ -7,28 +7,32 @@ import math
 from hapnet.control import law as laws
 from hapnet.control.coupling import counted
 from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
-from hapnet.ext.compiled.endpoint import Wire, finish
+from hapnet.ext.compiled import link as links
+from hapnet.ext.compiled.endpoint import Port, Wire, finish
 from hapnet.ext.compiled.link import Message
 from hapnet.ext.compiled.samples import DeviceRow, WorldRow
-from hapnet.ext.compiled.sides import Counts, count_step, note
+from hapnet.ext.compiled.sides import note
 from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand
 from hapnet.plant.integrator import PassiveIntegrator
-from hapnet.plant.worlds import account, walls as contact
+from hapnet.plant.worlds import walls as contact
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.record import Reals, Record, equation
 from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.held_device import HeldDevice
+from hapnet.side.world import Steps
 from hapnet.wire.path import age_s
 
 _NANO = 1e-9
 
 
 class LawDevice(HeldDevice):
-    """Everything of the device's side."""
+    """Everything of the device's side. last_ns : when the last tick was."""
 
+    last_ns: int
+    ticks: int
     servo: HeldForce  # type: ignore[assignment]  # a law's, in place of a set-position's
     coupling: LawAccount  # type: ignore[assignment]
     law: DeviceEnd
@@ -37,6 +41,7 @@ class LawDevice(HeldDevice):
 class LawWorld(Record):
     """Everything of the world's side."""
 
+    stepped: Steps
     mass: PassiveIntegrator
     contacts: Contacts
     coupling: LawAccount
@@ -45,12 +50,12 @@ class LawWorld(Record):
 
 
 @equation
-def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> None:
+def tick(side: LawDevice, wire: Wire, hand: Hand, now_ns: int, message: Message) -> None:
     """`SampledDeviceSide.tick` with a `LawServo`: the message to send, if there is one, is in `message`."""
     device, servo, law, n = side.plant, side.servo, side.law, side.plant.dof
-    dt = max((now_ns - counts.device_last_ns) * _NANO, device.period)
-    counts.device_last_ns = now_ns
-    counts.ticks += 1
+    dt = max((now_ns - side.last_ns) * _NANO, device.period)
+    side.last_ns = now_ns
+    side.ticks += 1
     held_device.live(side, hand, 1)
     devices.read(device)
     held_device.count(side, dt)
@@ -71,30 +76,37 @@ def tick(side: LawDevice, wire: Wire, counts: Counts, hand: Hand, now_ns: int, m
 
 
 @equation
-def step(side: LawWorld, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
-    """`WorldSide.step` with `LawSteps`: the message is in `message`."""
-    mass, law, n = side.mass, side.law, side.mass.n
-    dt = (now_ns - counts.world_last_ns) * _NANO
-    counts.world_last_ns = now_ns
+def advance(side: LawWorld, dt: float) -> None:
+    """`LawSteps.advance`."""
+    mass, law = side.mass, side.law
     pull = drag(law, dt)
     integrator.factored(mass, dt, pull)
     integrator.push_among(mass, dt, pull, law.push, side.contacts)
     mass.penetration = contact.penetration(side.contacts, mass.x)
     moved(law, dt, mass.vhat, mass.x, mass.v)
-    for k in range(wire.endpoint.waiting):
-        sample = note(wire, k)
-        stamped(law, sample.position, sample.stamp_ns * _NANO, age_s(wire.endpoint.used, now_ns))
+
+
+@equation
+def take(side: LawWorld, port: Port, now_ns: int) -> None:
+    """`ControlHalf.take` at the world, with `LawState.receive`."""
+    law, endpoint = side.law, port.wire.endpoint
+    for k in range(endpoint.waiting):
+        sample = note(port.wire, k)
+        stamped(law, sample.position, sample.stamp_ns * _NANO, age_s(endpoint.used, now_ns))
         take_at_world(law, sample.position, sample.more, sample.amount * _NANO, sample.elapsed_ns * _NANO)
-    wire.endpoint.first = wire.endpoint.waiting = wire.endpoint.credits = 0
+    endpoint.first = endpoint.waiting = endpoint.credits = 0
+
+
+@equation
+def answer(side: LawWorld, port: Port, now_ns: int, dt: float) -> Message:
+    """`WorldControl.answer`."""
+    mass, law, message = side.mass, side.law, links.spare(port.link, 0)
     counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, 0.0)
-    copy(n, law.said.value, message.position)
-    copy(n, law.said.more, message.more)
+    copy(mass.n, law.said.value, message.position)
+    copy(mass.n, law.said.more, message.more)
     message.planes, message.reach_m, message.level = 0, -1.0, -1.0
-    finish(wire, message, now_ns, law.said.amount)
-    count_step(counts, dt)
-    account.settle(
-        side.environment, side.coupling.ledger.work, contact.stored(side.contacts, mass.x), side.contacts.supplied_J
-    )
+    finish(port.wire, message, now_ns, law.said.amount)
+    return message
 
 
 @equation

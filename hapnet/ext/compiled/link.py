@@ -151,19 +151,29 @@ def next_due_ns(link: Link) -> int:
     return link.due_ns[link.queued - 1] if link.queued else NEVER
 
 
+for function in (
+    offering.offer, offering.passes, offering.leave, offering.lose, offering.arrive, resend.taken, line.release_ns,
+    models.transmission_ns,
+):  # fmt: skip
+    equation(function)
+
+
 @equation
 def passes(link: Link) -> bool:
     """`Link.passes`."""
-    if not link.transparent or link.queued:
-        return False
-    link.counters.offered = link.counters.newest = link.counters.offered + 1
-    link.delivered_ns[link.delivered] = 0
+    of_records: Any = link
+    return offering.passes(of_records)
+
+
+@equation
+def _is_under_way(link: Link) -> bool:
+    return link.queued > 0
+
+
+@equation
+def _count_delay(link: Link, delay_ns: int) -> None:
+    link.delivered_ns[link.delivered] = delay_ns
     link.delivered += 1
-    return True
-
-
-for function in (offering.offer, offering.lose, offering.arrive, resend.taken, line.release_ns, models.transmission_ns):
-    equation(function)
 
 
 @equation
@@ -245,10 +255,9 @@ def take(link: Link, now_ns: int) -> int:
     link.free_slots[link.unused] = slot
     link.unused += 1
     message = link.messages[slot]
-    counters: Any = link.counters
-    offering.arrive(counters, message.order)
-    link.delivered_ns[link.delivered] = due_ns - message.offered_ns
-    link.delivered += 1
+    of_records: Any = link
+    offering.leave(of_records, due_ns, message.order, message.offered_ns)
+    counters = link.counters
     counters.late_max_ns = max(counters.late_max_ns, now_ns - due_ns)
     return int(slot)
 
@@ -283,6 +292,6 @@ def copy_message(source: Message, target: Message) -> None:
 CHOICES: dict[Callable[..., Any], Callable[..., Any]] = {
     offering.draw: _draw, offering.again: _again, offering.act: _act, offering.corrupted: _corrupted,
     offering.is_full: _is_full, offering.cross: _cross, offering.put: _put, offering.put_ahead: _put_ahead,
-    offering.put_beside: _put_beside,
+    offering.put_beside: _put_beside, offering.is_under_way: _is_under_way, offering.count_delay: _count_delay,
 }  # fmt: skip
 """What is compiled in place of functions of `netem.offering`."""

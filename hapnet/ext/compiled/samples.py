@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 from hapnet.control import contact_equations, set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
 from hapnet.ext.compiled.endpoint import Wire
-from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
+from hapnet.ext.compiled.sides import DeviceSide, WorldSide
 from hapnet.mechanics import spring as springs
 from hapnet.plant.device import Hand
 from hapnet.recording.samples import VECTORS, DeviceSample, WorldSample
@@ -68,7 +68,7 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
 
 
 @equation
-def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns: int) -> None:
+def record_step(rows: Rows, side: WorldSide, wire: Wire, now_ns: int) -> None:
     """A `WorldSample`."""
     mass, n, row = side.mass, side.mass.n, rows.at_world[rows.world_rows]
     rows.world_rows += 1
@@ -76,7 +76,7 @@ def record_step(rows: Rows, side: WorldSide, wire: Wire, counts: Counts, now_ns:
     copy(n, mass.v, row.velocity_mps)
     copy(n, mass.coupling_force, row.coupling_force_N)
     copy(n, mass.force, row.contact_force_N)
-    row.step_s, row.penetration_m = counts.step_s, mass.penetration
+    row.step_s, row.penetration_m = side.stepped.last_s, mass.penetration
     of_world(row, side, n)
     _count(row, side.coupling.ledger, wire, now_ns)
 

@@ -18,7 +18,8 @@ from hapnet.control.harvest import by_range
 from hapnet.control.prediction import Around, PredictedDevice
 from hapnet.control.reporter import MOST_REACH_M
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.ext.compiled.endpoint import PROXY, Wire, finish
+from hapnet.ext.compiled import link as links
+from hapnet.ext.compiled.endpoint import PROXY, Port, Wire, finish
 from hapnet.ext.compiled.link import Message
 from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand, SimulatedDevice
@@ -31,36 +32,32 @@ from hapnet.records.vectors import copy
 from hapnet.side import held_device
 from hapnet.side.content import moment_ns
 from hapnet.side.held_device import HeldDevice
+from hapnet.side.world import Steps
 from hapnet.wire.path import age_of_content_s, age_s
 
 _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
 
 
-class Counts(Record):
-    """The counts of the two sides: ticks and steps."""
-
-    device_last_ns: int
-    ticks: int
-    world_last_ns: int
-    steps: int
-    stepped_s: float
-    longest_step_s: float
-    step_s: float
-    reach_m: float
-    reach_mps: float
-
-
 class DeviceSide(HeldDevice):
-    """Everything of the device's side. within : the servo of a coupling that acts within the tick."""
+    """Everything of the device's side. within : the servo of a coupling that acts within the tick. last_ns : when the
+    last tick was."""
 
+    last_ns: int
+    ticks: int
     within: ContinuousServo
     model: ContactState
 
 
 class WorldSide(Record):
-    """Everything of the world's side."""
+    """Everything of the world's side.
 
+    reach_m : planes within this distance are sent [m]. reach_mps : and those that a device so fast could reach.
+    """
+
+    stepped: Steps
+    reach_m: float
+    reach_mps: float
     mass: PassiveIntegrator
     contacts: Contacts
     coupling: SetPositionCoupling
@@ -69,15 +66,15 @@ class WorldSide(Record):
 
 
 @equation
-def tick(side: DeviceSide, wire: Wire, counts: Counts, hand: Hand, now_ns: int, message: Message) -> None:
+def tick(side: DeviceSide, wire: Wire, hand: Hand, now_ns: int, message: Message) -> None:
     """`DeviceSide.tick`: the message to send, if there is one, is in `message`."""
-    dt = max((now_ns - counts.device_last_ns) * _NANO, side.plant.period)
+    dt = max((now_ns - side.last_ns) * _NANO, side.plant.period)
     if side.plant.state.coupled:
         _tick_within(side, wire, hand, dt, now_ns)
     else:
         _tick_held(side, wire, hand, dt, now_ns)
-    counts.device_last_ns = now_ns
-    counts.ticks += 1
+    side.last_ns = now_ns
+    side.ticks += 1
     if not (side.within.sender.sends if side.plant.state.coupled else side.servo.sender.sends):
         return
     copy(side.plant.dof, side.plant.read_position, message.position)
@@ -187,35 +184,33 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
 
 
 @equation
-def step(side: WorldSide, wire: Wire, counts: Counts, now_ns: int, message: Message) -> None:
-    """`WorldSide.step`: the message is in `message`."""
-    mass, coupling, n = side.mass, side.coupling, side.mass.n
-    dt = (now_ns - counts.world_last_ns) * _NANO
-    counts.world_last_ns = now_ns
-    integrator.factored(mass, dt, integrator.OWN)
-    move_among(mass, side.contacts, dt, coupling.modulator.ybar)
-    _receive(side, wire, now_ns)
-    copy(n, mass.x, message.position)
-    message.planes = message.aimed_ns = 0
-    message.reach_m = -1.0
-    if side.predicted.in_use and wire.endpoint.kind == PROXY:
-        reach_m = counts.reach_m + counts.reach_mps * prediction.turn_s(side.predicted)
-        _say(side, min(_MOST_REACH_M, reach_m), dt, message)
-    counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, mass.dissipated)
-    message.level = level(coupling)
-    finish(wire, message, now_ns, 0.0)
-    count_step(counts, dt)
-    stored_J = walls.stored(side.contacts, mass.x)
-    account.settle(side.environment, coupling.ledger.work, stored_J, side.contacts.supplied_J)
+def advance(side: WorldSide, dt: float) -> None:
+    """`SetPositionSteps.advance`."""
+    integrator.factored(side.mass, dt, integrator.OWN)
+    move_among(side.mass, side.contacts, dt, side.coupling.modulator.ybar)
 
 
 @equation
-def count_step(counts: Counts, dt: float) -> None:
-    """A step of the world has ended."""
-    counts.steps += 1
-    counts.stepped_s += dt
-    counts.longest_step_s = max(counts.longest_step_s, dt)
-    counts.step_s = dt
+def answer(side: WorldSide, port: Port, now_ns: int, dt: float) -> Message:
+    """`WorldControl.answer`."""
+    mass, coupling, message = side.mass, side.coupling, links.spare(port.link, 0)
+    copy(mass.n, mass.x, message.position)
+    message.planes = message.aimed_ns = 0
+    message.reach_m = -1.0
+    if side.predicted.in_use and port.wire.endpoint.kind == PROXY:
+        reach_m = side.reach_m + side.reach_mps * prediction.turn_s(side.predicted)
+        _say(side, min(_MOST_REACH_M, reach_m), dt, message)
+    counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, mass.dissipated)
+    message.level = level(coupling)
+    finish(port.wire, message, now_ns, 0.0)
+    return message
+
+
+@equation
+def settle(side: WorldSide) -> None:
+    """The environment's account."""
+    stored_J = walls.stored(side.contacts, side.mass.x)
+    account.settle(side.environment, side.coupling.ledger.work, stored_J, side.contacts.supplied_J)
 
 
 @equation
@@ -250,9 +245,10 @@ def update(side: WorldSide, dt: float, x: Floats, dissipated: float) -> bool:
 
 
 @equation
-def _receive(side: WorldSide, wire: Wire, now_ns: int) -> None:
+def take(side: WorldSide, port: Port, now_ns: int) -> None:
     """`ControlHalf.take` at the world."""
-    endpoint, coupling, n = wire.endpoint, side.coupling, side.mass.n
+    wire, coupling, n = port.wire, side.coupling, side.mass.n
+    endpoint = wire.endpoint
     for k in range(endpoint.waiting):
         sample = note(wire, k)
         _give(coupling, sample, n)

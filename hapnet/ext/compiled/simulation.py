@@ -10,12 +10,13 @@ from typing import Annotated, Any
 
 from hapnet.control.two_port import TwoPort
 from hapnet.ext.compiled import link as links, sides
-from hapnet.ext.compiled.endpoint import Wire, has_room, receive, send_due
-from hapnet.ext.compiled.link import NOTHING, Link, Message
+from hapnet.ext.compiled.endpoint import Port, has_room, receive, send_due
+from hapnet.ext.compiled.link import NOTHING, Message
 from hapnet.ext.compiled.samples import Rows, have_room, record_step, record_tick
-from hapnet.ext.compiled.sides import Counts, DeviceSide, WorldSide
+from hapnet.ext.compiled.sides import DeviceSide, WorldSide
 from hapnet.plant.device import Hand
 from hapnet.records.record import Record, Wholes, equation
+from hapnet.side import world
 from hapnet.simulation import events
 from hapnet.simulation.events import DONE, IMPOSSIBLE, NEEDS_MORE, STEP, TICK, Clock
 from hapnet.wire import energy_channel as channels
@@ -31,18 +32,10 @@ class Steps(Record):
     used: int
 
 
-class Port(Record):
-    """A side's protocol, and the link that carries what it sends."""
-
-    wire: Wire
-    link: Link
-
-
 class Scenario(Record):
     """A whole run: an `events.Run`."""
 
     clock: Clock
-    counts: Counts
     device: DeviceSide
     world: WorldSide
     device_port: Port
@@ -58,17 +51,16 @@ class Scenario(Record):
 def _tick(run: Scenario, now_ns: int) -> Message:
     port, message = run.device_port, links.spare(run.device_port.link, 0)
     message.kind = NOTHING
-    sides.tick(run.device, port.wire, run.counts, run.hand, now_ns, message)
-    if run.counts.ticks % run.rows.every == 0:
+    sides.tick(run.device, port.wire, run.hand, now_ns, message)
+    if run.device.ticks % run.rows.every == 0:
         record_tick(run.rows, run.device, port.wire, run.hand, now_ns)
     return message
 
 
 @equation
 def _step(run: Scenario, now_ns: int) -> Message:
-    port, message = run.world_port, links.spare(run.world_port.link, 0)
-    sides.step(run.world, port.wire, run.counts, now_ns, message)
-    record_step(run.rows, run.world, port.wire, run.counts, now_ns)
+    message: Message = world.step(run.world, run.world_port, now_ns)
+    record_step(run.rows, run.world, run.world_port.wire, now_ns)
     return message
 
 

@@ -71,11 +71,10 @@ class CompiledRun:
             CompiledLink(scenario.device_port.link, simulation.up),
             CompiledLink(scenario.world_port.link, simulation.down),
         )
-        counts, clock = scenario.counts, scenario.clock
-        counts.device_last_ns, counts.ticks = side.last_ns, side.ticks
-        counts.steps, counts.stepped_s, counts.longest_step_s, counts.world_last_ns = simulation.world.state()
+        clock, at_world = scenario.clock, scenario.world
+        scenario.device.last_ns, scenario.device.ticks = side.last_ns, side.ticks
         if isinstance(tuning, RenderingTuning):
-            counts.reach_m, counts.reach_mps = tuning.reach_m, tuning.reach_speed_mps
+            at_world.reach_m, at_world.reach_mps = tuning.reach_m, tuning.reach_speed_mps
         store(clock, simulation.clock)
         clock.due[TICK] = clock.tick_ns  # no tick waits
         scenario.steps.used = STEPS
@@ -111,13 +110,13 @@ class CompiledRun:
     def write_back(self) -> None:
         """Give the state back to the simulation, to be closed: what waits for the next tick or step is left out."""
         simulation, scenario, side = self._simulation, self._scenario, self._side
-        steps, counts, hand = scenario.steps, scenario.counts, scenario.hand
+        steps, hand = scenario.steps, scenario.hand
         self._flush()
-        made = int(counts.ticks) - side.ticks
+        made = int(scenario.device.ticks) - side.ticks
         reference = tuple(plain(hand.path[hand.at][: self._device.dof]))
         device.write_side(scenario.device, side, reference)
-        side.resume(int(counts.device_last_ns), made)
-        world.write_side(scenario.world, counts, simulation.world)
+        side.resume(int(scenario.device.last_ns), made)
+        world.write_side(scenario.world, simulation.world)
         self._rng.state = self._rng_state
         self._rng.advance(self._steps_used + int(steps.used) - STEPS)  # type: ignore[attr-defined]
         sessions = simulation.device_endpoint.session, simulation.world_endpoint.session

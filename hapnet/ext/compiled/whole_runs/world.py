@@ -9,12 +9,11 @@ from hapnet.control.law import WorldEnd
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.ext.compiled.memory import load, store
-from hapnet.ext.compiled.sides import Counts
 from hapnet.ext.solids.rigid_contacts import RigidContacts
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.record import Record
-from hapnet.side.world import WorldSide, WorldState
+from hapnet.side.world import WorldSide
 
 
 def read_side(record: Any, side: WorldSide) -> None:
@@ -35,7 +34,7 @@ def _parts(record: Any, side: WorldSide) -> list[tuple[Record, Record]]:
     assert isinstance(contacts, Contacts | RigidContacts)
     parts: list[tuple[Record, Record]] = [
         (record.contacts, contacts), (record.mass, side.mass), (record.coupling, coupling),
-        (record.environment, side.environment),
+        (record.environment, side.environment), (record.stepped, side.stepped),
     ]  # fmt: skip
     if isinstance(coupling, LawState):
         assert isinstance(coupling.law, WorldEnd), "a law that is compiled"
@@ -43,9 +42,6 @@ def _parts(record: Any, side: WorldSide) -> list[tuple[Record, Record]]:
     return parts
 
 
-def write_side(record: Any, counts: Counts, side: WorldSide) -> None:
+def write_side(record: Any, side: WorldSide) -> None:
     for part, own in _parts(record, side):
         load(own, part)
-    side.restore(
-        WorldState(int(counts.steps), float(counts.stepped_s), float(counts.longest_step_s), int(counts.world_last_ns))
-    )
