@@ -79,7 +79,7 @@ print(json.dumps([max(walls) - min(walls), max(stamps), max(steady) - min(steady
 
 WALL_CLOCKS = {"time", "time_ns", "now", "utcnow", "today", "localtime", "gmtime", "ctime", "strftime"}
 MAY_READ_IT = {
-    "hapnet/commands/bench.py",  # names a directory
+    "hapnet/ext/bench/commands.py",  # names a directory
     "hapnet/commands/log.py",  # once, to say at what time of day something happened
     "hapnet/commands/pair.py",  # likewise, for a process that cannot say so itself
     "hapnet/commands/output.py",  # names a directory

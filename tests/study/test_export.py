@@ -94,11 +94,11 @@ def test_results_are_whole_or_those_of_before(tmp_path: Path) -> None:
 
 
 def test_formats_by_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert export.formats("auto") == export.formats("both") == ("csv", "parquet")
-    assert export.formats("parquet") == ("parquet",)
+    assert tables.formats("auto") == tables.formats("both") == ("csv", "parquet")
+    assert tables.formats("parquet") == ("parquet",)
     monkeypatch.setattr(tables, "find_spec", lambda name: None)
-    assert export.formats("auto") == export.formats("csv") == ("csv",)
+    assert tables.formats("auto") == tables.formats("csv") == ("csv",)
     with pytest.raises(MissingLibrary, match="--format parquet needs pyarrow, of the extra `sweep`"):
-        export.formats("parquet")
+        tables.formats("parquet")
     with pytest.raises(InvalidParameter, match="auto, csv, parquet, both"):
-        export.formats("xls")
+        tables.formats("xls")
