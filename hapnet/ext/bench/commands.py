@@ -54,8 +54,8 @@ def bench(
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-bench")] = None,
 ) -> int:
     """Prints a table; writes bench.json and a figure of the histograms. The default takes some twelve minutes on two
-    idle cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Servo and world
-    are compiled if `hapnet compile` has been run. Use --seconds 60 --rounds 5 for figures to publish.
+    idle cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Servo and
+    world are compiled if `hapnet compile` has been run. Use --seconds 60 --rounds 5 for figures to publish.
     """
     from hapnet.ext.bench.registry import select
     from hapnet.ext.bench.row import Options
