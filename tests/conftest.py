@@ -89,8 +89,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     if not many or session.config.option.collectonly or no_compiler() is not None:
         return
     makers = catalogue.makers()
-    names = [*catalogue.of_coupling("pspm"), next(iter(catalogue.of_coupling("tdpa")))]
-    names += [real_time.SERVO, real_time.WORLD, real_time.ARM, real_time.HANDLE]
+    names = [next(iter(catalogue.of_coupling("pspm"))), real_time.SERVO, real_time.ARM, real_time.HANDLE]
     if any(item.get_closest_marker("slow") for item in session.items):
         names += sorted(set(makers) - set(names))
     first = len(names) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))

@@ -20,7 +20,7 @@ from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.simulation.batch import simulate_batch
 from hapnet.simulation.simulation import Simulation
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.support.kernel_cases import differing
 
 FOUR_G = Params().set({"link.up": "4g", "link.down": "4g", "duration_s": 3.0})
@@ -44,7 +44,7 @@ class Soon:
         return self._left < 0
 
 
-@pytest.mark.parametrize("scene", ["wall", "sphere?friction=0.5"])
+@pytest.mark.parametrize("scene", mostly_slow(["wall", "sphere?friction=0.5"], 1))
 @pytest.mark.parametrize("times", [0, 1, 4])
 def test_compiled_code_takes_over_in_the_middle_of_a_run(
     times: int, scene: str, monkeypatch: pytest.MonkeyPatch

@@ -19,7 +19,6 @@ from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.records import machine_code, vectors
 from hapnet.simulation.simulation import Simulation
-from tests.conftest import mostly_slow
 from tests.support.kernel_cases import LOSSY, differences, kernel_case
 from tests.support.kernel_edges import ONE_AXIS, SEVERAL_AXES
 from tests.support.paper import PAPER
@@ -74,7 +73,7 @@ def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
     assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed, LEAVES if diverges else None)
 
 
-LAWS = ["tdpa", *sorted(set(COUPLINGS) - {"pspm", "zoh", "tdpa"})]
+LAWS = sorted(set(COUPLINGS) - {"pspm", "zoh"})
 ROUGH = {"link.up": "delay 5ms 4ms loss 20% resend 2 3ms unordered limit 4", "link.down": "delay 20ms 10ms reorder 20%"}
 OF_LAWS: dict[str, dict[str, Any]] = {
     "over 4g": {"link.up": "4g", "link.down": "4g"},
@@ -91,8 +90,9 @@ OF_LAWS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", OF_LAWS)
-@pytest.mark.parametrize("coupling", mostly_slow(LAWS, 1))
+@pytest.mark.parametrize("coupling", LAWS)
 def test_every_law_gives_the_same_bits(coupling: str, case: str) -> None:
     assert not differences(SAMPLED.set({"duration_s": 1.5, "coupling": coupling, **OF_LAWS[case]}), 5)
 

@@ -32,10 +32,9 @@ def setup_of(changes: dict[str, Any]) -> Setup:
     return prepare(Params().set({"scene": "wall", **changes}), "sampled")
 
 
-def compiled_ends(axes: int) -> Ends:
-    """The maker of compiled ends; those with room for so many axes are compiled if they are not yet."""
-    for end in (real_time.SERVO, real_time.WORLD):
-        real_time.make_ready(real_time.named(end, axes))
+def compiled_ends(end: str, axes: int) -> Ends:
+    """The maker of compiled ends; this one, with room for so many axes, is compiled if it is not yet."""
+    real_time.make_ready(real_time.named(end, axes))
     return real_time.CompiledEnds()
 
 
@@ -144,7 +143,7 @@ def test_a_compiled_servo_gives_the_same_bits(case: str) -> None:
     setup = setup_of(changes)
     plain, fast = (
         ends.servo(setup.coupling.device(start_of(setup, setup.params.device, (0.0,) * n)))
-        for ends in (Ends(), compiled_ends(n))
+        for ends in (Ends(), compiled_ends(real_time.SERVO, n))
     )
     assert isinstance(fast, CompiledServo)
     assert not isinstance(plain, CompiledServo)
@@ -191,11 +190,12 @@ WORLDS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", mostly_slow(WORLDS, FEW_AXES))
+@pytest.mark.slow
+@pytest.mark.parametrize("case", WORLDS)
 def test_a_compiled_world_gives_the_same_bits(case: str) -> None:
     setup = setup_of(WORLDS[case])
     n = setup.dof
-    made = [world_of(setup, ends) for ends in (Ends(), compiled_ends(n))]
+    made = [world_of(setup, ends) for ends in (Ends(), compiled_ends(real_time.WORLD, n))]
     assert [isinstance(steps, CompiledSteps) for steps, _ in made] == [False, True]
     rng = np.random.default_rng(3)
     sent_s = 0.0

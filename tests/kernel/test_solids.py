@@ -24,6 +24,7 @@ TURNED = [[500.0, 100.0, 20.0], [100.0, 400.0, 50.0], [20.0, 50.0, 600.0]]
 """A spring of the world's with which A is no multiple of the identity."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dof", [1, 2, 3])
 @pytest.mark.parametrize(
     "scene",
@@ -46,13 +47,11 @@ def test_solids_give_the_same_bits(scene: str, dof: int) -> None:
     assert not differences(SOLIDS.set({"scene": scene, "dof": dof, "rendering": rendering}), dof)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
-        pytest.param(
-            {"coupling": "tdpa", "scene": "sphere?friction=0.5 + plane?normal=0,0,-1", "rendering": "paper"},
-            marks=pytest.mark.slow,
-        ),
+        {"coupling": "tdpa", "scene": "sphere?friction=0.5 + plane?normal=0,0,-1", "rendering": "paper"},
         {"scene": "sphere", "dof": 2},
         {"scene": "cylinder?friction=0.5 + plane?normal=0,1,0&friction=0.3", "dof": 2},
         {"scene": "cylinder + sphere?at=20mm,30mm,0", "operator": "sine", "link.down": "delay 30ms 10ms rate 200kbit"},
@@ -114,6 +113,7 @@ def test_a_mesh_is_run_by_python(tmp_path: Any) -> None:
     assert simulation.not_compiled == "a mesh, a field, a layer, or a user's shape or friction"
 
 
+@pytest.mark.slow
 def test_a_users_scene_of_known_solids_gives_the_same_bits() -> None:
     assert not differences(SOLIDS.set({"scene": f"{__name__}:ball"}), 2)
 
