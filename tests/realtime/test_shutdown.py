@@ -28,6 +28,9 @@ from tests.support.arms import (
 )
 from tests.support.processes import HAPNET, LIMIT_S, read_json, size, started, until, without_progress
 
+REPORTED_NS = 2_500_000_000
+"""After so long the device has had a report of the world, which has just begun when the hand pushes."""
+
 # -- signals -----------------------------------------------------------------------------------------------------------
 
 
@@ -62,6 +65,8 @@ def test_forces_go_to_zero_before_anything_else(number: signal.Signals, code: in
 def test_a_second_ctrl_c_does_not_wait_for_a_peer_that_is_gone() -> None:
     """The world is stopped dead with energy on its way to it: one Ctrl-C would wait for `LINGER_S`."""
     with pushing("--record", "device.mcap") as (device, world):
+        pushed_ns = forces()[-1][0]
+        device.until("seconds, in each of which the world reports", lambda: forces()[-1][0] - pushed_ns > REPORTED_NS)
         world.process.send_signal(signal.SIGSTOP)
         device.until("samples on disk", lambda: size(Path("device.mcap")) > 5_000)
         asked = time.monotonic()
