@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
+from hapnet.assembly.build import prepare
 from hapnet.ext.compiled import catalogue, sources
 from hapnet.ext.compiled.background import Background
 from hapnet.ext.compiled.progress import reported
@@ -115,6 +116,19 @@ def test_only_what_takes_longer_than_compiling_is_compiled_beside(
     with coverage.background((long, seconds * 1000.0) for _ in range(seeds)):
         pass
     assert made == ([] if names is None else [names])
+
+
+@pytest.mark.parametrize(
+    ("scene", "kind"), [("wall", ""), ("sphere", "-Solids"), ("tests.kernel.test_solids:ball", "-Solids")]
+)
+def test_a_long_run_has_its_own_kind_compiled(scene: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also that of a scene of the user's, whose text does not tell that solids are in it."""
+    made: list[Any] = []
+    monkeypatch.setattr(sources, "are_compiled", lambda kind: False)
+    monkeypatch.setattr(coverage, "Background", lambda *given: made.extend(given) or Soon(0))
+    with coverage.beside(prepare(Params().set({"scene": scene, "duration_s": 1000.0}), "sampled")):
+        pass
+    assert made == [f"SetPosition-SetPosition{kind}"]
 
 
 def test_a_batch_compiles_beside_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ _WORTH_ARM_TICKS = 5_000
 """Plain Python takes as long for so many ticks of an arm as compiling it takes."""
 
 
-class Choice(NamedTuple):
+class ChosenCode(NamedTuple):
     """Which code runs a simulation.
 
     why_not : why compiled code does not; None: it does. awaits_code : can it, as soon as its machine code is made?
@@ -71,13 +71,19 @@ def background(runs: Iterable[tuple[Params, float]]) -> AbstractContextManager[B
         for params, count in runs:
             if (kind := kind_of(params)) is not None:
                 ticks[kind.name] += count  # type: ignore[assignment]  # half a tick is as good
-    names = [name for name, count in ticks.items() if count >= _WORTH_TICKS and not sources.are_compiled(name)]
-    return Background(*names) if names else nullcontext()
+    return _compile(ticks)
 
 
 def beside(setup: Setup) -> AbstractContextManager[Background | None]:
     """Compile, in a process beside this one, what the rest of a run needs, if the run is long enough for that."""
-    return background([(setup.params, setup.params.duration_s * setup.params.device.servo_hz)])
+    kind, params = kind_of(setup.params, setup.scene), setup.params
+    return _compile({} if kind is None else {kind.name: params.duration_s * params.device.servo_hz})
+
+
+def _compile(ticks: Mapping[str, float]) -> AbstractContextManager[Background | None]:
+    """Compile in the background those kinds that run for many ticks and are not compiled yet."""
+    names = [name for name, count in ticks.items() if count >= _WORTH_TICKS and not sources.are_compiled(name)]
+    return Background(*names) if names else nullcontext()
 
 
 def device_ends(setup: Setup) -> Ends:
@@ -92,17 +98,17 @@ def device_ends(setup: Setup) -> Ends:
     return real_time.CompiledDevices() if compiles else setup.ends
 
 
-def chosen(setup: Setup, kernel: bool | None) -> Choice:
+def chosen(setup: Setup, kernel: bool | None) -> ChosenCode:
     """Choose for a run. `kernel` : must compiled code run it? None: where it is there.
 
     setup : its walls have met the virtual mass.
     """
     why, kind = why_not(setup), kind_of(setup.params, setup.scene)
     if why is not None or kind is None:
-        return Choice(why)
+        return ChosenCode(why)
     if kernel or sources.are_compiled(kind.name):
-        return Choice(None)
-    return Choice(NOT_YET, awaits_code=True)
+        return ChosenCode(None)
+    return ChosenCode(NOT_YET, awaits_code=True)
 
 
 def why_not(setup: Setup) -> str | None:
