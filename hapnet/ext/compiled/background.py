@@ -13,8 +13,6 @@ from hapnet.ext.compiled.progress import reported
 from hapnet.processes import start
 from hapnet.records.machine_code import directory
 
-_END_S = 5.0
-
 
 class Background:
     """A process that compiles `names` (of the catalogue) one after the other; use it as a context, which ends it.

@@ -21,7 +21,6 @@ from hapnet.ext.compiled import arm_end, bound, handle_end, servo_end, sources, 
 from hapnet.ext.compiled.arm_end import ArmEnd
 from hapnet.ext.compiled.handle_end import HandleEnd
 from hapnet.ext.compiled.kinds import OF_SET_POSITIONS
-from hapnet.ext.compiled.progress import reporting
 from hapnet.ext.compiled.servo_end import CompiledServo, ServoEnd
 from hapnet.ext.compiled.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
 from hapnet.ext.tools.device import SimulatedHandle
@@ -50,15 +49,11 @@ def make_ready(name: str) -> Any:
     """The compiled function of one of them; loads or makes the machine code, once in a process."""
     part, _, axes = name.partition("-")
     module, kind = _COMPILED[part]
-    from hapnet.ext.compiled.twins import entry  # here, since it loads numba
+    from hapnet.ext.compiled.twins import ready  # here, since it loads numba
 
-    twin = entry(module.enter, sources.name_of(name), OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES)
-    run = twin.run
-    array, _ = bound.memory(kind, int(axes or AXES))
-    with reporting(twin.functions):
-        run(array)  # of no axes
+    array, _ = bound.memory(kind, int(axes or AXES))  # of no axes
+    run = ready(module.enter, name, OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES, array)
     run.disable_compile()  # what has other arguments is an error, not half a minute without a tick
-    sources.mark(name)
     return run
 
 

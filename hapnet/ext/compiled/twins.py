@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 
 import numba
 
+from hapnet.ext.compiled import sources
+from hapnet.ext.compiled.progress import reporting
 from hapnet.records.machine_code import kept
 from hapnet.records.record import EQUATIONS
 
@@ -54,6 +56,18 @@ def entry(function: Callable[..., Any], name: str, choices: Choices) -> Twin:
     except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
         made = _compiling()(twin)
     return Twin(made, 1 + len(sites) - len(inlined))
+
+
+def ready(function: Callable[..., Any], kind: str, choices: Choices, *arguments: Any) -> Any:
+    """Return the twin of an entry after a first call with these arguments, which compiles it or loads its machine code.
+
+    kind : what it is kept as.
+    """
+    twin = entry(function, sources.name_of(kind), choices)
+    with reporting(twin.functions):
+        twin.run(*arguments)
+    sources.mark(kind)
+    return twin.run
 
 
 def _compiling(**options: Any) -> Any:

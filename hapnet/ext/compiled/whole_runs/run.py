@@ -10,12 +10,11 @@ import numpy as np
 
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings.rendering import RenderingTuning
-from hapnet.ext.compiled import kinds, sources
+from hapnet.ext.compiled import kinds
 from hapnet.ext.compiled.kinds import Kind, scenario
 from hapnet.ext.compiled.memory import bare, give_back, load, new, plain, store
-from hapnet.ext.compiled.progress import reporting
 from hapnet.ext.compiled.simulation import STEPS, Scenario, enter
-from hapnet.ext.compiled.twins import entry
+from hapnet.ext.compiled.twins import ready
 from hapnet.ext.compiled.whole_runs import coverage, device, wire, world
 from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
 from hapnet.ext.compiled.whole_runs.link import CompiledLink
@@ -37,14 +36,12 @@ def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """Return the function that runs a scenario's events until a time [ns]. Loads or makes the machine code, once in a
     process.
     """
-    twin = entry(enter, sources.name_of(kind.name), kind.choices())
-    record, run = new(scenario(kind)), twin.run
-    with reporting(twin.functions):
-        run(bare(record), -1)  # nothing is due at that time
+    record = new(scenario(kind))
+    run: Callable[[Scenario, int], int] = ready(
+        enter, kind.name, kind.choices(), bare(record), -1
+    )  # nothing is due then
     give_back(record, scenario(kind))
-    sources.mark(kind.name)
-    made: Callable[[Scenario, int], int] = run
-    return made
+    return run
 
 
 class CompiledRun:
