@@ -38,7 +38,7 @@ from hapnet.plant.live_hand import live_hand_of
 from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
-from hapnet.recording.samples import MotionSample
+from hapnet.recording.samples import MetricSample
 from hapnet.records.machine_code import no_compiler
 from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
@@ -149,7 +149,7 @@ def device_side(
     endpoint: DeviceControl,
     clock: Clock,
     write: Write,
-    write_motion: Callable[[MotionSample], None] | None = None,
+    write_motion: Callable[[MetricSample], None] | None = None,
 ) -> DeviceSide:
     """The device (simulated in its hand, or the user's own) with its servo, for an endpoint or its control half.
 

@@ -39,7 +39,7 @@ class Answer(Record):
     """The world's newest answer: its proxy's position and force, and `count` planes; below 0: it cannot send any.
 
     pending : whether the next step takes it. sent_s : when it was sent; age_s : how old it was then [s]. reach_m,
-    level : as in `Proxy`; below 0: not sent. before : y of what was known before, but for lead and fading [m].
+    level : as in `ProxySample`; below 0: not sent. before : y of what was known before, but for lead and fading [m].
     """
 
     pending: int

@@ -1,7 +1,7 @@
 """The device's local contact model: y at every tick, from the own position and the planes that the world sends.
 
 A world's answer comes a round trip late. So the world sends, beside its proxy's position, the planes that the proxy
-touches or is near (`Proxy`), and the device computes at every tick where the proxy rests for the position x now:
+touches or is near (`ProxySample`), and the device computes at every tick where the proxy rests for the position x now:
 
     s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
     y = s + g K^-1 (B + b) v        only while free of contact: it cancels a part of the dampers' drag
@@ -39,7 +39,7 @@ from hapnet.control.contact_effects import act, grain_force, lift, pull
 from hapnet.control.contact_equations import Answer, ContactState, fade, step
 from hapnet.control.contact_plane import ContactPlane, no_planes
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
-from hapnet.control.coupling import CouplingSample, Proxy, vector_of
+from hapnet.control.coupling import CouplingSample, ProxySample, vector_of
 from hapnet.control.friction_cone import RubbingProxy, report
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
@@ -151,7 +151,7 @@ class ContactModel(ContactState):
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """The world's newest answer, and how old it is; see `CouplingState.receive`."""
-        proxy = sample if isinstance(sample, Proxy) else Proxy(vector_of(sample), 0.0, self._still, None)
+        proxy = sample if isinstance(sample, ProxySample) else ProxySample(vector_of(sample), 0.0, self._still, None)
         answer, position = self.answer, proxy.position
         answer.pending, answer.sent_s, answer.age_s = 1, sent_s, age_s
         answer.position, answer.force = list(position), list(proxy.force)

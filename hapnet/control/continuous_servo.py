@@ -13,7 +13,7 @@ from hapnet.checks import Vector
 from hapnet.control import contact_equations, ledger as ledgers
 from hapnet.control.contact_equations import ContactState, share
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import TICK_SLACK_S, ForceParts, Position, Update, ticks_before
+from hapnet.control.coupling import TICK_SLACK_S, ForceParts, PositionSample, Update, ticks_before
 from hapnet.control.harvest import dissipated_by_range
 from hapnet.control.set_position_coupling import SetPositionCoupling, potential, update
 from hapnet.records.record import Reals, Record, compiled_as, equation
@@ -138,7 +138,7 @@ def sent(sender: Sender, coupling: SetPositionCoupling, x: Vector) -> Update | N
     shuffled = coupling.shuffled
     if sender.sends:
         level = coupling.level
-        return Update(x if level is None else Position(x, level), shuffled)
+        return Update(x if level is None else PositionSample(x, level), shuffled)
     return Update(None, shuffled) if shuffled else None
 
 

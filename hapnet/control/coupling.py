@@ -23,11 +23,11 @@ from hapnet.control.law import HeldForce, LawAccount, begin_tick, sends, tick
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import (
     CouplingSample as CouplingSample,
-    Motion as Motion,
-    Port as Port,
-    Position as Position,
-    Proxy as Proxy,
-    Wave as Wave,
+    PortSample as PortSample,
+    PositionSample as PositionSample,
+    ProxySample as ProxySample,
+    MotionSample as MotionSample,
+    WaveSample as WaveSample,
     level_of as level_of,
     vector_of as vector_of,
 )
@@ -95,7 +95,7 @@ class CouplingState(Protocol):
         """A sample arrived. No sample arrives twice, and none comes from an earlier peer.
 
         sent_s : when it was sent, on the other side's clock [s].
-        age_s : how old it is now [s]. Of a `Proxy` that has aimed: the time since the device's own time for which it
+        age_s : how old it is now [s]. Of a `ProxySample` that has aimed: since the device's own time for which it
             stands, exactly. Of another sample: since it was sent, estimated from the minimum round trip.
         """
 

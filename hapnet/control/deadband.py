@@ -26,7 +26,16 @@ from math import dist, hypot
 from typing import Literal
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import TICK_SLACK_S, CouplingSample, Motion, Port, Position, Proxy, Wave, vector_of
+from hapnet.control.coupling import (
+    TICK_SLACK_S,
+    CouplingSample,
+    PortSample,
+    PositionSample,
+    ProxySample,
+    MotionSample,
+    WaveSample,
+    vector_of,
+)
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.plane import Plane
 
@@ -53,7 +62,7 @@ class Deadband:
 
     fraction : k, Weber's fraction; above 0, at most 1.
     longest_s : maximum time between two samples sent [s].
-    port : what the value of this side's `Port` samples is.
+    port : what the value of this side's `PortSample` samples is.
 
     Raises InvalidParameter: the fraction or the time is not allowed.
     """
@@ -77,7 +86,7 @@ class Deadband:
         self._sent_s: float | None = None
         self._value: Vector = ()
         self._velocity: Vector = ()
-        self._waiting: Wave | None = None
+        self._waiting: WaveSample | None = None
         self._planes: tuple[Plane, ...] | None = None
 
     def offer(self, now_s: float, sample: CouplingSample, opposite: Vector) -> CouplingSample | None:
@@ -87,32 +96,32 @@ class Deadband:
         """
         due = self._sent_s is None or now_s - self._sent_s >= self._longest_s
         sent = due or self._noticed(sample, opposite)
-        if isinstance(sample, Wave):
+        if isinstance(sample, WaveSample):
             sample = self._waiting = _merged(self._waiting, sample)
         if not sent:
             self.held_back += 1
             return None
         self._sent_s, self._waiting = now_s, None
         self._value = vector_of(sample)
-        if isinstance(sample, Motion):
+        if isinstance(sample, MotionSample):
             self._velocity = sample.velocity
-        elif isinstance(sample, Proxy):
+        elif isinstance(sample, ProxySample):
             self._planes = sample.planes
         return sample
 
     def _noticed(self, sample: CouplingSample, opposite: Vector) -> bool:
         match sample:
-            case Motion(position, velocity):
+            case MotionSample(position, velocity):
                 return self._moved(position, opposite) or self._changed(velocity, self._velocity, MIN_MPS)
-            case Port(value, _) if self._port == "force":
+            case PortSample(value, _) if self._port == "force":
                 return self._changed(value, self._value, MIN_N)
-            case Port(value, _):
+            case PortSample(value, _):
                 return self._moved(value, opposite)
-            case Position(position, _):
+            case PositionSample(position, _):
                 return self._moved(position, opposite)
-            case Proxy(position, _, _, planes):
+            case ProxySample(position, _, _, planes):
                 return self._moved(position, opposite) or planes != self._planes
-            case Wave(value, _, _, _):
+            case WaveSample(value, _, _, _):
                 return self._changed(value, self._value, MIN_WAVE)
             case _:
                 return self._moved(sample, opposite)
@@ -124,7 +133,7 @@ class Deadband:
         return dist(value, last) > max(self._fraction * hypot(*last), minimum)
 
 
-def _merged(waiting: Wave | None, wave: Wave) -> Wave:
+def _merged(waiting: WaveSample | None, wave: WaveSample) -> WaveSample:
     """One wave in place of two: their mean over the sum of their spans."""
     if waiting is None:
         return wave
@@ -132,4 +141,4 @@ def _merged(waiting: Wave | None, wave: Wave) -> Wave:
     if span == 0.0:  # from a paused world
         return wave
     share = wave.span / span
-    return Wave(tuple([u + share * (new - u) for u, new in zip(waiting.value, wave.value, strict=True)]), span)
+    return WaveSample(tuple([u + share * (new - u) for u, new in zip(waiting.value, wave.value, strict=True)]), span)

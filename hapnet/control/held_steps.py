@@ -2,7 +2,7 @@
 
 A follower is a device like the leader: PSPM, measured harvest and account at the actuator's port are those of
 `set_position_servo`. What it adds is its place in the world's half: y is the leader's motion, predicted, and the leader
-is sent a `Proxy`. A real robot has this servo as a device has its own. A simulated one is moved by the steps of a
+is sent a `ProxySample`. A real robot has this servo as a device has its own. A simulated one is moved by the steps of a
 world, each of which is a tick.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Position, Update
+from hapnet.control.coupling import PositionSample, Update
 from hapnet.control.reporter import Teller
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.control.set_position_servo import SampledServo
@@ -49,11 +49,11 @@ def reflected(stiffness: Vector) -> Said:
 class FollowerServo(SampledServo):
     """PSPM and force of a follower.
 
-    reporter : makes the `Proxy`; None: a bare position is sent. The other arguments are those of `SampledServo`.
+    reporter : makes the `ProxySample`; None: a bare position is sent. The other arguments are those of `SampledServo`.
 
     Attributes
     ----------
-    said : see `Said`. released : its leader has let go, so it renders no force once it has come to rest.
+    said : see `LawMessage`. released : its leader has let go, so it renders no force once it has come to rest.
     sensed : the force of its surroundings on it, as whoever moves the robot knows it [N].
     """
 
@@ -75,7 +75,7 @@ class FollowerServo(SampledServo):
         level, said = self.coupling.level, self.said(x, self.coupling.target, self.sensed)
         if self.reporter is not None:
             return Update(self.reporter.proxy(said, level), done.shuffled)
-        return Update(said if level is None else Position(said, level), done.shuffled)
+        return Update(said if level is None else PositionSample(said, level), done.shuffled)
 
 
 class HeldSteps(SetPositionSteps):

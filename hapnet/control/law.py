@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
-from hapnet.control.samples import CouplingSample, Motion, Port, Wave, vector_of
+from hapnet.control.samples import CouplingSample, PortSample, MotionSample, WaveSample, vector_of
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot
 
@@ -21,7 +21,7 @@ UNTOLD = -1.0
 """The time of an integral that its sender does not send [s]."""
 
 
-class Said(Record):
+class LawMessage(Record):
     """A message of an end: a position [m], a port's value [m or N] or a wave [sqrt(W)]; `more` : a motion's velocity
     [m/s]; `amount` : a port's energy [J], a wave's span [s].
     """
@@ -36,9 +36,9 @@ class End(Record):
 
     n: int
     y: OfAxes
-    said: Said
+    said: LawMessage
 
-    sends: ClassVar[type[Motion] | type[Port] | type[Wave] | None] = None
+    sends: ClassVar[type[MotionSample] | type[PortSample] | type[WaveSample] | None] = None
     """None: bare positions."""
 
     def __init__(self, position: Vector) -> None:
@@ -54,28 +54,28 @@ class End(Record):
     def receive(self, sample: CouplingSample) -> None:
         """As `CouplingState.receive`."""
         match sample:
-            case Motion(position, velocity):
+            case MotionSample(position, velocity):
                 self.take(position, velocity, 0.0, UNTOLD)
-            case Port(value, energy):
+            case PortSample(value, energy):
                 self.take(value, value, energy, UNTOLD)
-            case Wave(value, span, total, total_s):
+            case WaveSample(value, span, total, total_s):
                 self.take(value, total, span, total_s if total else UNTOLD)
             case _:
                 position = vector_of(sample)
                 self.take(position, position, 0.0, UNTOLD)
 
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """A sample arrived: see `Said`; of a wave `more` is its integral [sqrt(W) s] over `total_s` [s]."""
+        """A sample arrived: see `LawMessage`; of a wave `more` is its integral [sqrt(W) s] over `total_s` [s]."""
         raise NotImplementedError
 
     def _sample(self) -> CouplingSample:
         said = self.said
         value = tuple(said.value)
-        if self.sends is Motion:
-            return Motion(value, tuple(said.more))
-        if self.sends is Port:
-            return Port(value, said.amount)
-        return Wave(value, said.amount) if self.sends is Wave else value
+        if self.sends is MotionSample:
+            return MotionSample(value, tuple(said.more))
+        if self.sends is PortSample:
+            return PortSample(value, said.amount)
+        return WaveSample(value, said.amount) if self.sends is WaveSample else value
 
     @classmethod
     def lines(cls) -> dict[Callable[..., Any], Callable[..., Any]]:

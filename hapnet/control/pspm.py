@@ -58,7 +58,7 @@ class Modulation(NamedTuple):
     """Pbar(k), the spring's jump (11)."""
 
 
-class Update(NamedTuple):
+class ArrayModulation(NamedTuple):
     """`Modulation` with the set-position as an array of shape (n,)."""
 
     set_position: Array
@@ -187,7 +187,7 @@ class SetPositionModulator(Record):
         received: float = 0.0,
         extremes: tuple[ArrayLike, ArrayLike] | None = None,
         interval: float | None = None,
-    ) -> Update:
+    ) -> ArrayModulation:
         """Run Algorithm 1 once.
 
         set_position : y(k) [m], shape (n,): as received, or after filters and predictors.
@@ -214,7 +214,7 @@ class SetPositionModulator(Record):
         checks.vector("dissipated", dissipated, 1)
         checks.non_negative("received", received)
         r = self.modulate(y, x, dissipated, received)
-        return Update(np.array(r.set_position), *r[1:])
+        return ArrayModulation(np.array(r.set_position), *r[1:])
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
         """As `update`, for a servo: the arguments are not checked, they must be finite and of the right dimension.

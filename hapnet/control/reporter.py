@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Proxy
+from hapnet.control.coupling import ProxySample
 from hapnet.control.prediction import PredictedDevice
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.plane import Plane, checked
@@ -51,6 +51,6 @@ class Teller:
         predicted.see(self._planes or ())
         self._stands_for = predicted.stands_for(dt)
 
-    def proxy(self, x: Vector, level: float | None) -> Proxy:
+    def proxy(self, x: Vector, level: float | None) -> ProxySample:
         """Return the message about the proxy at x [m], with the level of the reservoir; None: there is no reservoir."""
-        return Proxy(x, self._stands_for, self._force, self._planes, self._looked_m, level)
+        return ProxySample(x, self._stands_for, self._force, self._planes, self._looked_m, level)

@@ -8,28 +8,28 @@ from hapnet.checks import Vector
 from hapnet.mechanics.plane import Plane
 
 
-class Position(NamedTuple):
+class PositionSample(NamedTuple):
     """A position [m], and how full its sender's reservoir is (`hapnet.control.reservoir_level`)."""
 
     position: Vector
     level: float
 
 
-class Motion(NamedTuple):
+class MotionSample(NamedTuple):
     """A position [m] and its velocity [m/s]."""
 
     position: Vector
     velocity: Vector
 
 
-class Port(NamedTuple):
+class PortSample(NamedTuple):
     """The signal at one port, a position [m] or a force [N], and the total energy put in there so far [J]."""
 
     value: Vector
     energy: float
 
 
-class Wave(NamedTuple):
+class WaveSample(NamedTuple):
     """A wave variable [sqrt(W)], averaged over a time span [s].
 
     total, total_s : the integral of all waves that its sender sent so far, this one included [sqrt(W) s], and the sum
@@ -42,7 +42,7 @@ class Wave(NamedTuple):
     total_s: float = 0.0
 
 
-class Proxy(NamedTuple):
+class ProxySample(NamedTuple):
     """The virtual mass's position, and what its world knows of the place."""
 
     position: Vector
@@ -59,14 +59,14 @@ class Proxy(NamedTuple):
     """How full the world's reservoir is (`hapnet.control.reservoir_level`); None: it does not report that."""
 
 
-CouplingSample = Vector | Position | Motion | Port | Wave | Proxy
+CouplingSample = Vector | PositionSample | MotionSample | PortSample | WaveSample | ProxySample
 """What one side sends to the other. A bare vector is a position [m]."""
 
 
 def level_of(sample: CouplingSample) -> float | None:
     """How full the sender's reservoir is, if the sample says so."""
     match sample:
-        case Position(_, level) | Proxy(_, _, _, _, _, level):
+        case PositionSample(_, level) | ProxySample(_, _, _, _, _, level):
             return level
         case _:
             return None
@@ -75,7 +75,13 @@ def level_of(sample: CouplingSample) -> float | None:
 def vector_of(sample: CouplingSample) -> Vector:
     """The vector in a sample: a position, a port's value or a wave."""
     match sample:
-        case Position(vector, _) | Motion(vector, _) | Port(vector, _) | Wave(vector, _, _, _) | Proxy(vector, _, _, _):
+        case (
+            PositionSample(vector, _)
+            | MotionSample(vector, _)
+            | PortSample(vector, _)
+            | WaveSample(vector, _, _, _)
+            | ProxySample(vector, _, _, _)
+        ):
             return vector
         case _:
             return sample

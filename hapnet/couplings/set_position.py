@@ -216,7 +216,7 @@ def _at_world(
     return _coupling(start, world, spring, modulator, _max_step(world, spring, limited), source, kept)
 
 
-class Ends(NamedTuple):
+class SetPositionEnds(NamedTuple):
     """The functions of a `CouplingSpec` that make the ends of such a coupling."""
 
     device: Callable[[CouplingStart[RenderingTuning]], DeviceCoupling]
@@ -225,9 +225,9 @@ class Ends(NamedTuple):
     follower: Callable[[CouplingStart[RenderingTuning]], FollowerServo]
 
 
-def ends(make: MakeModulator, *, limited: bool) -> Ends:
+def ends(make: MakeModulator, *, limited: bool) -> SetPositionEnds:
     """The ends with this modulator on each side; `limited` as in `CouplingSpec`."""
-    return Ends(
+    return SetPositionEnds(
         partial(_sampled, make=make, limited=limited),
         partial(_continuous, make=make, limited=limited),
         partial(_world, make=make, limited=limited),

@@ -20,7 +20,7 @@ BUILT_IN: Mapping[str, str] = {
     "serial": "hapnet.ext.devices.serial_axis:SerialAxis",
     "inverse3": "hapnet.ext.devices.inverse3:Inverse3",
     "dhd": "hapnet.ext.devices.force_dimension:ForceDimension",
-    "touch": "hapnet.ext.devices.touch:Touch",
+    "touch": "hapnet.ext.devices.touch:TouchDriver",
     "franka": "hapnet.ext.robots.franka:Franka",
     "dynamixel": "hapnet.ext.robots.dynamixel:Dynamixel",
     "feetech": "hapnet.ext.robots.feetech:Feetech",

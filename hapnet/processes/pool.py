@@ -41,7 +41,7 @@ class WorkerDied(HapnetError):
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Task, Result]):
+class EndedTask(Generic[Task, Result]):
     """A task that has ended, with its result or the error: what it raised, or `WorkerDied`."""
 
     task: Task
@@ -99,7 +99,7 @@ class WorkerPool(Generic[Task, Result]):
         with suppress(OSError):  # the worker is dead: `wait` will notice
             worker.pipe.send(task)
 
-    def wait(self, limit_s: float) -> list[Outcome[Task, Result]]:
+    def wait(self, limit_s: float) -> list[EndedTask[Task, Result]]:
         """The tasks that have ended since the last call; waits up to `limit_s` for a worker's message."""
         ready = wait([worker.pipe for worker in self._workers], limit_s)
         outcomes = [self._receive(worker) for worker in list(self._workers) if worker.pipe in ready]
@@ -114,7 +114,7 @@ class WorkerPool(Generic[Task, Result]):
             worker.process.join(_END_S)
         self._workers.clear()
 
-    def _receive(self, worker: _Worker[Task]) -> Outcome[Task, Result] | None:
+    def _receive(self, worker: _Worker[Task]) -> EndedTask[Task, Result] | None:
         try:
             kind, value = worker.pipe.recv()
         except (EOFError, OSError):
@@ -127,9 +127,9 @@ class WorkerPool(Generic[Task, Result]):
             return None
         task, worker.task, worker.share = worker.task, None, 0.0
         assert task is not None
-        return Outcome(task, value) if kind == "result" else Outcome(task, None, value)
+        return EndedTask(task, value) if kind == "result" else EndedTask(task, None, value)
 
-    def _replace(self, worker: _Worker[Task]) -> Outcome[Task, Result] | None:
+    def _replace(self, worker: _Worker[Task]) -> EndedTask[Task, Result] | None:
         """Replace a process that died."""
         worker.process.join(_END_S)
         self._workers.remove(worker)
@@ -140,7 +140,7 @@ class WorkerPool(Generic[Task, Result]):
         if self._stillborn >= START_LIMIT:
             raise HapnetError(f"worker processes do not start: {how}")
         self._start()
-        return None if worker.task is None else Outcome(worker.task, None, WorkerDied(f"its worker {how}"))
+        return None if worker.task is None else EndedTask(worker.task, None, WorkerDied(f"its worker {how}"))
 
     def _start(self) -> None:
         ours: Any

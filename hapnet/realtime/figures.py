@@ -26,7 +26,7 @@ _ENERGY = ("sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ")
 """What of an account may still change after control has stopped."""
 
 
-class Figures:
+class SideFigures:
     """Reads the figures from a side's parts; on the event loop.
 
     setup, role, seed : of the side. names : of its session and its device, as in the key expressions.

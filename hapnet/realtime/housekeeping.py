@@ -8,7 +8,7 @@ from typing import Literal
 
 from hapnet.errors import HapnetError
 from hapnet.realtime.controllers import Control
-from hapnet.realtime.figures import Figures
+from hapnet.realtime.figures import SideFigures
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.reporter import AccountReporter, Reporter
 from hapnet.realtime.shutdown import PeerAbsence
@@ -48,7 +48,7 @@ class Housekeeping:
         control: Control,
         driver: LinkDriver,
         transport: ZenohTransport,
-        figures: Figures,
+        figures: SideFigures,
         reporter: Reporter,
         clock: Clock,
         *,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from hapnet.realtime.figures import Figures
+from hapnet.realtime.figures import SideFigures
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.notifier import Notifier
 from hapnet.realtime.recorder import Recordings
@@ -89,7 +89,7 @@ class AccountReporter:
     figures, session, driver, clock : the side's parts.
     """
 
-    def __init__(self, figures: Figures, session: Session, driver: LinkDriver, clock: Clock) -> None:
+    def __init__(self, figures: SideFigures, session: Session, driver: LinkDriver, clock: Clock) -> None:
         self._figures, self._session, self._driver, self._clock = figures, session, driver, clock
         self._reported_ns: int | None = None
 

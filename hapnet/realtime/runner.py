@@ -27,7 +27,7 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import is_simulated
 from hapnet.realtime.controllers import Control, ControlCallbacks
-from hapnet.realtime.figures import Figures
+from hapnet.realtime.figures import SideFigures
 from hapnet.realtime.housekeeping import Housekeeping
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.off_loop import off_loop
@@ -143,7 +143,7 @@ class RealtimeSide:
             else None
         )
         self._reporter = Reporter(role, own.on_silence, clock, notify, self._telemetry, watch)
-        self._figures = Figures(
+        self._figures = SideFigures(
             setup, role, seed, (session, name), control, self._link_driver, self._transport, clock,
             measured_utc_less_clock_ns(clock, time.time_ns),
         )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgpack
 
-from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
+from hapnet.control.coupling import CouplingSample, PortSample, PositionSample, ProxySample, MotionSample, WaveSample
 from hapnet.mechanics.plane import Plane
 
 MAX_FRAME = 1 << 17
@@ -23,7 +23,7 @@ _TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 21
 """Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date. What it says is kept,
 also while its parent stands still for some seconds."""
 
-_KINDS: tuple[Any, ...] = (tuple, Motion, Port, Wave, Proxy, Position)
+_KINDS: tuple[Any, ...] = (tuple, MotionSample, PortSample, WaveSample, ProxySample, PositionSample)
 
 _DONT_WAIT: int = getattr(socket, "MSG_DONTWAIT", 0)
 _FAMILY: int = getattr(socket, "AF_UNIX", -1)  # not on Windows: see `available`
@@ -43,7 +43,7 @@ def kind_of(sample: CouplingSample) -> int:
 def sample_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
     """The sample of this kind that came through a pipe."""
     sample: CouplingSample = _KINDS[kind](*values) if kind else values
-    if isinstance(sample, Proxy) and sample.planes is not None:
+    if isinstance(sample, ProxySample) and sample.planes is not None:
         return sample._replace(planes=tuple([Plane(*plane) for plane in sample.planes]))
     return sample
 

@@ -35,7 +35,7 @@ ACCOUNT_EVERY_NS = 1_000_000_000
 _ACCOUNT = ("margin_J", "slack_J", "reservoir_J", "sent_J", "credited_J")
 
 
-class Message(NamedTuple):
+class BagMessage(NamedTuple):
     """One message: its topic, its type, when it was [ns], and its content."""
 
     topic: str
@@ -71,7 +71,7 @@ def write(recording: Recording, path: Path) -> None:
         raise RecordingError(f"cannot write {path}: {error.strerror or error}") from None
 
 
-def messages(recording: Recording, types: Any) -> Iterator[Message]:
+def messages(recording: Recording, types: Any) -> Iterator[BagMessage]:
     """All messages of a recording, a topic after the other. types : the classes of messages by their names."""
     make = Messages(types)
     for side in _SIDES:
@@ -87,7 +87,7 @@ class Messages:
     def __init__(self, types: Any) -> None:
         self._types = types
 
-    def of_side(self, recording: Recording, side: str) -> Iterator[Message]:
+    def of_side(self, recording: Recording, side: str) -> Iterator[BagMessage]:
         """Yield the samples of one side as messages, a topic after the other."""
         columns, force = table(recording, side), _SIDES[side]
         times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
@@ -99,7 +99,7 @@ class Messages:
             yield from self._wrenches("/world/contact", times, columns, "contact_force_N")
         yield from self._joints(f"/{side}/joint_states", times, columns, force)
 
-    def account(self, recording: Recording, side: str) -> Iterator[Message]:
+    def account(self, recording: Recording, side: str) -> Iterator[BagMessage]:
         """The account once a second: an error where the margin is below zero."""
         columns: Columns = getattr(recording, side)
         times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
@@ -109,14 +109,14 @@ class Messages:
             level = 2 if known.get("margin_J", 0.0) < 0.0 else 0
             yield self._diagnosis(int(times[k]), level, f"hapnet: account of the {side}", "", known)
 
-    def events(self, recording: Recording) -> Iterator[Message]:
+    def events(self, recording: Recording) -> Iterator[BagMessage]:
         """The events."""
         more = utc_less_clock_ns(recording.meta)
         for event in recording.events:
             level = _LEVELS.get(event.level, 0)
             yield self._diagnosis(event.time_ns + more, level, f"hapnet: {event.kind}", event.text, {})
 
-    def _poses(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
+    def _poses(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[BagMessage]:
         kind = "geometry_msgs/msg/PoseStamped"
         points = _vectors(columns, f"{name}_m")
         if points is None:
@@ -127,13 +127,13 @@ class Messages:
         for time_ns, point, turn in zip(times.tolist(), points.tolist(), turns.tolist(), strict=True):
             place = self._make("geometry_msgs/msg/Point", *point)
             pose = self._make("geometry_msgs/msg/Pose", place, self._make("geometry_msgs/msg/Quaternion", *turn))
-            yield Message(topic, kind, time_ns, self._make(kind, self._header(time_ns), pose))
+            yield BagMessage(topic, kind, time_ns, self._make(kind, self._header(time_ns), pose))
 
-    def _wrenches(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[Message]:
+    def _wrenches(self, topic: str, times: Array, columns: Columns, name: str) -> Iterator[BagMessage]:
         torque = name.replace("force_N", "torque_Nm")
         yield from self._pairs(topic, "Wrench", times, columns, name, torque)
 
-    def _joints(self, topic: str, times: Array, columns: Columns, force: str) -> Iterator[Message]:
+    def _joints(self, topic: str, times: Array, columns: Columns, force: str) -> Iterator[BagMessage]:
         """An arm's angles beside its tip, or axes that are joints."""
         kind = "sensor_msgs/msg/JointState"
         names = [name for name in columns if name.startswith("joint_") and name.endswith("_rad")]
@@ -150,11 +150,11 @@ class Messages:
         for k, time_ns in enumerate(times.tolist()):
             if not np.isnan(angles[k]).any():
                 content = self._make(kind, self._header(time_ns), called, angles[k], speeds[k], torques[k])
-                yield Message(topic, kind, time_ns, content)
+                yield BagMessage(topic, kind, time_ns, content)
 
     def _pairs(
         self, topic: str, word: str, times: Array, columns: Columns, first: str, second: str
-    ) -> Iterator[Message]:
+    ) -> Iterator[BagMessage]:
         kind = f"geometry_msgs/msg/{word}Stamped"
         along, about = _vectors(columns, first), _vectors(columns, second)
         if along is None:
@@ -163,13 +163,13 @@ class Messages:
         for time_ns, one, two in zip(times.tolist(), along.tolist(), about.tolist(), strict=True):
             both = [self._make("geometry_msgs/msg/Vector3", *part) for part in (one, two)]
             content = self._make(f"geometry_msgs/msg/{word}", *both)
-            yield Message(topic, kind, time_ns, self._make(kind, self._header(time_ns), content))
+            yield BagMessage(topic, kind, time_ns, self._make(kind, self._header(time_ns), content))
 
-    def _diagnosis(self, time_ns: int, level: int, name: str, text: str, values: dict[str, float]) -> Message:
+    def _diagnosis(self, time_ns: int, level: int, name: str, text: str, values: dict[str, float]) -> BagMessage:
         kind = "diagnostic_msgs/msg/DiagnosticArray"
         pairs = [self._make("diagnostic_msgs/msg/KeyValue", key, f"{value:.9g}") for key, value in values.items()]
         status = self._make("diagnostic_msgs/msg/DiagnosticStatus", level, name, text, FRAME, pairs)
-        return Message("/diagnostics", kind, time_ns, self._make(kind, self._header(time_ns), [status]))
+        return BagMessage("/diagnostics", kind, time_ns, self._make(kind, self._header(time_ns), [status]))
 
     def _header(self, time_ns: int) -> Any:
         seconds, rest = divmod(time_ns, 1_000_000_000)

@@ -80,7 +80,7 @@ class DeviceSample(NamedTuple):
     operator_work_J: float = math.nan
 
 
-class MotionSample(NamedTuple):
+class MetricSample(NamedTuple):
     """The part of a `DeviceSample` that the metrics need: a study of thousands of runs records no more."""
 
     time_ns: int
@@ -184,7 +184,7 @@ class Recording:
 
     `device` and `world` map field names to arrays: ``time_ns`` (N,) int64, ``time_s`` (N,) seconds since
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
-    None; of a device of which only the motion was recorded (`MotionSample`) there are no other columns.
+    None; of a device of which only the motion was recorded (`MetricSample`) there are no other columns.
     `torn` : the file ended before its writer closed it. `scene`, `drawing` : what the world looked like, if that was
     recorded. `posture` : that of an arm, where it does not follow from the positions.
     """
@@ -226,10 +226,10 @@ class MemoryRecorder:
 
     def __init__(self, meta: Mapping[str, Any]) -> None:
         self._meta = meta
-        self._samples: list[Sample | MotionSample] = []
+        self._samples: list[Sample | MetricSample] = []
         self._later: tuple[list[Columns], list[Columns]] = ([], [])
 
-    def write(self, sample: Sample | MotionSample) -> None:
+    def write(self, sample: Sample | MetricSample) -> None:
         self._samples.append(sample)
 
     def extend(self, device: Columns, world: Columns) -> None:
@@ -308,13 +308,13 @@ def on_device_clock(meta: Mapping[str, Any], world_ns: NDArray[np.int64]) -> NDA
 
 
 def from_samples(
-    meta: dict[str, Any], samples: Iterable[Sample | MotionSample], summary: Mapping[str, Any] | None, torn: bool
+    meta: dict[str, Any], samples: Iterable[Sample | MetricSample], summary: Mapping[str, Any] | None, torn: bool
 ) -> Recording:
     """`samples` as columns; a missing ``meta["origin_ns"]`` becomes the time of the first sample."""
-    device, world, events = list[DeviceSample | MotionSample](), list[WorldSample](), list[Event]()
+    device, world, events = list[DeviceSample | MetricSample](), list[WorldSample](), list[Event]()
     scene, posture, drawing = list[SceneSample](), list[PostureSample](), None
     for sample in samples:
-        if isinstance(sample, DeviceSample | MotionSample):
+        if isinstance(sample, DeviceSample | MetricSample):
             device.append(sample)
         elif isinstance(sample, WorldSample):
             world.append(sample)
@@ -333,7 +333,7 @@ def from_samples(
     return Recording(meta, device_columns, world_columns, events, summary, torn, *seen)
 
 
-def _columns(samples: list[DeviceSample | MotionSample] | list[WorldSample], origin_ns: int) -> Columns | None:
+def _columns(samples: list[DeviceSample | MetricSample] | list[WorldSample], origin_ns: int) -> Columns | None:
     if not samples:
         return None
     kind = type(samples[0])

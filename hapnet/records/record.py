@@ -44,11 +44,11 @@ def compiled_as(twin: Callable[..., Any]) -> Callable[[F], F]:
     return mark
 
 
-class Axes(int):
+class AxisCount(int):
     """A number of axes, as a dimension of fields."""
 
 
-AXES = Axes(3)
+AXES = AxisCount(3)
 """Compiled memory has room for so many, unless more are asked for (`room_for`). Python's vectors have any length."""
 
 PLANES = 4
@@ -123,7 +123,7 @@ def element(type_: Any, axes: int = AXES) -> tuple[type, tuple[int, ...]]:
     of, shape = get_args(type_)
     while get_args(of):
         of = get_args(of)[0]
-    return of, tuple([axes if isinstance(length, Axes) else length for length in shape])
+    return of, tuple([axes if isinstance(length, AxisCount) else length for length in shape])
 
 
 def _makers(kind: type[Record]) -> tuple[tuple[str, Callable[[], Any]], ...]:

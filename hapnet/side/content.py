@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
+from hapnet.control.coupling import CouplingSample, PortSample, PositionSample, ProxySample, MotionSample, WaveSample
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
 from hapnet.records.record import equation
@@ -36,31 +36,31 @@ def sample_of(message: messages.Motion | messages.Port | messages.Wave | message
     """The content of a message, in SI units."""
     match message:
         case messages.Motion():
-            return Motion(message.position, message.velocity)
+            return MotionSample(message.position, message.velocity)
         case messages.Port():
-            return Port(message.value, message.energy_nJ * NANO)
+            return PortSample(message.value, message.energy_nJ * NANO)
         case messages.Wave():
             total, total_ns = (message.more or {}).get(INTEGRAL, ((), 0))
-            return Wave(message.wave, message.span_ns * NANO, total, total_ns * NANO)
+            return WaveSample(message.wave, message.span_ns * NANO, total, total_ns * NANO)
         case messages.Proxy():
             more = message.more or {}
             planes = Plane.all_of(message.planes, more.get(CURVATURES), more.get(FRICTION), more.get(EFFECTS))
             aimed_s, reach_m, level = message.aimed_ns * NANO, more.get(REACH), more.get(LEVEL)
-            return Proxy(message.position, aimed_s, message.force, planes, reach_m, level)
+            return ProxySample(message.position, aimed_s, message.force, planes, reach_m, level)
 
 
 def with_arms(arms: Arms, sample: CouplingSample) -> CouplingSample:
     """A pose that is sent or was received, with arms of another length."""
     match sample:
-        case Proxy(position, _, force, planes, reach_m, _):
+        case ProxySample(position, _, force, planes, reach_m, _):
             turned = None if planes is None else tuple([arms.plane(one) for one in planes])
             least_m = None if reach_m is None else reach_m * min(1.0, arms.times)  # along whatever normal
             return sample._replace(
                 position=arms.place(position), force=arms.force(force), planes=turned, reach_m=least_m
             )
-        case Position(position, level):
-            return Position(arms.place(position), level)
-        case Motion() | Port() | Wave():
+        case PositionSample(position, level):
+            return PositionSample(arms.place(position), level)
+        case MotionSample() | PortSample() | WaveSample():
             raise TypeError("of these no law holds a force on a robot")
         case _:
             return arms.place(sample)

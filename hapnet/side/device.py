@@ -18,7 +18,7 @@ from hapnet.control.ledger import Ledger
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.tick import TickResult
-from hapnet.recording.samples import DeviceSample, Event, MotionSample, PostureSample, Sample
+from hapnet.recording.samples import DeviceSample, Event, MetricSample, PostureSample, Sample
 from hapnet.records.vectors import added
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.punctuality import Punctuality
@@ -51,7 +51,7 @@ class Drive:
     write: Write
     record_every: int = 1
     watchdog_ns: int | None = None
-    write_motion: Callable[[MotionSample], None] | None = None
+    write_motion: Callable[[MetricSample], None] | None = None
 
 
 class Stop(NamedTuple):
@@ -275,7 +275,7 @@ class DeviceSide(ABC):
     ) -> None:
         """Write a sample of the device at x [m] and v [m/s], with the forces on it [N] and where its hand aims [m]."""
         if self.write_motion is not None:
-            self.write_motion(MotionSample(now_ns, x, force, target))
+            self.write_motion(MetricSample(now_ns, x, force, target))
             return
         coupling = self.endpoint.coupling
         ledger = coupling.ledger

@@ -96,7 +96,7 @@ class DriverTimes:
         return Event(begun_ns, "device", text, "warning")
 
 
-class Repeats:
+class RepeatedReadings:
     """How many of a device's readings are new: one that is read more often than it measures repeats the last.
 
     A reading is repeated if it is the one before, although it says that the device moves.

@@ -17,12 +17,12 @@ from hapnet.control.coupling import (
     CouplingSample,
     CouplingState,
     DeviceCoupling,
-    Motion,
-    Port,
-    Position,
-    Proxy,
+    PortSample,
+    PositionSample,
+    ProxySample,
     Update,
-    Wave,
+    MotionSample,
+    WaveSample,
     WorldCoupling,
     counted,
 )
@@ -169,7 +169,7 @@ class ControlHalf:
                     sample = self.reindexing.led(coupling, sample, came_ns)
                 used = self.in_use
                 used.sent_ns, used.came_ns, used.took_ns = sent_ns, came_ns, took_ns
-                aimed_s = sample.aimed_s if type(sample) is Proxy else 0.0
+                aimed_s = sample.aimed_s if type(sample) is ProxySample else 0.0
                 coupling.receive(sample, sent_ns * NANO, age_of_content_s(used, now_ns, aimed_s))
         while self.credits:
             coupling.credit(self.credits.popleft() * NANO)
@@ -224,15 +224,15 @@ class ControlHalf:
         positions = self._positions
         positions.echo(*self._echo)
         match sample:
-            case Motion(position, velocity):
+            case MotionSample(position, velocity):
                 return positions.motion(now_ns, position, velocity)
-            case Port(value, energy):
+            case PortSample(value, energy):
                 return positions.port(now_ns, value, energy_nJ(energy))
-            case Proxy(position, aimed_s, force, planes, reach_m, level):
+            case ProxySample(position, aimed_s, force, planes, reach_m, level):
                 return positions.proxy(now_ns, position, moment_ns(aimed_s), force, planes, reach_m, level)
-            case Position(position, level):
+            case PositionSample(position, level):
                 return positions.position(now_ns, position, level)
-            case Wave(value, span, _, _):
+            case WaveSample(value, span, _, _):
                 return positions.wave(now_ns, value, span_ns(span))
             case _:
                 return positions.position(now_ns, sample)
@@ -297,11 +297,11 @@ class WireHalf:
         for event in events:
             if isinstance(event, PositionReceived):
                 sample: CouplingSample
-                sample = event.position if event.level is None else Position(event.position, event.level)
+                sample = event.position if event.level is None else PositionSample(event.position, event.level)
                 self._control.on_sample(sample, event.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, SampleReceived):
                 content = sample_of(event.message)
-                if isinstance(content, Proxy):
+                if isinstance(content, ProxySample):
                     self.planes = content.planes
                 self._control.on_sample(content, event.message.sent_ns, now_ns, event.took_ns)
             elif isinstance(event, EnergyCredited):

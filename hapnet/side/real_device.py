@@ -25,7 +25,7 @@ from hapnet.recording.samples import Event, Level
 from hapnet.records.vectors import inner
 from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Drive
-from hapnet.side.driver_times import Clocks, DriverTimes, Repeats
+from hapnet.side.driver_times import Clocks, DriverTimes, RepeatedReadings
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
 from hapnet.side.notices import signal_text
@@ -100,7 +100,7 @@ class RealDeviceSide(SampledDeviceSide):
         self._times = DriverTimes(
             device.name, drive.period_ns, drive.watchdog_ns or 10 * drive.period_ns, paced=not device.blocks
         )
-        self._repeats = Repeats()
+        self._repeats = RepeatedReadings()
         self.waited: Callable[[], int] = lambda: 0
         """How long the calling thread ran or waited for a processor so far [ns]."""
         self._asked_ns: int | None = None  # since when readings are asked for

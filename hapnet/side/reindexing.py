@@ -8,7 +8,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from hapnet.control.coupling import CouplingSample, CouplingState, Motion, Port, Position, Proxy, Wave, vector_of
+from hapnet.control.coupling import (
+    CouplingSample,
+    CouplingState,
+    PortSample,
+    PositionSample,
+    ProxySample,
+    MotionSample,
+    WaveSample,
+    vector_of,
+)
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.mechanics.frame import Frame
 from hapnet.recording.samples import WorldSample
@@ -68,13 +77,13 @@ class Reindexing:
 
     def _inward(self, sample: CouplingSample) -> CouplingSample:
         match sample:
-            case Position(position, level):
-                return Position(self.frame.own(position), level)
-            case Motion(position, velocity):
-                return Motion(self.frame.own(position), velocity)
-            case Port(position, energy):
-                return Port(self.frame.own(position), energy)
-            case Proxy() | Wave():
+            case PositionSample(position, level):
+                return PositionSample(self.frame.own(position), level)
+            case MotionSample(position, velocity):
+                return MotionSample(self.frame.own(position), velocity)
+            case PortSample(position, energy):
+                return PortSample(self.frame.own(position), energy)
+            case ProxySample() | WaveSample():
                 raise TypeError("of these no leader's law sends any to a robot that re-indexes")
             case _:
                 return self.frame.own(sample)
@@ -85,14 +94,14 @@ class Reindexing:
             return sample
         frame = self.frame
         match sample:
-            case Proxy(position, _, force, planes, _, _):
+            case ProxySample(position, _, force, planes, _, _):
                 seen = None if planes is None else tuple([frame.plane(one) for one in planes])
                 return sample._replace(position=frame.coupled(position), force=frame.coupled_force(force), planes=seen)
-            case Position(position, level):
-                return Position(frame.coupled(position), level)
-            case Motion(position, velocity):
-                return Motion(frame.coupled(position), frame.velocity(velocity))
-            case Port() | Wave():
+            case PositionSample(position, level):
+                return PositionSample(frame.coupled(position), level)
+            case MotionSample(position, velocity):
+                return MotionSample(frame.coupled(position), frame.velocity(velocity))
+            case PortSample() | WaveSample():
                 return sample
             case _:
                 return frame.coupled(sample)

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingState, Wave, WorldCoupling, vector_of
+from hapnet.control.coupling import CouplingState, WaveSample, WorldCoupling, vector_of
 from hapnet.control.held_steps import FollowerServo, HeldSteps
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.errors import HapnetError
@@ -103,7 +103,7 @@ class WorldSide:
             if endpoint.restarted or mass.waits:
                 if (sample := endpoint.arrived) is None:
                     return None
-                if not isinstance(sample, Wave):  # a wave contains no position
+                if not isinstance(sample, WaveSample):  # a wave contains no position
                     mass.place(self.scene.towards(vector_of(sample)))
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)

@@ -70,7 +70,7 @@ class Simulation:
 
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
-    motion_only : record of the device only its motion, for metrics (`MotionSample`).
+    motion_only : record of the device only its motion, for metrics (`MetricSample`).
     kernel : must compiled code run it where it can (hapnet/ext/compiled), or must it not? None: where its machine code
         exists; for a very long run it is made beside the run, which goes on compiled then.
 

@@ -22,7 +22,7 @@ START_S = 1.0
 """The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
 
 
-class Motion(TypedDict):
+class MotionFigures(TypedDict):
     """Tracking errors and peaks, see `motion`. A value is None if the recording does not contain it."""
 
     free_rms_m: float | None
@@ -35,7 +35,7 @@ class Motion(TypedDict):
     peak_torque_Nm: float | None
 
 
-def motion(recording: Recording) -> Motion:
+def motion(recording: Recording) -> MotionFigures:
     """Position errors, peaks and the number of contacts; a value is None if the recording does not contain it.
 
     The position error is the Euclidean distance between device and proxy [m]. The proxy is interpolated linearly at the
@@ -75,7 +75,7 @@ def motion(recording: Recording) -> Motion:
     return result
 
 
-_NONE = Motion(
+_NONE = MotionFigures(
     free_rms_m=None, contact_rms_m=None, peak_force_N=None, peak_penetration_m=None, contacts=None,
     free_rms_rad=None, contact_rms_rad=None, peak_torque_Nm=None,
 )  # fmt: skip
@@ -158,7 +158,7 @@ class LiveFigures:
         """The minimum from `START_S` on, with the margin `end_J` at the end, which no sample may have shown [J]."""
         return None if self.margin_later_J is None or end_J is None else min(self.margin_later_J, end_J)
 
-    def motion(self) -> Motion:
+    def motion(self) -> MotionFigures:
         """Return the figures of motion that are known so far; tracking errors need both sides."""
         return self._motion.copy()
 

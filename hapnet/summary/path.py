@@ -10,7 +10,7 @@ from hapnet.summary.structure import Direction, DirectionFigures
 from hapnet.wire.messages import Role
 from hapnet.wire.path import Path, PathFigures
 
-Section = structure.Path
+Section = structure.PathSummary
 
 RoundTrip = Literal["round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms"]
 ROUND_TRIP: tuple[RoundTrip, ...] = ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms")

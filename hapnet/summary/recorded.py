@@ -19,8 +19,8 @@ from hapnet.summary.structure import (
     SIDES,
     Contradictions,
     EnvironmentPart,
-    Ledger,
-    Outages,
+    LedgerSummary,
+    OutagesSummary,
     PeerPart,
     SidePart,
     Summary,
@@ -95,7 +95,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
     slack = None if jointly_passive(coupling_name) else _extreme(columns["slack_J"], np.min)
     later = columns["time_s"] >= columns["time_s"][0] + START_S
     return {
-        "ledger": unknown(Ledger)
+        "ledger": unknown(LedgerSummary)
         | {
             "margin_J": _extreme(columns["margin_J"], np.min),
             "slack_J": slack,
@@ -114,7 +114,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
         "abandoned_nJ": None,
         "incarnations": None,
         "peers_J": None,
-        "outages": unknown(Outages),
+        "outages": unknown(OutagesSummary),
         "received": None,
         "missing": None,
         "dropped": None,

@@ -19,16 +19,16 @@ from hapnet.summary.structure import (
     Contradictions,
     DevicePart,
     DriverPart,
-    Energy,
+    EnergySummary,
     Environment,
     EnvironmentPart,
     Flow,
-    Hand,
-    Ledger,
+    HandSummary,
+    LedgerSummary,
     Links,
-    Motion,
-    Path,
-    Servo,
+    MotionFigures,
+    PathSummary,
+    ServoSummary,
     SidePart as SidePart,
     Stopped,
     Summary as Summary,
@@ -45,7 +45,7 @@ from hapnet.wire.session import Session
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> SidePart:
     """The device's part, as its control half knows it. `servo`: the servo's timing in real time."""
     result = _control_summary(side.endpoint, coupling_name)
-    result["servo"] = cast(Servo, {**unknown(Servo), "ticks": side.ticks, **(servo or {})})
+    result["servo"] = cast(ServoSummary, {**unknown(ServoSummary), "ticks": side.ticks, **(servo or {})})
     result["quantisation_J"] = side.quantisation
     slack = None if jointly_passive(coupling_name) else side.true_slack
     result["true_slack_J"] = None if slack is None else _known(slack)
@@ -174,7 +174,7 @@ def combine(
     tuning: Mapping[str, float] | None = None,
     felt: Mapping[str, Any] | None = None,
     torn: Sequence[str] = (),
-    path: Path | None = None,
+    path: PathSummary | None = None,
 ) -> Summary:
     """One summary of both sides. `tuning`: what the coupling's rule derived from the link. `felt`: of walls, see
     stiffness.py. `path`: see path.py.
@@ -202,7 +202,7 @@ def combine(
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bound = _bound(device, world)
-    energy: Energy = {"up": _flow(device, world, early_J[0]), "down": _flow(world, device, early_J[1])}
+    energy: EnergySummary = {"up": _flow(device, world, early_J[0]), "down": _flow(world, device, early_J[1])}
     flows = energy["up"], energy["down"]
     again = restarted(device, world)
     margin = end = later = None
@@ -230,14 +230,14 @@ def combine(
     hand = {"work_J": None if device is None else device.get("hand_work_J"), "margin_J": hand_margin}
     return judged(cast(Summary, {
         "theorem": cast(Theorem, {**plain(theorem), "diverged": diverged}),
-        "hand": cast(Hand, plain(hand)),
+        "hand": cast(HandSummary, plain(hand)),
         "environment": _environment(world, felt),
         "device": device,
         "world": world,
         "energy": energy,
-        "path": unknown(Path) if path is None else path.copy(),
+        "path": unknown(PathSummary) if path is None else path.copy(),
         "links": cast(Links, dict(links)),
-        "motion": unknown(Motion),
+        "motion": unknown(MotionFigures),
         "seed": seed,
         "duration_s": duration_s,
         "units": units,
@@ -267,7 +267,7 @@ def _environment(world: SidePart | None, felt: Mapping[str, Any] | None) -> Envi
 
     A summary of an older version has no such account, nor how stiff its walls are felt.
     """
-    ledger = unknown(Ledger) if world is None else world["ledger"]
+    ledger = unknown(LedgerSummary) if world is None else world["ledger"]
     own = unknown(EnvironmentPart) | ({} if world is None else world.get("environment") or {})
     port = {"work_J": ledger.get("work_J"), "slack_J": ledger.get("slack_J")}
     return cast(Environment, {**port, **own, **_felt(felt, felt)})
@@ -350,7 +350,7 @@ def recorded_margins(recording: Recording | None) -> dict[str, Any]:
 
 
 def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
-    ledger = unknown(Ledger)
+    ledger = unknown(LedgerSummary)
     minimum = deficit = modulated = None
     discarded = 0.0
     if control.started:

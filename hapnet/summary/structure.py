@@ -24,7 +24,7 @@ from typing import (
     is_typeddict,
 )
 
-from hapnet.summary.from_samples import Motion as Motion
+from hapnet.summary.from_samples import MotionFigures as MotionFigures
 from hapnet.wire.messages import Role
 
 Direction = Literal["up", "down"]
@@ -38,7 +38,7 @@ Count = int | None
 Shape = TypeVar("Shape")
 
 
-class Verdict(TypedDict):
+class VerdictSummary(TypedDict):
     """`passive` : None if it is not known. `reason` : why, as a sentence."""
 
     passive: bool | None
@@ -56,7 +56,7 @@ class Theorem(TypedDict):
     diverged: bool | None
 
 
-class Hand(TypedDict):
+class HandSummary(TypedDict):
     """The port of the simulated hand [J]."""
 
     work_J: Number
@@ -99,7 +99,7 @@ class Environment(EnvironmentPart):
     slack_J: Number
 
 
-class Ledger(TypedDict):
+class LedgerSummary(TypedDict):
     """One side's half of the theorem [J]. `margin_later_J` : the minimum after the first second, at its samples."""
 
     margin_J: Number
@@ -112,7 +112,7 @@ class Ledger(TypedDict):
     diverged: bool | None
 
 
-class Outages(TypedDict):
+class OutagesSummary(TypedDict):
     """The times in which one side heard nothing from the other."""
 
     count: Count
@@ -121,7 +121,7 @@ class Outages(TypedDict):
     recovery_max_s: Number
 
 
-class Servo(TypedDict):
+class ServoSummary(TypedDict):
     """Timing of the servo; in virtual time only its ticks.
 
     `late_...` : of every deadline, skipped ones too, until the first tick after it. `overruns` : ticks that came later
@@ -143,7 +143,7 @@ class Servo(TypedDict):
     late_histogram_us: Any
 
 
-class Step(TypedDict):
+class StepSummary(TypedDict):
     """The world's steps."""
 
     count: Count
@@ -218,7 +218,7 @@ class SidePart(DevicePart, total=False):
     More than twenty attributes: one for each key of the summary's `device` and `world`.
     """
 
-    ledger: Required[Ledger]
+    ledger: Required[LedgerSummary]
     reservoir_min_J: Number
     modulated_share: Number
     deficit_max_J: Number
@@ -231,16 +231,16 @@ class SidePart(DevicePart, total=False):
     abandoned_nJ: Count
     incarnations: Count
     peers_J: Number
-    outages: Outages
+    outages: OutagesSummary
     received: Count
     missing: Count
     dropped: dict[str, int] | None
     contradictions: Contradictions
     peer: PeerPart
     failed: str | None
-    step: Step
+    step: StepSummary
     environment: EnvironmentPart
-    servo: Servo
+    servo: ServoSummary
     quantisation_J: Number
     true_slack_J: Number
 
@@ -256,7 +256,7 @@ class Flow(TypedDict):
     """The most that was credited before it was sent, where both sides were recorded on one clock [J]."""
 
 
-class Energy(TypedDict):
+class EnergySummary(TypedDict):
     """Shuffled energy, in both directions."""
 
     up: Flow
@@ -282,7 +282,7 @@ class DirectionFigures(TypedDict):
     longest_stall_ms: Number
 
 
-class Path(TypedDict):
+class PathSummary(TypedDict):
     """The figures of the path between the sides by their streams, network and emulated links together."""
 
     round_trip_min_ms: Number
@@ -335,16 +335,16 @@ class Summary(TypedDict):
     More than twenty attributes: one for each of its keys.
     """
 
-    verdict: Verdict
+    verdict: VerdictSummary
     theorem: Theorem
-    hand: Hand
+    hand: HandSummary
     environment: Environment
     device: SidePart | None
     world: SidePart | None
-    energy: Energy
-    path: Path
+    energy: EnergySummary
+    path: PathSummary
     links: Links
-    motion: Motion
+    motion: MotionFigures
     seed: Count
     duration_s: Number
     units: str | None

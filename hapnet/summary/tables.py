@@ -14,8 +14,8 @@ from hapnet.summary.structure import (
     Environment,
     Flow,
     LinkPart,
-    Motion,
-    Path,
+    MotionFigures,
+    PathSummary,
     SidePart,
     Summary,
     Theorem,
@@ -138,7 +138,7 @@ _PATH: tuple[_Row[DirectionFigures], ...] = (
     _Row("stalls", "", lambda of: of["stalls"], number),
     _Row("longest stall", "ms", lambda of: of["longest_stall_ms"], number),
 )
-_MOTION: tuple[_Row[Motion], ...] = (
+_MOTION: tuple[_Row[MotionFigures], ...] = (
     _Row("position error, free (rms)", "mm", lambda of: of["free_rms_m"], milli),
     _Row("position error, in contact (rms)", "mm", lambda of: of["contact_rms_m"], milli),
     _Row("angle between, free (rms)", "°", lambda of: of["free_rms_rad"], degrees),
@@ -285,7 +285,7 @@ def _verdict_text(tree: object) -> Text:
     return Text(verdict(tree), style=styles[outcome(tree)])
 
 
-def _path_words(found: Path) -> str:
+def _path_words(found: PathSummary) -> str:
     """The round trip, and what each direction lost; the emulated links included."""
     median, late = found["round_trip_p50_ms"], found["round_trip_p99_ms"]
     said = [] if median is None else [f"round trip {number(median)} ms"]
@@ -299,7 +299,7 @@ def _path_words(found: Path) -> str:
     return ", ".join(said) or "not known"
 
 
-def _lost(found: Path) -> list[str | None]:
+def _lost(found: PathSummary) -> list[str | None]:
     """The losses on the path in each direction, in %."""
     return [
         None if direction is None else _share(direction["lost"], direction["sent"])

@@ -36,7 +36,7 @@ from hapnet.summary.servos import (
     rates as _rates,
     stalls as _stalls,
 )
-from hapnet.summary.structure import SIDES, Direction, Flow, SidePart, Summary, Verdict, read
+from hapnet.summary.structure import SIDES, Direction, Flow, SidePart, Summary, VerdictSummary, read
 from hapnet.wire.messages import Role
 
 ROUNDING_J = 1e-9
@@ -52,7 +52,7 @@ _WHO: Mapping[Role, str] = {
 }  # a world has a servo where a robot is in its place
 
 
-def judge(tree: object) -> Verdict:
+def judge(tree: object) -> VerdictSummary:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
     gave = [*_givers(summary), *_stalls(summary), *_rates(summary), *_reporter(summary), *_cut_short(summary)]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hapnet.mechanics.pose import ARM_M
-from hapnet.summary.structure import Summary, Verdict, known
+from hapnet.summary.structure import Summary, VerdictSummary, known
 from hapnet.summary.verdict import DEFICIT_J, judge
 from hapnet.units import POSE, within
 
@@ -27,7 +27,7 @@ def verdict(summary: object) -> str:
     return stated(judge(summary))
 
 
-def stated(found: Verdict) -> str:
+def stated(found: VerdictSummary) -> str:
     """A verdict in one line."""
     return f"{_WORDS[found['passive']]}: {found['reason']}"
 

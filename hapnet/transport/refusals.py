@@ -41,7 +41,7 @@ _MOST_NAMES = 256
 _PIPE_BYTES = 2**20
 
 
-class Log:
+class RefusalReader:
     """Reads lines of Zenoh's log, and says who was refused."""
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Refusals:
     """Refusals that were not reported yet; one thread reads the lines, another takes the refusals."""
 
     def __init__(self) -> None:
-        self._log = Log()
+        self._log = RefusalReader()
         self._new: dict[str, None] = {}
         self._reported_ns: dict[str, int] = {}
 

@@ -38,7 +38,7 @@ from hapnet.wire.events import Event, Mismatch, Paired, PeerLeft, PeerRefused, U
 from hapnet.wire.fields import ANSWERS, MAX_TEXT
 from hapnet.wire.identity import EARLIER, misfit
 from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Welcome
-from hapnet.wire.pairing import Action, Input, State, transition
+from hapnet.wire.pairing import Action, Input, PairingState, transition
 from hapnet.wire.secret import Keys, Secret
 
 CANDIDATE_NS = 500_000_000  # several hello periods: one that still looks for a peer is heard meanwhile
@@ -47,7 +47,7 @@ REPORT_SPACING_NS = 100_000_000  # minimum time between two reports that somebod
 MAX_PEERS = 4096
 
 
-class Said(NamedTuple):
+class MessageData(NamedTuple):
     """The data of the message that caused the actions. What a message does not have keeps its default."""
 
     sender: int
@@ -83,7 +83,7 @@ class Handshake:
         self.identity = identity
         self.keys: Keys = Keys(secret, identity.incarnation)
         """The keys that this side shares with others."""
-        self.state: State = State.SEARCHING
+        self.state: PairingState = PairingState.SEARCHING
         self.peer: Identity | None = None
         self.pairs: int = 0
         self.control: ControlSender = ControlSender(identity, hello_period_ns, self.keys.offer)
@@ -116,9 +116,9 @@ class Handshake:
         """
         if not self._is_peer(sender):
             self._observe(now_ns)
-            self._act(self._never_a_peer(sender) or Input.DATA, Said(sender), now_ns)
+            self._act(self._never_a_peer(sender) or Input.DATA, MessageData(sender), now_ns)
         elif addressee not in (None, self.identity.incarnation):
-            self._act(Input.MISADDRESSED, Said(sender, addressee or 0), now_ns)
+            self._act(Input.MISADDRESSED, MessageData(sender, addressee or 0), now_ns)
 
     def other_version(self, error: OtherVersion, now_ns: int) -> tuple[Event, ...]:
         """Process a frame of another version: a hello is refused with a reason, all else is ignored."""
@@ -127,7 +127,7 @@ class Handshake:
             return ()
         self._observe(now_ns)
         happened = Input.FORGED_HELLO if self._is_peer(sender) else Input.UNFIT_HELLO
-        return self._act(happened, Said(sender, reason=error.detail), now_ns)
+        return self._act(happened, MessageData(sender, reason=error.detail), now_ns)
 
     def close(self, now_ns: int, acked_nJ: int, reason: str) -> None:
         """Say bye a few times, and nothing else from now on.
@@ -142,7 +142,7 @@ class Handshake:
 
     def poll(self, now_ns: int) -> list[Addressed]:
         """The messages to send now."""
-        return self.control.poll(now_ns, searching=self.state is State.SEARCHING)
+        return self.control.poll(now_ns, searching=self.state is PairingState.SEARCHING)
 
     @property
     def next_due_ns(self) -> int | None:
@@ -151,27 +151,27 @@ class Handshake:
 
     # -- which input a message is: nothing here changes anything ---------------------------------------------------
 
-    def _classify(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Input, Said]:
+    def _classify(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Input, MessageData]:
         sender = message.incarnation
         match message:
             case Hello():
                 identity = _identity(message)
                 reason = misfit(self.identity, identity) or self.keys.misfit(message.name, message.more)
-                said = Said(sender, number=message.number, identity=identity, reason=reason, more=message.more)
+                said = MessageData(sender, number=message.number, identity=identity, reason=reason, more=message.more)
                 return self._classify_hello(said, now_ns, data)
             case Welcome():
                 identity = _identity(message)
                 reason = misfit(self.identity, identity) or self.keys.misfit(message.name, message.more)
                 reason = reason or self._no_more_peers()
-                said = Said(sender, message.addressee, message.number, identity, reason, message.more)
+                said = MessageData(sender, message.addressee, message.number, identity, reason, message.more)
                 return self._classify_welcome(said, now_ns, data)
             case Refuse():
-                said = Said(sender, message.addressee, reason=message.reason, more=message.more)
+                said = MessageData(sender, message.addressee, reason=message.reason, more=message.more)
                 return self._classify_refusal(said, now_ns, data), said
             case Bye():
-                return self._classify_bye(sender), Said(sender, reason=message.reason)
+                return self._classify_bye(sender), MessageData(sender, reason=message.reason)
 
-    def _classify_hello(self, said: Said, now_ns: int, data: bytes) -> tuple[Input, Said]:
+    def _classify_hello(self, said: MessageData, now_ns: int, data: bytes) -> tuple[Input, MessageData]:
         sender = said.sender
         if (never := self._never_a_peer(sender)) is not None:
             return never, said
@@ -192,7 +192,7 @@ class Handshake:
         waits = self._is_other_candidate(sender, now_ns, said.proven) or self._must_wait(sender, now_ns)
         return Input.OTHER_CANDIDATE if waits else Input.HELLO, said
 
-    def _classify_welcome(self, said: Said, now_ns: int, data: bytes) -> tuple[Input, Said]:
+    def _classify_welcome(self, said: MessageData, now_ns: int, data: bytes) -> tuple[Input, MessageData]:
         sender = said.sender
         if said.addressee != self.identity.incarnation:
             return Input.MISADDRESSED, said
@@ -211,7 +211,7 @@ class Handshake:
             return Input.STALE_WELCOME, said
         return Input.UNFIT_WELCOME if said.reason else Input.WELCOME, said
 
-    def _classify_refusal(self, said: Said, now_ns: int, data: bytes) -> Input:
+    def _classify_refusal(self, said: MessageData, now_ns: int, data: bytes) -> Input:
         sender = said.sender
         if sender == self.identity.incarnation:
             return Input.OWN
@@ -262,7 +262,7 @@ class Handshake:
             heard = Input.PEER_HEARD if self._living(now_ns) else Input.PEER_SILENT
             self.state = transition(self.state, heard).state
 
-    def _act(self, happened: Input, said: Said, now_ns: int) -> tuple[Event, ...]:
+    def _act(self, happened: Input, said: MessageData, now_ns: int) -> tuple[Event, ...]:
         row = transition(self.state, happened)
         self.state = row.state
         events: tuple[Event, ...] = ()
@@ -273,7 +273,7 @@ class Handshake:
             raise Ignored(kind, detail.format_map(said._asdict()), events)
         return events
 
-    def _do(self, action: Action, said: Said, now_ns: int) -> tuple[Event, ...]:
+    def _do(self, action: Action, said: MessageData, now_ns: int) -> tuple[Event, ...]:
         match action:
             case Action.MAKE_CANDIDATE:
                 self._make_candidate(said, now_ns)
@@ -302,7 +302,7 @@ class Handshake:
                 return (PeerLeft(said.reason),)
         return ()
 
-    def _pair(self, said: Said) -> tuple[Event, ...]:
+    def _pair(self, said: MessageData) -> tuple[Event, ...]:
         identity = said.identity
         assert identity is not None  # only a welcome pairs
         why = f"replaced by {identity.name}"
@@ -321,7 +321,7 @@ class Handshake:
         encrypts = self.keys.cipher(peer.incarnation) is not None
         return Paired(peer, self.pairs, encrypts, self.keys.proof, self.keys.fingerprint(peer.incarnation))
 
-    def _make_candidate(self, said: Said, now_ns: int) -> None:
+    def _make_candidate(self, said: MessageData, now_ns: int) -> None:
         if said.sender != self._candidate or now_ns - self._candidate_since_ns > CANDIDATURE_NS:
             self._candidate_since_ns = now_ns
         self._candidate, self._candidate_ns, self._candidate_proven = said.sender, now_ns, said.proven
@@ -330,7 +330,7 @@ class Handshake:
                 self._answered.clear()
             self._answered[said.sender] = (said.more or {})[ANSWERS][1]
 
-    def _ask_proof(self, said: Said, now_ns: int) -> tuple[Event, ...]:
+    def _ask_proof(self, said: MessageData, now_ns: int) -> tuple[Event, ...]:
         if not self.keys.has_key(said.more):
             self._send_refusal(said.sender, f"{_name(said)} has no secret, and this side has one")
             return self._report(Unproven(), said.sender, now_ns)
@@ -338,7 +338,7 @@ class Handshake:
             self.control.answer(said.sender, said.number, key)
         return ()
 
-    def _refuse(self, said: Said, now_ns: int) -> tuple[Event, ...]:
+    def _refuse(self, said: MessageData, now_ns: int) -> tuple[Event, ...]:
         self._send_refusal(said.sender, said.reason, self.keys.key_for(said.sender, said.more))
         if self.keys.must_prove(said.more) and not said.proven:
             return self._report(Unproven(), said.sender, now_ns)
@@ -350,7 +350,7 @@ class Handshake:
         self.peer = None
         self._stale_hellos = self.control.hellos
 
-    def _send_welcome(self, said: Said) -> None:
+    def _send_welcome(self, said: MessageData) -> None:
         me = self.identity
         others = len(self._retired) + (self.peer is not None and not self._is_peer(said.sender))
         about = {**me.about, EARLIER: others} if others else me.about
@@ -373,7 +373,7 @@ class Handshake:
         return (event,)
 
 
-def _name(said: Said) -> str:
+def _name(said: MessageData) -> str:
     return "a side" if said.identity is None else said.identity.name
 
 

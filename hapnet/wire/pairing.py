@@ -15,7 +15,7 @@ from typing import NamedTuple
 from hapnet.errors import LocalProtocolError
 
 
-class State(Enum):
+class PairingState(Enum):
     """Where a side is in finding and keeping its peer."""
 
     SEARCHING = "there is no peer; this side says hello"
@@ -94,19 +94,19 @@ class Drop(Enum):
 class Transition(NamedTuple):
     """A row: the state that follows, what to do, and why to drop the message (None: it counts)."""
 
-    state: State
+    state: PairingState
     actions: tuple[Action, ...] = ()
     drop: Drop | None = None
 
 
-def _row(state: State, *actions: Action, drop: Drop | None = None) -> Transition:
+def _row(state: PairingState, *actions: Action, drop: Drop | None = None) -> Transition:
     return Transition(state, actions, drop)
 
 
-def _in_any(state: State) -> dict[Input, Transition]:
+def _in_any(state: PairingState) -> dict[Input, Transition]:
     """The answers that every state but the last has in common."""
     return {
-        Input.CLOSE: _row(State.LEFT),
+        Input.CLOSE: _row(PairingState.LEFT),
         Input.OWN: _row(state, drop=Drop.OWN),
         Input.RETIRED: _row(state, Action.REFUSE_RETIRED, drop=Drop.RETIRED),
         Input.MISADDRESSED: _row(state, drop=Drop.MISADDRESSED),
@@ -117,27 +117,27 @@ def _in_any(state: State) -> dict[Input, Transition]:
     }
 
 
-def _with_peer(state: State) -> dict[Input, Transition]:
+def _with_peer(state: PairingState) -> dict[Input, Transition]:
     """The answers of a side with a peer, heard or not."""
     return _in_any(state) | {
-        Input.PEER_HEARD: _row(State.PAIRED),
-        Input.PEER_SILENT: _row(State.SILENT),
+        Input.PEER_HEARD: _row(PairingState.PAIRED),
+        Input.PEER_SILENT: _row(PairingState.SILENT),
         Input.HELLO_OF_PEER: _row(state, Action.SEND_WELCOME),
         Input.FORGED_HELLO: _row(state),
         Input.WELCOME_OF_PEER: _row(state),
-        Input.REFUSAL_OF_PEER: _row(State.SEARCHING, Action.END_PAIR, Action.REPORT_END_BY_REFUSAL),
-        Input.BYE_OF_PEER: _row(State.SEARCHING, Action.END_PAIR, Action.REPORT_BYE),
+        Input.REFUSAL_OF_PEER: _row(PairingState.SEARCHING, Action.END_PAIR, Action.REPORT_END_BY_REFUSAL),
+        Input.BYE_OF_PEER: _row(PairingState.SEARCHING, Action.END_PAIR, Action.REPORT_BYE),
     }
 
 
-def _open_to_strangers(state: State, no_peer: Drop) -> dict[Input, Transition]:
+def _open_to_strangers(state: PairingState, no_peer: Drop) -> dict[Input, Transition]:
     """The answers of a side to strangers while no peer is heard."""
     return {
         Input.OTHER_CANDIDATE: _row(state, drop=Drop.OTHER_CANDIDATE),
         Input.HELLO: _row(state, Action.MAKE_CANDIDATE, Action.SEND_WELCOME, Action.SEND_HELLO),
         Input.UNPROVEN_HELLO: _row(state, Action.ASK_PROOF),
         Input.FALSE_PROOF: _row(state, Action.REPORT_UNPROVEN, drop=Drop.FALSE_PROOF),
-        Input.WELCOME: _row(State.PAIRED, Action.PAIR),
+        Input.WELCOME: _row(PairingState.PAIRED, Action.PAIR),
         Input.STALE_WELCOME: _row(state, Action.SEND_HELLO, drop=Drop.STALE_WELCOME),
         Input.UNFIT_WELCOME: _row(state, Action.MAKE_CANDIDATE, Action.SEND_REFUSAL),
         Input.REFUSAL: _row(state, Action.REPORT_REFUSAL),
@@ -145,22 +145,22 @@ def _open_to_strangers(state: State, no_peer: Drop) -> dict[Input, Transition]:
     }
 
 
-def _closed_to_strangers(state: State) -> dict[Input, Transition]:
+def _closed_to_strangers(state: PairingState) -> dict[Input, Transition]:
     """Nobody takes the place of a peer that is heard."""
     rivals = _open_to_strangers(state, Drop.PEER_IS_HEARD)
     return dict.fromkeys(rivals, _row(state, drop=Drop.PEER_IS_HEARD))
 
 
-TRANSITIONS: dict[State, dict[Input, Transition]] = {
-    State.SEARCHING: _in_any(State.SEARCHING) | _open_to_strangers(State.SEARCHING, Drop.UNPAIRED),
-    State.PAIRED: _with_peer(State.PAIRED) | _closed_to_strangers(State.PAIRED),
-    State.SILENT: _with_peer(State.SILENT) | _open_to_strangers(State.SILENT, Drop.STRANGER),
-    State.LEFT: {},
+TRANSITIONS: dict[PairingState, dict[Input, Transition]] = {
+    PairingState.SEARCHING: _in_any(PairingState.SEARCHING) | _open_to_strangers(PairingState.SEARCHING, Drop.UNPAIRED),
+    PairingState.PAIRED: _with_peer(PairingState.PAIRED) | _closed_to_strangers(PairingState.PAIRED),
+    PairingState.SILENT: _with_peer(PairingState.SILENT) | _open_to_strangers(PairingState.SILENT, Drop.STRANGER),
+    PairingState.LEFT: {},
 }
 """The whole table. What a state has no row for cannot come from a peer."""
 
 
-def transition(state: State, happened: Input) -> Transition:
+def transition(state: PairingState, happened: Input) -> Transition:
     """The row of `happened` in `state`.
 
     Raises LocalProtocolError: there is none: this side's own program asks for what cannot be.

@@ -8,7 +8,7 @@ from matplotlib.patches import StepPatch
 from hapnet.errors import InvalidParameter
 from hapnet.ext.bench import report
 from hapnet.ext.bench.registry import ROWS, select
-from hapnet.ext.bench.row import Distribution, Figures, Limit, Row
+from hapnet.ext.bench.row import Distribution, Limit, RoundFigures, Row
 
 REQUIRED = {
     "servo_idle", "servo_traffic", "servo_traffic_5khz", "servo_busy_thread", "device_tick", "pspm_update_3dof",
@@ -37,8 +37,8 @@ def test_bins_count_as_often_as_they_say() -> None:
 
 def test_figures_are_medians_over_rounds() -> None:
     rounds = [Distribution.of(np.arange(1, 101) * scale) for scale in (1.0, 10.0, 2.0)]
-    assert Figures.of(rounds) == Figures(1.0, 100.0, 198.0)
-    assert Figures.of(rounds, higher_is_better=True) == Figures(1.0, 100.0, 2.0)
+    assert RoundFigures.of(rounds) == RoundFigures(1.0, 100.0, 198.0)
+    assert RoundFigures.of(rounds, higher_is_better=True) == RoundFigures(1.0, 100.0, 2.0)
 
 
 def test_ratios_are_of_the_medians_over_rounds() -> None:

@@ -13,7 +13,7 @@ from hapnet.checks import Vector, wrong_effects
 from hapnet.control.contact_equations import share
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.contact_plane import ContactPlane
-from hapnet.control.coupling import Proxy
+from hapnet.control.coupling import ProxySample
 from hapnet.errors import InvalidParameter
 from hapnet.ext.compiled.whole_runs.coverage import why_not
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
@@ -321,7 +321,7 @@ def test_a_servo_in_a_process_of_its_own_gets_them() -> None:
     proxy = reported((face(ALL, 0.3),), (0.0, 0.0, 0.0))
     kind, values = msgpack.unpackb(msgpack.packb((kind_of(proxy), proxy)), use_list=False)
     came = sample_of(kind, values)
-    assert isinstance(came, Proxy)
+    assert isinstance(came, ProxySample)
     compliance = [[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)]
     assert ContactPlane(came.planes[0], compliance, came.position).effects == ALL
 

@@ -11,7 +11,7 @@ from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_equations import SETTLED_MPS, share
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import Proxy
+from hapnet.control.coupling import ProxySample
 from hapnet.control.self_motion import SelfMotion
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.spring import Spring
@@ -33,8 +33,8 @@ def model(x: Vector, lead: float = 0.0) -> ContactModel:
     )
 
 
-def reported(planes: tuple[Plane, ...] | None, x: Vector = (0.0,), force: Vector = ()) -> Proxy:
-    return Proxy(x, 1.0, force or (0.0,) * len(x), planes)
+def reported(planes: tuple[Plane, ...] | None, x: Vector = (0.0,), force: Vector = ()) -> ProxySample:
+    return ProxySample(x, 1.0, force or (0.0,) * len(x), planes)
 
 
 def wall(offset: float = 0.0, stiffness: float = K_WALL) -> Plane:

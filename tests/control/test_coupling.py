@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, LawServo, LawState, LawSteps, Motion, Port, Update, Wave
+from hapnet.control.coupling import (
+    CouplingSample,
+    LawServo,
+    LawState,
+    LawSteps,
+    PortSample,
+    Update,
+    MotionSample,
+    WaveSample,
+)
 
 T = 1e-3
 
@@ -23,7 +32,7 @@ class Spring:
         self.renewals = 0
 
     def receive(self, sample: CouplingSample) -> None:
-        assert not isinstance(sample, Motion | Port | Wave)
+        assert not isinstance(sample, MotionSample | PortSample | WaveSample)
         self.set_position = sample
 
     def on_peer_changed(self) -> None:
@@ -34,7 +43,7 @@ class Spring:
         return tuple(-self.K * (a - y) - self.B * b for a, b, y in zip(x, v, self.set_position, strict=True))
 
     def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
-        return Motion(x, v)
+        return MotionSample(x, v)
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         self.reported.append(held)
@@ -90,7 +99,7 @@ def test_a_hand_that_presses_a_spring_puts_energy_in() -> None:
 def test_a_sample_is_due_once_a_period(dt: float, every: int) -> None:
     """At the first tick that is no sooner, clocks of whole nanoseconds allowed for."""
     subject = servo(Spring(1.0, 0.0))
-    sent = [k for k in range(1, 31) if subject.tick(dt, (0.1,), (0.2,)) == Update(Motion((0.1,), (0.2,)))]
+    sent = [k for k in range(1, 31) if subject.tick(dt, (0.1,), (0.2,)) == Update(MotionSample((0.1,), (0.2,)))]
     assert sent == list(range(every, 31, every))
 
 
@@ -99,7 +108,7 @@ def test_a_released_servo_renders_nothing_and_still_speaks() -> None:
     subject = servo(law, period=2 * T)
     subject.tick(T, (0.01,), (0.0,))
     assert subject.force == (-1.0,)
-    assert subject.tick(T, (0.02,), (0.0,), release=True) == Update(Motion((0.02,), (0.0,)))
+    assert subject.tick(T, (0.02,), (0.0,), release=True) == Update(MotionSample((0.02,), (0.0,)))
     assert subject.force == (0.0,)
     subject.tick(T, (0.03,), (0.0,))
     assert law.reported == [(0.0,), (-1.0,), (0.0,)]
@@ -149,12 +158,12 @@ class Order:
 
     def next_sample(self) -> CouplingSample:
         self.asked.append("sample")
-        return Wave((1.0,), 0.5)
+        return WaveSample((1.0,), 0.5)
 
 
 def test_a_step_begins_with_what_has_arrived_and_then_says_its_own() -> None:
     law = Order()
     steps = LawSteps(law, 0.0)
-    steps.coupling.receive(Port((1.0,), 2.0), 0.0, 0.0)
-    assert steps.update(0.01, (0.0,), 0.0) == Update(Wave((1.0,), 0.5))
-    assert law.asked == [f"receive {Port((1.0,), 2.0)}", "begin", "sample"]
+    steps.coupling.receive(PortSample((1.0,), 2.0), 0.0, 0.0)
+    assert steps.update(0.01, (0.0,), 0.0) == Update(WaveSample((1.0,), 0.5))
+    assert law.asked == [f"receive {PortSample((1.0,), 2.0)}", "begin", "sample"]

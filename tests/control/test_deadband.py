@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.assembly.build import prepare
-from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
+from hapnet.control.coupling import CouplingSample, PortSample, MotionSample, WaveSample
 from hapnet.control.deadband import MAX_S, MIN_M, MIN_MPS, MIN_N, MIN_WAVE, Deadband
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
@@ -59,12 +59,12 @@ def test_just_the_fraction_or_the_minimum_is_not_felt_yet() -> None:
     for first, second in ((1.0, 1.25), (0.0, MIN_M)):
         assert sent(Deadband(0.25), [(first,), (second,)]) == [0]
     for first, second in ((1.0, 1.25), (0.0, MIN_WAVE)):
-        assert sent(Deadband(0.25), [Wave((first,), 1e-3), Wave((second,), 1e-3)]) == [0]
+        assert sent(Deadband(0.25), [WaveSample((first,), 1e-3), WaveSample((second,), 1e-3)]) == [0]
 
 
 def test_a_motion_is_sent_for_its_position_or_its_velocity() -> None:
-    def motion(mm: float, mm_s: float) -> Motion:
-        return Motion((1e-3 * mm,), (1e-3 * mm_s,))
+    def motion(mm: float, mm_s: float) -> MotionSample:
+        return MotionSample((1e-3 * mm,), (1e-3 * mm_s,))
 
     moving: list[CouplingSample] = [motion(10, 100), motion(10.9, 109), motion(10, 111), motion(11.1, 111)]
     assert sent(Deadband(0.1), moving) == [0, 2, 3]
@@ -73,24 +73,29 @@ def test_a_motion_is_sent_for_its_position_or_its_velocity() -> None:
 
 
 def test_a_port_is_sent_for_what_it_shows_its_energy_waits() -> None:
-    forces: list[CouplingSample] = [Port((1.0,), 0.0), Port((1.09,), 5.0), Port((1.11,), 6.0), Port((0.0,), 7.0)]
+    forces: list[CouplingSample] = [
+        PortSample((1.0,), 0.0),
+        PortSample((1.09,), 5.0),
+        PortSample((1.11,), 6.0),
+        PortSample((0.0,), 7.0),
+    ]
     assert sent(Deadband(0.1, port="force"), forces) == [0, 2, 3]
-    assert sent(Deadband(0.1, port="force"), [Port((0.0,), 0.0), Port((0.9 * MIN_N,), 9.0)]) == [0]
-    positions: list[CouplingSample] = [Port((0.01,), 0.0), Port((0.0109,), 5.0), Port((0.0111,), 6.0)]
+    assert sent(Deadband(0.1, port="force"), [PortSample((0.0,), 0.0), PortSample((0.9 * MIN_N,), 9.0)]) == [0]
+    positions: list[CouplingSample] = [PortSample((0.01,), 0.0), PortSample((0.0109,), 5.0), PortSample((0.0111,), 6.0)]
     assert sent(Deadband(0.1), positions) == [0, 2]
 
 
 def test_a_wave_is_sent_with_those_that_waited() -> None:
     """Sent 1; 1.05 waits; 1.2 does not: the mean of 1.05 over 2 ms and 1.2 over 4 ms is 1.15 over 6."""
     band = Deadband(0.1)
-    assert band.offer(0.0, Wave((1.0,), 2e-3), HERE) == Wave((1.0,), 2e-3)
-    assert band.offer(0.002, Wave((1.05,), 2e-3), HERE) is None
-    merged = band.offer(0.006, Wave((1.2,), 4e-3), HERE)
-    assert isinstance(merged, Wave)
+    assert band.offer(0.0, WaveSample((1.0,), 2e-3), HERE) == WaveSample((1.0,), 2e-3)
+    assert band.offer(0.002, WaveSample((1.05,), 2e-3), HERE) is None
+    merged = band.offer(0.006, WaveSample((1.2,), 4e-3), HERE)
+    assert isinstance(merged, WaveSample)
     assert merged.value == pytest.approx((1.15,))
     assert merged.span == pytest.approx(6e-3)
     assert band.held_back == 1
-    assert sent(Deadband(0.1), [Wave((0.0,), 1.0), Wave((0.9 * MIN_WAVE,), 1.0)]) == [0]
+    assert sent(Deadband(0.1), [WaveSample((0.0,), 1.0), WaveSample((0.9 * MIN_WAVE,), 1.0)]) == [0]
 
 
 vectors = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
@@ -107,8 +112,8 @@ def test_of_waves_nothing_is_lost_and_no_energy_made(fraction: float, waves: lis
         now += span
         into += span * np.array(value)
         energy_in += span * float(np.dot(value, value))
-        done = band.offer(now, Wave(value, span), (0.0, 0.0))
-        if isinstance(done, Wave):
+        done = band.offer(now, WaveSample(value, span), (0.0, 0.0))
+        if isinstance(done, WaveSample):
             out += done.span * np.array(done.value)
             energy_out += done.span * float(np.dot(done.value, done.value))
             np.testing.assert_allclose(out, into, rtol=1e-12, atol=1e-12)
@@ -122,9 +127,9 @@ def test_whatever_rests_is_sent_every_tenth_of_a_second_all_the_same() -> None:
 
 def test_another_peer_is_told_at_once_and_not_what_the_first_one_missed() -> None:
     band = Deadband(0.5)
-    assert sent(band, [Wave((1.0,), 1e-3), Wave((1.1,), 1e-3)]) == [0]
+    assert sent(band, [WaveSample((1.0,), 1e-3), WaveSample((1.1,), 1e-3)]) == [0]
     band.on_peer_changed()
-    assert band.offer(3e-3, Wave((1.2,), 1e-3), HERE) == Wave((1.2,), 1e-3)
+    assert band.offer(3e-3, WaveSample((1.2,), 1e-3), HERE) == WaveSample((1.2,), 1e-3)
 
 
 def test_any_stream_by_another_way_of_counting() -> None:

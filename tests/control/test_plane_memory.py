@@ -8,7 +8,7 @@ import pytest
 from hapnet.checks import MOST_PLANES, Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.coupling import Proxy
+from hapnet.control.coupling import ProxySample
 from hapnet.control.limits import Silence
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.set_position_coupling import SetPositionCoupling
@@ -41,7 +41,7 @@ def model(n: int = 1, *, remembers: bool = True, yields_below: float = 0.5) -> C
 def answer(
     m: ContactModel, planes: tuple[Plane, ...], place: Vector = FAR, reach_m: float | None = 0.05, level: float = 1.0
 ) -> None:
-    m.receive(Proxy(place, 1.0, (0.0,) * len(place), planes, reach_m, level), 0.0, 0.0)
+    m.receive(ProxySample(place, 1.0, (0.0,) * len(place), planes, reach_m, level), 0.0, 0.0)
     m.step(TICK, place)
 
 
@@ -135,7 +135,7 @@ def moving(m: ContactModel, speed: float, level: float | None, seconds: float = 
     x = FAR[0]
     for k in range(round(seconds / TICK)):
         if k % 30 == 0:
-            m.receive(Proxy((x,), 1.0, (0.0,), (), 0.05, level), k * TICK, 0.0)
+            m.receive(ProxySample((x,), 1.0, (0.0,), (), 0.05, level), k * TICK, 0.0)
         x += speed * TICK
         y = m.step(TICK, (x,))
     return -K * (y[0] - x)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from hapnet.control.coupling import Position, Proxy
+from hapnet.control.coupling import PositionSample, ProxySample
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reservoir_level import MARGIN, SHARING_S, gift, level
@@ -57,7 +57,7 @@ def test_no_update_creates_energy_whatever_levels_are_told(seed: int) -> None:
     for _ in range(200):
         x += float(rng.normal(0.0, 1e-3))
         if rng.random() < 0.3:
-            reported = Position((float(rng.normal(0.0, 0.02)),), float(rng.random()))
+            reported = PositionSample((float(rng.normal(0.0, 0.02)),), float(rng.random()))
             one.receive(reported, float(rng.random()), 0.0)
         if rng.random() < 0.1:
             one.credit(received := float(rng.uniform(0.0, 0.01)))
@@ -78,7 +78,7 @@ def test_what_a_side_gives_stays_above_its_reserve() -> None:
     one = side(0.05, reserve=0.02)
     sent = 0.0
     for k in range(20_000):
-        one.receive(Position((0.0,), 0.0), 1.0 + k, 0.0)
+        one.receive(PositionSample((0.0,), 0.0), 1.0 + k, 0.0)
         sent += one.update(TICK, (0.0,), 0.0).sent
     kept = 0.02 + MARGIN * 0.03
     assert one.reservoir == pytest.approx(kept, rel=1e-3)
@@ -105,7 +105,7 @@ def test_levels_approach_each_other_over_a_delay_and_nothing_is_lost(delay_s: fl
             peer_level, energy = ways[there].popleft()
             if energy:
                 sides[here].credit(energy)
-            sides[here].receive(Position((0.0,), peer_level), 1.0 + k, 0.0)
+            sides[here].receive(PositionSample((0.0,), peer_level), 1.0 + k, 0.0)
             sent = sides[here].update(TICK, (0.0,), 0.0).sent
             own = sides[here].level
             assert own is not None
@@ -118,7 +118,7 @@ def test_levels_approach_each_other_over_a_delay_and_nothing_is_lost(delay_s: fl
 def test_nothing_is_given_to_a_silent_peer() -> None:
     """Its last word was that it is empty; after the time of silence, 0.5 s here, that is no reason any more."""
     one = side(0.05)
-    one.receive(Position((0.0,), 0.0), 1.0, 0.0)
+    one.receive(PositionSample((0.0,), 0.0), 1.0, 0.0)
     sent = [one.update(TICK, (0.0,), 0.0).sent for _ in range(1500)]
     assert sum(sent[:400]) > 0.01
     assert sum(sent[502:]) == 0.0
@@ -144,13 +144,13 @@ def test_what_is_given_is_a_share_of_the_room_above_the_reserve() -> None:
 def test_a_side_that_does_not_share_tells_nothing_and_gives_nothing() -> None:
     one = side(0.05, shares=False)
     assert one.level is None
-    one.receive(Position((0.0,), 0.0), 1.0, 0.0)
+    one.receive(PositionSample((0.0,), 0.0), 1.0, 0.0)
     assert one.update(1.0, (0.0,), 0.0).sent == 0.0
 
 
 def test_a_new_peer_has_told_nothing() -> None:
     one = side(0.05)
-    one.receive(Proxy((0.0,), 0.0, (0.0,), (), 0.05, 0.0), 1.0, 0.0)
+    one.receive(ProxySample((0.0,), 0.0, (0.0,), (), 0.05, 0.0), 1.0, 0.0)
     assert one.peer_level == 0.0
     one.on_peer_changed()
     assert one.peer_level < 0.0
@@ -159,11 +159,11 @@ def test_a_new_peer_has_told_nothing() -> None:
 def test_a_modulated_set_position_is_counted_and_told() -> None:
     """100 mm would cost 500 mJ of the 50 that there are: 31.6 mm is what they pay for. Then 10 mm, which costs 5."""
     one = side(0.05)
-    one.receive(Position((0.1,), 1.0), 1.0, 0.0)
+    one.receive(PositionSample((0.1,), 1.0), 1.0, 0.0)
     one.update(TICK, (0.0,), 0.0)
     assert one.set_position[0] == pytest.approx(np.sqrt(2.0 * 0.05 / K))
     assert (one.level, one.modulated_share) == (0.0, 1.0)
-    one.receive(Position((0.01,), 1.0), 2.0, 0.0)
+    one.receive(PositionSample((0.01,), 1.0), 2.0, 0.0)
     one.update(TICK, (0.0,), 0.0)
     assert (one.level, one.modulated_share) == (pytest.approx(0.9), 0.5)
 
@@ -176,8 +176,8 @@ def test_a_modulated_set_position_recovers_while_the_peer_has_anything_to_give()
         own, peers = here.level, there.level
         assert own is not None
         assert peers is not None
-        there.receive(Position((0.0,), own), 1.0 + k, 0.0)
-        here.receive(Position((0.02,), peers), 1.0 + k, 0.0)
+        there.receive(PositionSample((0.0,), own), 1.0 + k, 0.0)
+        here.receive(PositionSample((0.02,), peers), 1.0 + k, 0.0)
         if sent := there.update(TICK, (0.0,), 0.0).sent:
             here.credit(sent)
         here.update(TICK, (0.0,), 0.0)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hapnet.control.coupling import Motion
+from hapnet.control.coupling import MotionSample
 from hapnet.ext.laws.parts.virtual_coupling import VirtualCoupling, pass_to
 from hapnet.mechanics.spring import Spring
 
@@ -37,7 +37,7 @@ def test_the_way_since_the_last_measurement() -> None:
 
 def test_it_takes_bare_positions_alone() -> None:
     with pytest.raises(AssertionError, match="bare position"):
-        VirtualCoupling(Spring(100.0, 1), (0.1,), (0.0,)).receive(Motion((0.0,), (0.0,)))
+        VirtualCoupling(Spring(100.0, 1), (0.1,), (0.0,)).receive(MotionSample((0.0,), (0.0,)))
 
 
 PERIOD = 1e-3

@@ -5,7 +5,7 @@ from math import exp
 import numpy as np
 import pytest
 
-from hapnet.control.coupling import Wave
+from hapnet.control.coupling import WaveSample
 from hapnet.ext.laws.parts.wave_filter import WaveFilter
 from hapnet.ext.laws.wave import DelayLine
 from tests.support.wave_ports import Counted, put_in, shake
@@ -17,7 +17,7 @@ class Given:
     def __init__(self, *wave: float) -> None:
         self.wave = wave
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         self.wave = wave.value
 
     def take(self, dt: float) -> tuple[float, ...]:

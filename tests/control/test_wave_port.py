@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from hapnet.control.coupling import Wave
+from hapnet.control.coupling import WaveSample
 from hapnet.ext.laws.digital_wave import Replay
-from hapnet.ext.laws.parts.wave_integral import Line
+from hapnet.ext.laws.parts.wave_integral import WaveReceiver
 from hapnet.ext.laws.parts.wave_port import WaveDevice, WaveWorld
 from hapnet.ext.laws.wave import DelayLine
 from tests.support.wave_ports import TICK, put_in
@@ -24,7 +24,7 @@ class Constant:
     def __init__(self, *wave: float) -> None:
         self.wave = wave
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         raise AssertionError("nothing is sent here")
 
     def take(self, dt: float) -> tuple[float, ...]:
@@ -170,7 +170,7 @@ def test_displacement_that_a_clipped_force_did_not_pay_for_is_sent_later() -> No
 
 @pytest.mark.parametrize("line", [lambda: DelayLine(1, 0.3), lambda: Replay(1, 0.08)])
 @pytest.mark.parametrize("time", [0.002, 0.01])
-def test_what_the_hold_leaks_is_a_debt_that_is_carried(time: float, line: type[Line]) -> None:
+def test_what_the_hold_leaks_is_a_debt_that_is_carried(time: float, line: type[WaveReceiver]) -> None:
     """Ports that jerk within a tick, forces clipped, released: both together never put in less than the debt shows."""
     for seed in range(3):
         result = put_in(line(), line(), seed, time=time, seconds=2.0, released=0.02, force_limit=1.0)
@@ -208,18 +208,18 @@ def test_axes_are_lines_of_their_own() -> None:
 
 def test_a_wave_is_sent_once_and_another_peer_begins_with_silence() -> None:
     world = WaveWorld(5.0, 500.0, 5.0, (0.0,), DelayLine(1, 1.0))
-    world.receive(Wave((1.0,), 0.02))
+    world.receive(WaveSample((1.0,), 0.02))
     world.impedance(0.02)
     world.moved(0.02, (0.0,), (0.0,), (0.0,))
     assert world.next_sample().value != (0.0,)
     assert world.next_sample().value == (0.0,)  # a paused world
-    world.receive(Wave((1.0,), 0.02))
+    world.receive(WaveSample((1.0,), 0.02))
     world.on_peer_changed()
     place = world.set_position
     world.impedance(0.02)
     assert world.set_position == place
     device = WaveDevice(5.0, (0.0,), DelayLine(1, 1.0))
-    device.receive(Wave((1.0,), 0.02))
+    device.receive(WaveSample((1.0,), 0.02))
     device.on_peer_changed()
     assert device.force(TICK, (0.0,), (0.0,), (0.0,)) == (0.0,)
     assert device.next_sample((0.0,), (0.0,)).value == (0.0,)

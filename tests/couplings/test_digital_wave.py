@@ -6,7 +6,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from hapnet.control.coupling import Wave
+from hapnet.control.coupling import WaveSample
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.ext.laws.digital_wave import LOUDEST, Replay
@@ -26,7 +26,7 @@ ROUGH = "delay 40ms 25ms loss 20% reorder 25%"
 @pytest.mark.parametrize("n", [2, 5, 16])
 def test_one_wave_over_n_slots_goes_out_as_u_over_root_n(n: int) -> None:
     replay = Replay(2, n * 0.001)
-    replay.push(Wave((1.0, -3.0), 0.001))
+    replay.push(WaveSample((1.0, -3.0), 0.001))
     for _ in range(n):
         assert replay.take(0.001) == pytest.approx((1.0 / sqrt(n), -3.0 / sqrt(n)))
     assert replay.take(0.001) == (0.0, 0.0)
@@ -34,7 +34,7 @@ def test_one_wave_over_n_slots_goes_out_as_u_over_root_n(n: int) -> None:
 
 def test_a_slot_longer_than_what_is_left_gets_the_mean() -> None:
     replay = Replay(1, 0.02)
-    replay.push(Wave((1.0,), 0.02))
+    replay.push(WaveSample((1.0,), 0.02))
     assert replay.take(0.015) == pytest.approx((1.0,))
     assert replay.take(0.01) == pytest.approx((0.5,))
     assert replay.take(0.01) == (0.0,)
@@ -48,7 +48,7 @@ def test_waves_in_time_pass_in_full_and_every_other_lost_leaves_one_in_root_two(
         out = []
         for tick in range(2000):
             if tick % (20 * every) == 0:
-                replay.push(Wave((1.0,), 0.02))
+                replay.push(WaveSample((1.0,), 0.02))
             out.append(replay.take(0.001)[0])
         return float(np.mean(out[1000:]))
 
@@ -59,7 +59,7 @@ def test_waves_in_time_pass_in_full_and_every_other_lost_leaves_one_in_root_two(
 def test_a_burst_is_not_played_louder_than_root_two() -> None:
     replay = Replay(1, 0.05)
     for _ in range(100):
-        replay.push(Wave((1.0,), 0.02))
+        replay.push(WaveSample((1.0,), 0.02))
     assert replay.take(0.001) == pytest.approx((sqrt(LOUDEST),))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hapnet.control.coupling import Motion
+from hapnet.control.coupling import MotionSample
 from hapnet.ext.laws.pd import DevicePD, Gains, WorldPD, round_trip, tuned
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
@@ -16,18 +16,18 @@ from tests.support.hand_port import LIGHT_HAND, lowest_energies
 def test_both_ends_act_as_the_law_says() -> None:
     """-K_v (v - v_peer) - (K_d + P_e) v - K_p (x - x_peer), two axes; the world's at its step's middle."""
     gains = Gains(stiffness=100.0, damping=4.0, coordination=2.0, extra=1.0)
-    peer = Motion((0.01, 0.0), (0.5, -0.1))
+    peer = MotionSample((0.01, 0.0), (0.5, -0.1))
     x, v = (0.03, 0.02), (0.2, 0.1)
     expected = (-2.0 * (0.2 - 0.5) - 5.0 * 0.2 - 100.0 * 0.02, -2.0 * (0.1 + 0.1) - 5.0 * 0.1 - 100.0 * 0.02)
     device = DevicePD(gains, (0.0, 0.0))
     device.receive(peer)
     assert device.force(0.001, x, v, (0.0, 0.0)) == pytest.approx(expected)
-    assert device.next_sample(x, v) == Motion(x, v)
+    assert device.next_sample(x, v) == MotionSample(x, v)
     world = WorldPD(gains, (0.0, 0.0))
     world.receive(peer)
     world.begin()
     world.moved(0.02, v, x, (9.0, 9.0))
-    assert world.next_sample() == Motion(x, v)
+    assert world.next_sample() == MotionSample(x, v)
     drag, push = world.impedance(0.02)
     vhat = (0.3, -0.4)
     middle = [at + 0.01 * speed for at, speed in zip(x, vhat, strict=True)]
@@ -41,7 +41,7 @@ def test_at_rest_nothing_pulls_and_a_step_acts_with_what_came_before_it() -> Non
     device, world = DevicePD(Gains(100.0, 5.0), (0.1,)), WorldPD(Gains(100.0, 5.0), (0.1,))
     assert device.force(0.001, (0.1,), (0.0,), (0.0,)) == (0.0,)
     assert world.impedance(0.02)[1] == (0.0,)
-    world.receive(Motion((0.2,), (0.0,)))
+    world.receive(MotionSample((0.2,), (0.0,)))
     assert world.impedance(0.02)[1] == (0.0,)
     world.begin()
     assert world.impedance(0.02)[1] == pytest.approx((10.0,))
@@ -50,7 +50,7 @@ def test_at_rest_nothing_pulls_and_a_step_acts_with_what_came_before_it() -> Non
 
 def test_another_peer_rests_and_a_release_lets_go() -> None:
     device = DevicePD(Gains(100.0, 5.0, 2.0), (0.0,))
-    device.receive(Motion((0.1,), (3.0,)))
+    device.receive(MotionSample((0.1,), (3.0,)))
     device.on_peer_changed()
     assert device.force(0.001, (0.0,), (0.0,), (0.0,)) == pytest.approx((10.0,))
     device.release(0.1, (0.05,), (0.0,))
@@ -64,7 +64,7 @@ def test_the_worlds_end_is_passive_exactly_for_any_step(seed: int) -> None:
     K_p, K_d, P_e = rng.uniform(0.1, (300.0, 20.0, 3.0)).tolist()
     gains = Gains(K_p, K_d, 0.0, P_e)
     law, peer = WorldPD(gains, (0.0,)), 0.03
-    law.receive(Motion((peer,), (0.0,)))
+    law.receive(MotionSample((peer,), (0.0,)))
     law.begin()
     mass = PassiveIntegrator(0.02, 1.0, 1.0, (0.0,))
     for _ in range(200):
@@ -110,17 +110,17 @@ class TwoPort:
     ) -> None:
         self.laws = DevicePD(gains, (device(0.0),)), WorldPD(gains, (world(0.0),))
         self.stored = 0.5 * gains.stiffness * (device(0.0) - world(0.0)) ** 2
-        self.laws[0].receive(Motion((world(0.0),), (0.0,)))
-        self.laws[1].receive(Motion((device(0.0),), (0.0,)))
+        self.laws[0].receive(MotionSample((world(0.0),), (0.0,)))
+        self.laws[1].receive(MotionSample((device(0.0),), (0.0,)))
         self._motions = device, world
         self._delay, self._steps, self._period, self._tick, self._loss = delay, steps, period, tick, loss
         self._rng = np.random.default_rng(seed)
-        self._in_flight: tuple[list[tuple[float, float, Motion]], ...] = [], []
+        self._in_flight: tuple[list[tuple[float, float, MotionSample]], ...] = [], []
         self._newest = [-1.0, -1.0]
         self.energy = self.lowest = 0.0
 
     def _send(self, to: int, now: float, sample: object) -> None:
-        assert isinstance(sample, Motion)
+        assert isinstance(sample, MotionSample)
         due = now + float(self._rng.uniform(*self._delay))
         if self._rng.random() >= self._loss:
             self._in_flight[to].append((due, now, sample))

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from hapnet.assembly.build import prepare
 from hapnet.checks import Vector
-from hapnet.control.coupling import Port
+from hapnet.control.coupling import PortSample
 from hapnet.control.prediction import MotionPredictor
 from hapnet.ext.laws.parts.tdpa_world import PassivityObserver
 from hapnet.ext.study.case import measure
@@ -80,7 +80,7 @@ def test_what_was_granted_to_one_peer_is_not_granted_to_the_next() -> None:
 def test_the_device_damps_what_it_owes_and_pays_what_the_damper_took() -> None:
     """f <- f + alpha v with alpha = debt/(T v^2), on the device -f - alpha v; then E_out less the true dissipation."""
     law = device(debt_limit_J=1e6)
-    law.receive(Port((-2.0,), 0.0))
+    law.receive(PortSample((-2.0,), 0.0))
     assert law.force(TICK, (0.0,), (0.05,), (0.0,)) == (2.0,)
     dx = 4.0e-6
     owed = 2.0 * dx  # moved along with the force, and nothing went in at the other port
@@ -97,25 +97,25 @@ def test_the_device_damps_what_it_owes_and_pays_what_the_damper_took() -> None:
 @pytest.mark.parametrize(("v", "damping"), [(0.0019, 0.0), (0.0021, 5.0), (-0.1, 5.0)])
 def test_the_device_damps_with_at_most_the_cap_and_not_below_the_floor(v: float, damping: float) -> None:
     law = device(debt_limit_J=1e6)
-    law.receive(Port((-2.0,), 0.0))
+    law.receive(PortSample((-2.0,), 0.0))
     law.force(TICK, (0.001,), (v,), (2.0,))
     assert law.force(TICK, (0.001,), (v,), (2.0,))[0] == pytest.approx(2.0 - damping * v, rel=1e-6)
 
 
 def test_a_device_that_owes_all_it_may_renders_nothing_until_energy_comes() -> None:
     law = device()
-    law.receive(Port((-2.0,), 0.0))
+    law.receive(PortSample((-2.0,), 0.0))
     assert law.force(TICK, (0.011,), (0.0,), (2.0,)) == (0.0,)
-    law.receive(Port((-2.0,), 0.012))
+    law.receive(PortSample((-2.0,), 0.012))
     assert law.force(TICK, (0.011,), (0.0,), (0.0,))[0] == pytest.approx(2.0 * 0.5)
-    law.receive(Port((-2.0,), 0.022))
+    law.receive(PortSample((-2.0,), 0.022))
     assert law.force(TICK, (0.011,), (0.0,), (0.0,)) == (2.0,)
 
 
 def test_its_set_position_makes_the_force_so_a_larger_deadband_sends_less() -> None:
     law = device((0.1, 0.0))
     assert law.set_position == (0.1, 0.0)
-    law.receive(Port((-2.0, 0.5), 0.0))
+    law.receive(PortSample((-2.0, 0.5), 0.0))
     assert law.set_position == pytest.approx((0.12, -0.005))
     sent = []
     for fraction in (0.1, 0.5, 1.0):
@@ -141,7 +141,7 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
     yielded = 0
     for _ in range(60):
         T = 10.0 ** rng.uniform(-3, -1)
-        law.receive(Port(tuple(rng.normal(0.0, 0.03, n).tolist()), 10.0 ** rng.uniform(-6, -1) * rng.integers(2)))
+        law.receive(PortSample(tuple(rng.normal(0.0, 0.03, n).tolist()), 10.0 ** rng.uniform(-6, -1) * rng.integers(2)))
         law.begin()
         y, debt = np.array(law.set_position), law.observer.debt
         offset = y + np.array(law.drift) - np.array(law.goal)
@@ -175,14 +175,14 @@ def test_a_yielding_step_is_the_coupling_in_series_with_a_damper(seed: int) -> N
 def test_a_step_gives_just_what_it_may_if_the_mass_does_as_it_did() -> None:
     """A mass held fast, a device that has put in a known energy: what comes out is that energy."""
     law = world(force_floor_N=1e-6, speed_limit_m_s=10.0)
-    law.receive(Port((0.0,), 0.0))
+    law.receive(PortSample((0.0,), 0.0))
     law.begin()
     law.impedance(0.03)
     law.moved(0.03, (0.0,), (0.0,), (0.0,))
     energy = 0.0
     for k in range(1, 30):
         energy += 1e-4
-        law.receive(Port((0.002 * k,), energy))
+        law.receive(PortSample((0.002 * k,), energy))
         law.begin()
         y = law.set_position[0]
         _, (p,) = law.impedance(0.03)
@@ -195,14 +195,14 @@ def test_a_step_gives_just_what_it_may_if_the_mass_does_as_it_did() -> None:
 
 def test_the_first_position_is_where_the_set_position_is() -> None:
     law = world((0.1,))
-    law.receive(Port((0.5,), 0.0))
+    law.receive(PortSample((0.5,), 0.0))
     for _ in range(5):
         law.begin()
         assert law.impedance(0.02)[1] == (0.0,)
         law.moved(0.02, (0.0,), (0.1,), (0.0,))
     assert law.set_position == (0.1,)
     law.on_peer_changed()
-    law.receive(Port((-0.3,), 0.0))
+    law.receive(PortSample((-0.3,), 0.0))
     law.begin()
     assert law.impedance(0.02)[1] == (0.0,)
 
@@ -212,7 +212,7 @@ def test_the_first_position_is_where_the_set_position_is() -> None:
 def test_without_force_nothing_is_lost_of_the_way_whatever_the_link_loses(steps: list[tuple[float, bool]]) -> None:
     """A free mass that goes along: at rest again, y has moved as far as the device has."""
     law, x = world(), 0.0
-    law.receive(Port((0.0,), 0.0))
+    law.receive(PortSample((0.0,), 0.0))
     law.begin()
     at = 0.0
     for dt, lost in [*steps, *[(0.03, False)] * 60]:
@@ -223,7 +223,7 @@ def test_without_force_nothing_is_lost_of_the_way_whatever_the_link_loses(steps:
         x = y + vhat * dt
         law.moved(dt, (vhat,), (x,), (vhat,))
         if not lost:
-            law.receive(Port((at,), 0.0))
+            law.receive(PortSample((at,), 0.0))
         law.begin()
     assert law.set_position[0] == pytest.approx(at, abs=1e-6)
     assert law.drift[0] == pytest.approx(0.0, abs=1e-12)
@@ -234,7 +234,7 @@ def test_a_step_between_two_messages_goes_on_as_the_device_did_and_not_for_longe
     law, v, way = world(force_floor_N=1e9, debt_limit_J=1e9), 0.1, []
     for k in range(600):
         if k % 5 == 0 and k < 400:
-            law.receive(Port((v * k * TICK,), 0.0))
+            law.receive(PortSample((v * k * TICK,), 0.0))
         law.begin()
         y = law.set_position[0]
         law.impedance(TICK)

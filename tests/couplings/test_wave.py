@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapnet.control.coupling import Wave
+from hapnet.control.coupling import WaveSample
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.ext.laws.digital_wave import Replay
@@ -56,7 +56,7 @@ def test_no_more_energy_comes_out_than_came_in(line: Any, passes: float, loss: f
 
 def test_holding_the_last_wave_gives_energy_from_nothing() -> None:
     line = Counted(DelayLine(1, 0.3, hold=True))
-    line.push(Wave((1.0,), 0.02))
+    line.push(WaveSample((1.0,), 0.02))
     for _ in range(100):
         line.take(0.001)
     assert line.spare == pytest.approx(-0.5 * 0.08)  # played for 100 ms, paid for 20
@@ -71,7 +71,7 @@ def test_irregular_periods_become_one_exact_delay() -> None:
     got = []
     for tick in range(ends[-1]):
         for index in np.flatnonzero(ends == tick):
-            line.push(Wave((float(index + 1),), spans[index] * 1e-3))
+            line.push(WaveSample((float(index + 1),), spans[index] * 1e-3))
         got.append(line.take(0.001)[0])
     settled = ends[2]
     assert got[settled : ends[-1]] == pytest.approx(expected[settled - 50 : ends[-1] - 50], abs=1e-9)
@@ -80,11 +80,11 @@ def test_irregular_periods_become_one_exact_delay() -> None:
 def test_a_wait_that_is_not_needed_any_more_is_shortened() -> None:
     line = DelayLine(1, 1.0)
     for _ in range(40):
-        line.push(Wave((1.0,), 0.02))  # an outage is over
+        line.push(WaveSample((1.0,), 0.02))  # an outage is over
     waits = []
     for tick in range(20_000):
         if tick % 20 == 0:
-            line.push(Wave((1.0,), 0.02))
+            line.push(WaveSample((1.0,), 0.02))
         assert line.take(0.001)[0] <= np.sqrt(2.0) + 1e-12
         waits.append(line.waiting)
     assert waits[0] > 0.8
@@ -96,7 +96,7 @@ def test_a_faster_clock_does_not_make_the_queue_grow(pace: float) -> None:
     line = Counted(queue := DelayLine(1, 0.3))
     for tick in range(60_000):
         if tick % 20 == 0:
-            line.push(Wave((1.0,), 0.02 * pace))
+            line.push(WaveSample((1.0,), 0.02 * pace))
         line.take(0.001)
         assert queue.waiting < 0.3
     assert line.spare >= -TOLERANCE_J
@@ -106,13 +106,13 @@ def test_a_faster_clock_does_not_make_the_queue_grow(pace: float) -> None:
 def test_what_waits_too_long_is_dropped_the_oldest_first() -> None:
     line = DelayLine(1, 0.1)
     for number in range(10):
-        line.push(Wave((float(number),), 0.02))
+        line.push(WaveSample((float(number),), 0.02))
     assert line.waiting == pytest.approx(0.1)
     assert line.take(0.02) == pytest.approx((5.0,))
     for _ in range(5000):
-        line.push(Wave((1.0,), 1e-9))
+        line.push(WaveSample((1.0,), 1e-9))
     assert line.waiting < 0.1
-    line.push(Wave((1.0,), 10.0))
+    line.push(WaveSample((1.0,), 10.0))
     assert line.take(0.02) == (0.0,)
 
 
@@ -120,7 +120,7 @@ def test_a_queue_that_is_played_faster_loses_no_energy_of_equal_waves() -> None:
     """Cauchy and Schwarz are equal for what is constant: S seconds of it in dt < S come out sqrt(S/dt) as strong."""
     line = DelayLine(1, 20.0)
     for _ in range(600):
-        line.push(Wave((2.0,), 0.02))
+        line.push(WaveSample((2.0,), 0.02))
     faster = 0
     for _ in range(5_000):
         before = line.waiting
@@ -135,14 +135,14 @@ def test_as_many_waves_wait_as_may_and_no_more() -> None:
     """Of spans that are exact in binary: a wait that is just the longest stays, and so does the last that may wait."""
     line = DelayLine(1, 0.125)
     for number in range(4):
-        line.push(Wave((float(number),), 0.03125))
+        line.push(WaveSample((float(number),), 0.03125))
     assert line.waiting == 0.125
     assert line.take(0.03125) == (0.0,)
     line = DelayLine(1, 10.0)
     for number in range(MOST):
-        line.push(Wave((float(number),), 2.0**-10))
+        line.push(WaveSample((float(number),), 2.0**-10))
     assert line.waiting == MOST * 2.0**-10
-    line.push(Wave((float(MOST),), 2.0**-10))
+    line.push(WaveSample((float(MOST),), 2.0**-10))
     assert line.waiting == MOST * 2.0**-10
     assert line.take(2.0**-10) == (1.0,)  # the oldest has gone
 
@@ -172,7 +172,7 @@ class Newest:
     def __init__(self) -> None:
         self.wave: tuple[float, ...] = (0.0,)
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         self.wave = wave.value
 
     def take(self, dt: float) -> tuple[float, ...]:
@@ -182,7 +182,7 @@ class Newest:
 
 
 def test_a_slow_world_that_takes_the_newest_wave_over_many_slots_is_not_passive() -> None:
-    line: wave_port.Line = Newest()
+    line: wave_port.WaveReceiver = Newest()
     lowest = [put_in(DelayLine(1, 0.3), line, seed, time=0.3).lowest for seed in range(4)]
     assert min(lowest) < -5e-3
 

@@ -5,9 +5,9 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from hapnet.control.coupling import Wave
+from hapnet.control.coupling import WaveSample
 from hapnet.ext.laws.digital_wave import Replay
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, Recovery
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Recovery, WaveReceiver
 from hapnet.ext.laws.wave import DelayLine
 from hapnet.ext.metrics.motion import drift
 from hapnet.params import Params
@@ -23,9 +23,9 @@ class Taken:
     """A line that keeps what it is given."""
 
     def __init__(self) -> None:
-        self.waves: list[Wave] = []
+        self.waves: list[WaveSample] = []
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         self.waves.append(wave)
 
     def take(self, dt: float) -> tuple[float, ...]:
@@ -40,7 +40,7 @@ def test_whatever_arrives_the_displacement_is_the_newest_integrals_and_no_energy
     sent: list[tuple[float, float]], data: st.DataObject
 ) -> None:
     """Lost, repeated, in any order; only the first that arrives stands for itself alone."""
-    messages = reported([Wave((value,), span) for value, span in sent])
+    messages = reported([WaveSample((value,), span) for value, span in sent])
     arrive = data.draw(st.lists(st.integers(0, len(sent) - 1), min_size=1, max_size=40))
     line = IntegralLine(taken := Taken())
     for number in arrive:
@@ -57,13 +57,13 @@ def test_whatever_arrives_the_displacement_is_the_newest_integrals_and_no_energy
 def test_a_sender_that_tells_no_integrals_is_taken_at_its_word() -> None:
     line = IntegralLine(taken := Taken())
     for _ in range(3):
-        line.push(Wave((1.0,), 0.02))
-    assert taken.waves == [Wave((1.0,), 0.02)] * 3
+        line.push(WaveSample((1.0,), 0.02))
+    assert taken.waves == [WaveSample((1.0,), 0.02)] * 3
 
 
 def test_another_peer_counts_anew() -> None:
     line = IntegralLine(taken := Taken())
-    first, second = reported([Wave((1.0,), 0.02)] * 2)
+    first, second = reported([WaveSample((1.0,), 0.02)] * 2)
     line.push(second)
     line.clear()
     line.push(first)
@@ -75,7 +75,7 @@ def test_what_a_queue_drops_comes_out_later(recovery: float) -> None:
     """An outage ends: half a second of waves comes at once. Without recovery most of it is lost."""
     line = Counted(DelayLine(1, 0.1, recovery=recovery))
     for number in range(25):
-        line.push(Wave((1.0 + 0.1 * math.sin(number),), 0.02))
+        line.push(WaveSample((1.0 + 0.1 * math.sin(number),), 0.02))
     for _ in range(2000):
         line.take(0.001)
     if recovery:
@@ -92,7 +92,7 @@ def test_recovery_never_spends_what_was_not_lost(
     """At every instant, whatever the queue outputs beside it; and it never recovers more than was lost."""
     recovery = Recovery(1, time)
     for value, span in lost:
-        recovery.lose(Wave((value,), span))
+        recovery.lose(WaveSample((value,), span))
     owed, spare = recovery.owed[0], recovery.spare[0]
     dt = 0.001
     for z in then:
@@ -108,9 +108,9 @@ def test_each_axis_recovers_by_itself() -> None:
     """As three of one axis do."""
     lost, waves, dt = (1.0, -2.0, 3.0), [(0.05, 0.1, -0.03), (-0.02, 0.04, 0.06)], 0.001
     together, alone = Recovery(3, 0.05), [Recovery(1, 0.05) for _ in range(3)]
-    together.lose(Wave(lost, 0.02))
+    together.lose(WaveSample(lost, 0.02))
     for one, value in zip(alone, lost, strict=True):
-        one.lose(Wave((value,), 0.02))
+        one.lose(WaveSample((value,), 0.02))
     for wave in waves:
         found = together.output(dt, wave, [z * dt for z in wave], [z * z * dt for z in wave])
         assert found == tuple(
@@ -121,7 +121,7 @@ def test_each_axis_recovers_by_itself() -> None:
 
 @pytest.mark.parametrize("make", [lambda: DelayLine(1, 0.3, recovery=0.05), lambda: Replay(1, 0.08)])
 @pytest.mark.parametrize("loss", [0.1, 0.5])
-def test_both_ports_together_are_passive_on_any_link(make: type[Line], loss: float) -> None:
+def test_both_ports_together_are_passive_on_any_link(make: type[WaveReceiver], loss: float) -> None:
     for seed in range(2):
         result = put_in(IntegralLine(make()), IntegralLine(make()), seed, jitter=35, loss=loss, seconds=3.0)
         assert result.lowest >= -TOLERANCE_J

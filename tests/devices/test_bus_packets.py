@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hapnet.ext.robots.bus_packets import PING, READ, WRITE, Dynamixel2, FeetechPackets, Packet, Packets, Reply
+from hapnet.ext.robots.bus_packets import PING, READ, WRITE, BusPacket, Dynamixel2, FeetechPackets, Packets, Reply
 
 MANUAL = (  # examples of the e-manual, docs/en/dxl/protocol2
     (Dynamixel2().packet(1, PING), "FF FF FD 00 01 03 00 01 19 4E"),
@@ -62,7 +62,7 @@ def test_whole_packets_are_found_among_damaged_ones(kind: type[Packets]) -> None
     rng, frames = random.Random(2), kind()
     sent, stream = [], b""
     for k in range(300):
-        packet = Packet(k % 250, 3, rng.randbytes(6))
+        packet = BusPacket(k % 250, 3, rng.randbytes(6))
         data = frames.packet(*packet)
         at = rng.randrange(4, len(data) - 1)
         if k % 3 == 1:
@@ -88,4 +88,4 @@ def test_a_damaged_length_does_not_swallow_what_follows() -> None:
     good = frames.packet(1, PING)
     broken = bytearray(good)
     broken[6] = 0x80
-    assert frames.feed(bytes(broken) + good) == [Packet(1, PING, b"")]
+    assert frames.feed(bytes(broken) + good) == [BusPacket(1, PING, b"")]

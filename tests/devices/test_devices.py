@@ -17,7 +17,7 @@ from hapnet.checks import Vector
 from hapnet.devices import registry
 from hapnet.devices.driver import Axes
 from hapnet.errors import DeviceSilent, InvalidParameter
-from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.devices.emulator import EmulatedHandle
 from hapnet.ext.doctor.device import examine_device
 from hapnet.ext.doctor.machine import OK, WARNING
 from hapnet.loading import published
@@ -157,9 +157,9 @@ def test_without_words_the_first_axes_are_used() -> None:
 # An emulator's handle
 
 
-def handle(watchdog_s: float | None = 0.02) -> Handle:
+def handle(watchdog_s: float | None = 0.02) -> EmulatedHandle:
     device = SimulatedDevice(Rest(1, Impedance(0.5, 6.0, 100.0), (0.0,)), mass=0.05, damping=0.0)
-    return Handle(device, watchdog_s)
+    return EmulatedHandle(device, watchdog_s)
 
 
 def test_the_watchdog_takes_the_force_away() -> None:

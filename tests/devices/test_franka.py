@@ -10,7 +10,7 @@ import pytest
 
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.robots.franka import Franka
-from hapnet.ext.robots.franka_torques import LENT_J, TORQUE_LIMIT, Arm, Torques
+from hapnet.ext.robots.franka_torques import LENT_J, TORQUE_LIMIT, ArmState, Torques
 from tests.support import franka_stand_in as stand_in
 
 NOTHING = np.zeros((3, 3))
@@ -30,9 +30,9 @@ def begun(dof: int = 3, **options: Any) -> tuple[Franka, stand_in.Robot]:
     return device, stand_in.Robot.made
 
 
-def arm(q: Any, dq: Any = (0.0,) * 7) -> Arm:
+def arm(q: Any, dq: Any = (0.0,) * 7) -> ArmState:
     pose, jacobian = stand_in.chain(q)
-    return Arm(np.array(q), np.array(dq), np.zeros(7), pose[:3, 3], pose[:3, :3], jacobian[:3], jacobian[3:])
+    return ArmState(np.array(q), np.array(dq), np.zeros(7), pose[:3, 3], pose[:3, :3], jacobian[:3], jacobian[3:])
 
 
 def random_mass(rng: np.random.Generator) -> Any:

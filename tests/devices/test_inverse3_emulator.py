@@ -11,7 +11,7 @@ import pytest
 
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.devices import inverse3, inverse3_messages as wire, websocket
-from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.devices.emulator import EmulatedHandle
 from hapnet.ext.devices.inverse3 import Inverse3
 from hapnet.ext.devices.inverse3_emulator import DEVICE, Inverse3Emulator
 from hapnet.plant.device import SimulatedDevice
@@ -36,7 +36,7 @@ class Steered:
     def __init__(self, port: int = 0, events: int = 0, **options: Any) -> None:
         self.now_ns = 0
         device = SimulatedDevice(Rest(3, Impedance(0.1, 1.0, 100.0), (0.0, 0.0, 0.0)))
-        self.emulator = Inverse3Emulator(Handle(device), lambda: self.now_ns, port, events, **options)
+        self.emulator = Inverse3Emulator(EmulatedHandle(device), lambda: self.now_ns, port, events, **options)
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.emulator.run, args=(self.stop,), daemon=True)
         self.thread.start()

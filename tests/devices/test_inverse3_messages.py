@@ -37,7 +37,7 @@ def inventory(**changes: Any) -> dict[str, Any]:
     return message
 
 
-def state_in(message: dict[str, Any]) -> wire.State:
+def state_in(message: dict[str, Any]) -> wire.Inverse3State:
     state = wire.state(message, "049D")
     assert state is not None
     return state
@@ -47,7 +47,7 @@ def test_an_inventory_is_read() -> None:
     message = wire.parsed(INVENTORY)
     assert message is not None
     assert wire.arms(message) == ["049D"]
-    assert wire.state(message, "049D") == wire.State(
+    assert wire.state(message, "049D") == wire.Inverse3State(
         position=(0.01, -0.12, 0.15),
         velocity=(0.0, 0.5, 0.0),
         calibrated=True,
@@ -186,9 +186,9 @@ def test_a_minverse_is_named_as_such() -> None:
 def test_events_are_read() -> None:
     brake = b"""{"name": "device-safety-triggered", "category": "device", "level": "error",
         "data": {"device_family": "inverse", "device_id": "049D", "safety_type": "ebrake_triggered"}, "message": "-"}"""
-    assert wire.notice(brake) == wire.Notice("ebrake_triggered", "049D", "error")
+    assert wire.notice(brake) == wire.ForceEvent("ebrake_triggered", "049D", "error")
     plain = b'{"name": "device-connected", "category": "device", "level": "info", "data": {}, "message": ""}'
-    assert wire.notice(plain) == wire.Notice("device-connected", "", "info")
+    assert wire.notice(plain) == wire.ForceEvent("device-connected", "", "info")
     assert wire.notice(b'{"name": 3, "data": []}') is None
 
 

@@ -72,7 +72,7 @@ class Board:
 
     def __init__(self, link: Path, about: wire.About = ABOUT, homed: bool = True) -> None:
         self._link, self.about, self.homed = link, about, homed
-        self.heard: list[wire.Command] = []
+        self.heard: list[wire.BoardCommand] = []
         self.period_s = 1e-3
         self.plug_in()
 
@@ -108,7 +108,7 @@ class Board:
         self, time_us: int, position_nm: int = 0, impulse: int = 0, buttons: int = 0, counted: int = 0, age_us: int = 0
     ) -> None:
         flags = wire.flags(buttons, homed=self.homed, counted=counted)
-        state = wire.State(flags, 0, time_us % wire.WRAP, position_nm, age_us, impulse % wire.WRAP)
+        state = wire.BoardState(flags, 0, time_us % wire.WRAP, position_nm, age_us, impulse % wire.WRAP)
         self.write(wire.state(state))
 
     def _answer(self) -> None:
@@ -196,12 +196,12 @@ def test_a_gap_is_no_motion(axis: SerialAxis, board: Board) -> None:
 def test_a_command_in_parts_of_the_maximum_force(axis: SerialAxis, board: Board) -> None:
     for force in (-1.5, 99.0):
         axis.apply((force,))
-    sent = [wire.Command(b"F", 1, -16384), wire.Command(b"F", 2, 32767)]
+    sent = [wire.BoardCommand(b"F", 1, -16384), wire.BoardCommand(b"F", 2, 32767)]
     until(lambda: board.heard[-2:] == sent)
 
 
 def test_the_newest_of_several_states_counts(axis: SerialAxis, board: Board) -> None:
-    board.write(b"".join(wire.state(wire.State(16, 0, LATER_US + 1000 * k, k, 0, 0)) for k in range(3)))
+    board.write(b"".join(wire.state(wire.BoardState(16, 0, LATER_US + 1000 * k, k, 0, 0)) for k in range(3)))
     assert axis.read()[0][0] == pytest.approx(2e-9)
 
 
@@ -222,7 +222,7 @@ def test_the_force_that_acted_is_the_mean_over_what_was_lost(axis: SerialAxis, b
 
 
 def test_without_a_whole_state_it_is_silent(axis: SerialAxis, board: Board) -> None:
-    board.write(wire.state(wire.State(16, 0, 0, 0, 0, 0))[:-1] + b"?")
+    board.write(wire.state(wire.BoardState(16, 0, 0, 0, 0, 0))[:-1] + b"?")
     with pytest.raises(DeviceSilent, match="no whole state for"):
         axis.read()
 
@@ -306,7 +306,7 @@ def test_one_that_is_not_calibrated_says_how(board: Board, tmp_path: Path) -> No
     asked = SerialAxis(1, port=str(tmp_path / "axis"), home=True)
     asked.home()
     asked.close()
-    assert wire.Command(b"H") in board.heard
+    assert wire.BoardCommand(b"H") in board.heard
 
 
 def test_another_version_is_refused(board: Board, tmp_path: Path) -> None:

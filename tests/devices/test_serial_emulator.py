@@ -18,7 +18,10 @@ def test_commands_and_states_are_in_the_pages_units() -> None:
     )  # fmt: skip
     axis: Any = SerialEmulator(handle, lambda: 2_000_000)
     axis._terminal.close()
-    came, sent = [wire.command(wire.Command(b"F", 9, wire.FULL // 2)), wire.command(wire.Command(b"Q"))], wire.Frames()
+    came, sent = (
+        [wire.command(wire.BoardCommand(b"F", 9, wire.FULL // 2)), wire.command(wire.BoardCommand(b"Q"))],
+        wire.FrameParser(),
+    )
     found: list[Any] = []
     axis._terminal = SimpleNamespace(read=lambda: came.pop(0), write=lambda data: found.extend(sent.feed(data)))
     axis._receive()

@@ -10,17 +10,17 @@ from hapnet.ext.devices.serial_frames import Untimely, period_us
 ABOUT = wire.About(2, 1000, 0, 20, 3_000_000, 1_500_000, 1000, 1000, 80_000, 2, 1)
 NUMBERS = st.integers(0, 2**16 - 1)
 STATES = st.builds(
-    wire.State, st.integers(0, 255), NUMBERS, st.integers(0, 2**32 - 1), st.integers(-(2**31), 2**31 - 1), NUMBERS,
+    wire.BoardState, st.integers(0, 255), NUMBERS, st.integers(0, 2**32 - 1), st.integers(-(2**31), 2**31 - 1), NUMBERS,
     st.integers(0, 2**32 - 1),
 )  # fmt: skip
 
 
 def test_the_frames_of_the_page() -> None:
     """Byte for byte as serial_axis.md lays them out; the CRC of the digits 1 to 9 as its catalogues give it, 29B1."""
-    state = wire.State(0x31, 77, 123_000, 20_513_000, 250, 4021)
+    state = wire.BoardState(0x31, 77, 123_000, 20_513_000, 250, 4021)
     assert wire.state(state)[:-2].hex() == "53314d0078e00100e8003901fa00b50f0000"
     assert wire.state(state)[-2:] == crc16(wire.state(state)[:-2]).to_bytes(2, "big")
-    assert wire.command(wire.Command(b"F", 77, -1000))[:-2].hex() == "464d0018fc"
+    assert wire.command(wire.BoardCommand(b"F", 77, -1000))[:-2].hex() == "464d0018fc"
     assert crc16(b"123456789") == 0x29B1
     assert (len(wire.state(state)), len(wire.about(ABOUT)), wire.COMMAND_SIZE) == (20, 32, 7)
 
@@ -36,16 +36,16 @@ def crc16(data: bytes) -> int:
 
 
 def test_the_flags() -> None:
-    state = wire.State(0b0101_0010, 0, 0, 0, 0, 0)
+    state = wire.BoardState(0b0101_0010, 0, 0, 0, 0, 0)
     assert (state.buttons, state.homed, state.counted) == (2, True, -1)
-    assert wire.State(wire.flags(2, homed=True, counted=-1), 0, 0, 0, 0, 0) == state
+    assert wire.BoardState(wire.flags(2, homed=True, counted=-1), 0, 0, 0, 0, 0) == state
 
 
 @given(st.lists(STATES, max_size=5), st.data())
 @pytest.mark.long
-def test_frames_read_back_however_they_are_cut(states: list[wire.State], data: st.DataObject) -> None:
+def test_frames_read_back_however_they_are_cut(states: list[wire.BoardState], data: st.DataObject) -> None:
     stream = wire.about(ABOUT) + b"".join(map(wire.state, states))
-    frames, found = wire.Frames(), []
+    frames, found = wire.FrameParser(), []
     while stream:
         cut = data.draw(st.integers(1, len(stream)))
         found += frames.feed(stream[:cut])
@@ -55,14 +55,14 @@ def test_frames_read_back_however_they_are_cut(states: list[wire.State], data: s
 
 
 @given(STATES, st.data())
-def test_a_damaged_frame_is_dropped_and_the_next_is_found(state: wire.State, data: st.DataObject) -> None:
+def test_a_damaged_frame_is_dropped_and_the_next_is_found(state: wire.BoardState, data: st.DataObject) -> None:
     """Any one byte lost or changed is damage that this checksum always finds."""
     whole = wire.state(state)
     at = data.draw(st.integers(0, len(whole) - 1))
     other = data.draw(st.integers(0, 255).filter(lambda byte: byte != whole[at]))
     for spoiled in (whole[:at] + bytes([other]) + whole[at + 1 :], whole[:at] + whole[at + 1 :]):
         after = [wire.state(state._replace(command=k)) for k in range(4)]  # a letter before them may look like a frame
-        found = wire.Frames().feed(spoiled + b"".join(after))
+        found = wire.FrameParser().feed(spoiled + b"".join(after))
         assert found[-3:] == [state._replace(command=k) for k in (1, 2, 3)]
         assert len(found) <= 4 or spoiled == whole
 
@@ -70,14 +70,14 @@ def test_a_damaged_frame_is_dropped_and_the_next_is_found(state: wire.State, dat
 @given(st.binary(max_size=300))
 def test_rubbish_is_no_frame_and_nothing_raises(raw: bytes) -> None:
     """A frame among random bytes has a chance of 1 in 65,536 at each letter: here a frame is one with the right CRC."""
-    for found in wire.Frames().feed(raw):
-        assert isinstance(found, wire.State | wire.About)
+    for found in wire.FrameParser().feed(raw):
+        assert isinstance(found, wire.BoardState | wire.About)
     wire.commands(raw)
 
 
 @given(st.lists(st.tuples(NUMBERS, st.integers(-wire.FULL, wire.FULL)), max_size=4), st.binary(max_size=6))
 def test_commands_read_back_after_rubbish(sent: list[tuple[int, int]], before: bytes) -> None:
-    commands = [wire.Command(b"F", number, force) for number, force in sent]
+    commands = [wire.BoardCommand(b"F", number, force) for number, force in sent]
     found, left = wire.commands(before + b"".join(map(wire.command, commands)))
     assert found == commands
     assert len(left) < wire.COMMAND_SIZE
@@ -149,5 +149,5 @@ def test_states_that_get_lost_leave_the_period() -> None:
 )
 def test_the_boards_time_between_states(before_us: int | None, time_us: int, elapsed_us: int | None) -> None:
     """Modulo 2^32 us. In more than 0.5 s the impulse may have wrapped."""
-    state = wire.State(0, 0, time_us, 0, 0, 0)
+    state = wire.BoardState(0, 0, time_us, 0, 0, 0)
     assert _elapsed_us(None if before_us is None else state._replace(time_us=before_us), state) == elapsed_us

@@ -11,10 +11,10 @@ from hapnet import cli
 from hapnet.assembly.user_device import UserDevice
 from hapnet.checks import Vector
 from hapnet.errors import DeviceSilent
-from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.devices.emulator import EmulatedHandle
 from hapnet.ext.doctor.device import examine_device
 from hapnet.ext.doctor.machine import OK, SKIPPED, WARNING, Check
-from hapnet.ext.doctor.own_damping import Trial, lower_bound, own_damping
+from hapnet.ext.doctor.own_damping import DampingEstimate, lower_bound, own_damping
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Rest
 from tests.support.commands import Capture
@@ -74,7 +74,7 @@ class Emulated:
 
     def __init__(self, dof: int) -> None:
         self.dof = dof
-        self._handle = Handle(SimulatedDevice(Rest(dof, self.hand), mass=0.1, damping=self.damping))
+        self._handle = EmulatedHandle(SimulatedDevice(Rest(dof, self.hand), mass=0.1, damping=self.damping))
 
     def read(self) -> tuple[Vector, Vector]:
         return self._handle.read(Slide.now_ns)
@@ -252,10 +252,10 @@ def test_the_bound_is_never_above_the_truth(devices: int) -> None:
 
 
 def test_the_bound_is_the_least_less_spread_and_a_tenth() -> None:
-    trials = [Trial(0.30, 0.29, 0.0), Trial(0.31, 0.28, 0.0), Trial(0.32, 0.33, 0.0)]
+    trials = [DampingEstimate(0.30, 0.29, 0.0), DampingEstimate(0.31, 0.28, 0.0), DampingEstimate(0.32, 0.33, 0.0)]
     assert lower_bound(trials) == pytest.approx(0.23)  # 0.9 x 0.28 - 0.02 = 0.232
-    assert lower_bound([Trial(0.0123, 0.0123, 0.0)] * 3) == pytest.approx(0.011)
-    assert lower_bound([*trials, Trial(1.0, 1.0, 0.0)]) == 0.0
+    assert lower_bound([DampingEstimate(0.0123, 0.0123, 0.0)] * 3) == pytest.approx(0.011)
+    assert lower_bound([*trials, DampingEstimate(1.0, 1.0, 0.0)]) == 0.0
 
 
 def test_the_doctor_begins_before_it_pushes_and_says_how_without() -> None:

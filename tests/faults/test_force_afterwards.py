@@ -22,7 +22,7 @@ import pytest
 
 from hapnet.assembly.operators import operator
 from hapnet.checks import Vector
-from hapnet.ext.devices.emulator import Handle
+from hapnet.ext.devices.emulator import EmulatedHandle
 from hapnet.ext.devices.serial_emulator import SerialEmulator
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
@@ -69,7 +69,7 @@ class StandIn:
         device = Noted(operator(params, make_scene("wall", dof=1)), force_limit=SerialEmulator.force_limit)
         device.times_ns, device.forces_N = [0], [0.0]
         self.device = device
-        self.handle = Handle(device, SerialEmulator.watchdog_s)
+        self.handle = EmulatedHandle(device, SerialEmulator.watchdog_s)
         self.link = link
         self._stop = threading.Event()
         self._thread = threading.Thread()

@@ -8,7 +8,7 @@ import pytest
 
 from hapnet.assembly.build import Setup, prepare, virtual_mass
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceCoupling, Ends, Position, Proxy, WorldCoupling, counted
+from hapnet.control.coupling import DeviceCoupling, Ends, PositionSample, ProxySample, WorldCoupling, counted
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.couplings.spec import CouplingStart
 from hapnet.ext.compiled import real_time
@@ -92,7 +92,7 @@ def inputs(seed: int, n: int, kinds: tuple[str, ...]) -> Iterator[tuple[str, Any
             told = planes(rng, n, str(rng.choice(kinds)))
             force = rng.normal(size=n) * float(rng.choice([0.0, 1.0]))
             place = x + rng.normal(size=n) * 0.002
-            sample = Proxy(tuple(place.tolist()), k * DT, tuple(force.tolist()), told, 0.02, float(rng.uniform()))
+            sample = ProxySample(tuple(place.tolist()), k * DT, tuple(force.tolist()), told, 0.02, float(rng.uniform()))
             yield "sample", (sample, k * DT - 0.02, 0.03)
         if rng.uniform() < 0.05:
             yield "credit", float(rng.uniform(0.0, 1e-4))
@@ -203,7 +203,7 @@ def test_a_compiled_world_gives_the_same_bits(case: str) -> None:
         dt = float(rng.uniform(0.001, 0.03))
         x = tuple((0.02 * np.sin(0.05 * k + np.arange(n))).tolist())
         sent_s += dt
-        sample = Position(x, 0.3) if k % 3 else x
+        sample = PositionSample(x, 0.3) if k % 3 else x
         energy = float(rng.uniform(0.0, 1e-4)) if k % 5 == 0 else 0.0
         results = []
         for steps, mass in made:

@@ -24,7 +24,7 @@ from tests.conftest import ROOT
 from tests.support.processes import HAPNET, until
 
 ROUNDS, CYCLES = 5, 2000
-STATE_SIZE = len(wire.state(wire.State(0, 0, 0, 0, 0, 0)))
+STATE_SIZE = len(wire.state(wire.BoardState(0, 0, 0, 0, 0, 0)))
 Measured = tuple[list[float], float]
 """Round trips [us], and CPU time a cycle [us]."""
 
@@ -50,7 +50,7 @@ def bare_serial(path: str) -> Measured:
             sent_s = 0.0
         if not sent_s:
             number += 1
-            command = wire.command(wire.Command(b"F", number))
+            command = wire.command(wire.BoardCommand(b"F", number))
             sent_s = time.perf_counter()
             os.write(port, command)
 

@@ -10,7 +10,14 @@ import pytest
 
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics.force import limit_cycles
-from hapnet.ext.metrics.impedance import THREE_DB, Line, harmonics_between, multisine, off_hz, transmitted
+from hapnet.ext.metrics.impedance import (
+    THREE_DB,
+    ImpedanceAtFrequency,
+    harmonics_between,
+    multisine,
+    off_hz,
+    transmitted,
+)
 from hapnet.ext.study.impedance import HARMONICS, PERIOD_S, Transmission, curve, transmission, true_impedance
 from hapnet.ext.study.z_width import ZWidth, maximum, z_width
 from hapnet.params import RELAXED_HAND
@@ -72,9 +79,9 @@ def test_samples_must_make_a_period() -> None:
 def test_where_it_is_off_by_3_db() -> None:
     """In magnitude 3 dB too much; and a spring of the right magnitude that is late by 41 % of a radian or so."""
     assert 20.0 * math.log10(1.0 + THREE_DB) == pytest.approx(3.0)
-    greater = [Line(f, 100.0 * (1.0 + 0.04 * f), 0.0) for f in (0.5, 5.0, 10.0, 10.4, 20.0)]
+    greater = [ImpedanceAtFrequency(f, 100.0 * (1.0 + 0.04 * f), 0.0) for f in (0.5, 5.0, 10.0, 10.4, 20.0)]
     assert off_hz(greater, lambda f: 100.0) == 10.4  # 41.25 % above 41.6 % of 10.4 Hz x 4 %
-    late = [Line(f, 100.0 * cmath.exp(-0.1j * f), 0.0) for f in (1.0, 4.0, 4.2, 9.0)]
+    late = [ImpedanceAtFrequency(f, 100.0 * cmath.exp(-0.1j * f), 0.0) for f in (1.0, 4.0, 4.2, 9.0)]
     assert off_hz(late, lambda f: 100.0) == 4.2  # 2 sin(0.21) = 0.417
     assert off_hz(late[:2], lambda f: 100.0) is None
 
@@ -138,7 +145,7 @@ def test_what_cannot_be_measured_is_refused() -> None:
 def test_medians_and_quartiles_over_runs() -> None:
     """A run that is nowhere off counts as infinite."""
     runs = [
-        Transmission((Line(1.0, complex(k, 2.0 * math.pi * k), 0.0),), (100.0 + 0j,), off)
+        Transmission((ImpedanceAtFrequency(1.0, complex(k, 2.0 * math.pi * k), 0.0),), (100.0 + 0j,), off)
         for k, off in ((10.0, None), (20.0, 3.0), (30.0, 2.0))
     ]
     found = curve(runs)

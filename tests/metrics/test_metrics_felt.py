@@ -11,13 +11,13 @@ import pytest
 from hapnet.checks import Array
 from hapnet.commands.output import write_csv
 from hapnet.ext.metrics import METRICS
-from hapnet.ext.metrics.contact import Latency, Touch, contact_force, latency, pressed_wall, touches
+from hapnet.ext.metrics.contact import Latency, WallContact, contact_force, latency, pressed_wall, touches
 from hapnet.ext.metrics.force import residual_oscillation, rms_difference
 from hapnet.ext.metrics.measured import quantile, value_of
 from hapnet.ext.metrics.motion import DRAG_MPS, free_windows
-from hapnet.ext.metrics.obstacles import Obstacle, environment_force
+from hapnet.ext.metrics.obstacles import WallOrSolid, environment_force
 from hapnet.ext.study import case
-from hapnet.ext.study.compare import Outcome, Plan, groups
+from hapnet.ext.study.compare import Plan, RunMeasures, groups
 from hapnet.ext.study.tables import as_rows
 from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
@@ -29,7 +29,7 @@ UNKNOWN = (math.nan,) * 7
 SURFACE = Wall((1.0,), 0.0, 3000.0)
 
 
-def drag(recording: Recording, walls: Sequence[Obstacle], settling_s: float) -> float | None:
+def drag(recording: Recording, walls: Sequence[WallOrSolid], settling_s: float) -> float | None:
     found = free_windows(recording, walls, settling_s)
     return None if found is None else found.drag()
 
@@ -49,7 +49,7 @@ def recorded(
     return recorder.recording()
 
 
-def visit(depth: Array, resistance: Array, stiffness: float = 1.0, round_trip_s: float = 0.0) -> list[Touch]:
+def visit(depth: Array, resistance: Array, stiffness: float = 1.0, round_trip_s: float = 0.0) -> list[WallContact]:
     """The touches of a run sampled every `TICK_S`: depths in `SURFACE` [m], and the force outwards [N]."""
     run = recorded(depth[:, None], -resistance[:, None], TICK_S)
     return touches(run, [SURFACE], stiffness, round_trip_s)
@@ -73,9 +73,9 @@ def test_felt_is_more_than_a_tenth_and_a_tenth_of_a_newton_more_than_just_before
         force[:16] = 9.0  # the 100 ms before the crossing at tick 24 begin with tick 18
         force[28:] = same
         force[40:] = more
-        assert visit(depth, force) == [Touch(24 * TICK_S, 24 * TICK_S, 40 * TICK_S)]
+        assert visit(depth, force) == [WallContact(24 * TICK_S, 24 * TICK_S, 40 * TICK_S)]
         force[40:] = same
-        assert visit(depth, force) == [Touch(24 * TICK_S, 24 * TICK_S, None)]
+        assert visit(depth, force) == [WallContact(24 * TICK_S, 24 * TICK_S, None)]
         force[18], force[40:] = 9.0, more
         assert visit(depth, force)[0].felt_s is None
 
@@ -137,12 +137,12 @@ def test_no_touch_without_a_wall_or_where_the_device_began() -> None:
 
 
 def test_a_miss_is_infinitely_late() -> None:
-    felt, missed = Touch(1.0, 1.25, 1.5), Touch(1.0, 1.25, None)
+    felt, missed = WallContact(1.0, 1.25, 1.5), WallContact(1.0, 1.25, None)
     assert latency([], 0.25) == Latency(None, None, 0, 0)
     assert latency([felt], 0.25) == Latency(0.25, None, 0, 0)
     assert latency([missed, felt, felt, missed], 0.25) == Latency(math.inf, 0.25, 3, 2)
     assert latency([felt, felt, missed], 0.25).later_s == math.inf
-    assert latency([felt, Touch(2.0, 2.0, 2.5), felt], 0.25).later_s == 0.375
+    assert latency([felt, WallContact(2.0, 2.0, 2.5), felt], 0.25).later_s == 0.375
 
 
 def test_quantiles_with_misses() -> None:
@@ -170,7 +170,7 @@ def test_a_comparison_counts_misses_into_its_quartiles() -> None:
     plan = Plan(params, ("pspm",), {"lan": ("", "")}, ("press",), tuple(range(8)))
     felt: Sequence[tuple[float | None, float | None]] = [(10.0, 0.0), (30.0, 0.0), (20.0, 0.0), *[(None, 1.0)] * 4]
     outcomes = [
-        Outcome(one, {**dict.fromkeys(METRICS), "first_contact_ms": ms, "first_contact_missed": missed})
+        RunMeasures(one, {**dict.fromkeys(METRICS), "first_contact_ms": ms, "first_contact_missed": missed})
         for one, (ms, missed) in zip(plan.cases(), [*felt, (None, None)], strict=True)
     ]
     (group,) = groups(plan, outcomes)
@@ -337,7 +337,9 @@ def test_a_comparison_as_rows_has_medians_and_quartiles(tmp_path: Path) -> None:
     """One row per group; each metric with its quartiles, and misses where it can be missed; a miss is ``inf``."""
     plan = Plan(Params(), ("pspm",), {"lan": ("", "")}, ("press",), (0, 1, 2))
     outcomes = [
-        Outcome(one, {**dict.fromkeys(METRICS), "drag_N": 0.1 * one.seed, "first_contact_missed": float(one.seed > 0)})
+        RunMeasures(
+            one, {**dict.fromkeys(METRICS), "drag_N": 0.1 * one.seed, "first_contact_missed": float(one.seed > 0)}
+        )
         for one in plan.cases()
     ]
     write_csv(as_rows(groups(plan, outcomes)), tmp_path / "compare.csv")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapnet.assembly.build import device_session, device_side, world_session, world_side
-from hapnet.control.coupling import Port
+from hapnet.control.coupling import PortSample
 from hapnet.ext.laws import tdpa
 from hapnet.ext.laws.parts.tdpa_world import TdpaWorld
 from hapnet.ext.laws.tdpa import TdpaDevice
@@ -31,8 +31,8 @@ def test_two_ports_never_give_more_than_what_their_sides_owe_whatever_happens(se
     n, D = int(rng.integers(1, 4)), 0.02
     start = (0.0,) * n
     hand, far = device(start), world(start)
-    up: list[tuple[int, Port]] = []
-    down: list[tuple[int, Port]] = []
+    up: list[tuple[int, PortSample]] = []
+    down: list[tuple[int, PortSample]] = []
     delay, loss = int(rng.integers(1, 300)), rng.uniform(0.0, 0.5)
     x, x_w, held = np.zeros(n), np.zeros(n), np.zeros(n)
     energy = unpaid = 0.0

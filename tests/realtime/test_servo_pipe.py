@@ -2,7 +2,7 @@
 
 import pytest
 
-from hapnet.control.coupling import CouplingSample, Motion, Port, Wave
+from hapnet.control.coupling import CouplingSample, PortSample, MotionSample, WaveSample
 from hapnet.realtime.servo_pipe import Pipe, kind_of, sample_of, socket_pair
 
 
@@ -11,9 +11,9 @@ from hapnet.realtime.servo_pipe import Pipe, kind_of, sample_of, socket_pair
     [
         (0.1, -0.0, 5e-324),
         (0.5, 1e-3),  # as long as a wave or a port, and none
-        Motion((0.1, 0.2), (-1.0, 0.0)),
-        Port((1.5,), 1e-9),
-        Wave((0.25, 0.0, 1.0), 5e-3),
+        MotionSample((0.1, 0.2), (-1.0, 0.0)),
+        PortSample((1.5,), 1e-9),
+        WaveSample((0.25, 0.0, 1.0), 5e-3),
     ],
 )
 def test_a_sample_goes_through_a_pipe(sample: CouplingSample) -> None:

@@ -14,7 +14,7 @@ from hapnet import cli
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.ext.page.commands.play import led
 from hapnet.ext.pictures.html import element, join
-from hapnet.ext.pictures.page import FOLDED, MOST_EVENTS, Source, page
+from hapnet.ext.pictures.page import FOLDED, MOST_EVENTS, ReportSource, page
 from hapnet.ext.pictures.pictures import pictures
 from hapnet.ext.pictures.settings import commands, settings
 from hapnet.params import Params
@@ -81,7 +81,7 @@ def stands_alone(text: str) -> Page:
     return parsed
 
 
-def page_of(recording: Recording, *sources: Source) -> Page:
+def page_of(recording: Recording, *sources: ReportSource) -> Page:
     """Without its pictures, which take the time."""
     return stands_alone(page(recording, {}, sources))
 
@@ -94,7 +94,7 @@ def simulated() -> Recording:
 
 
 def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -> None:
-    source = Source(Path("a b/run.mcap"), "both", written="2026-11-21 12:00:00 UTC")
+    source = ReportSource(Path("a b/run.mcap"), "both", written="2026-11-21 12:00:00 UTC")
     found = stands_alone(page(simulated, pictures(simulated), [source]))
     assert list(found.sections) == [
         "", "What was run", "What happened", "Summary", "Path", "Links", "Energy account", "Silences and events",
@@ -352,6 +352,6 @@ def test_what_a_hand_led_live_did_is_made_again_by_another_or_replayed(capsys: p
 
 
 def test_a_torn_file_is_told_of_at_the_top() -> None:
-    found = page_of(run(seconds=1), Source(Path("d/device.mcap"), "device", torn=True, repaired=Path("d/r.mcap")))
+    found = page_of(run(seconds=1), ReportSource(Path("d/device.mcap"), "device", torn=True, repaired=Path("d/r.mcap")))
     assert "device.mcap is torn: its writer was killed" in found.sections[""]
     assert "d/r.mcap" in found.sections["Files"]

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import pytest
 
-from hapnet.control.coupling import CouplingSample, LawServo, Motion, Port, Wave
+from hapnet.control.coupling import CouplingSample, LawServo, PortSample, MotionSample, WaveSample
 from hapnet.control.deadband import Deadband
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence
@@ -83,14 +83,14 @@ class Side:
     ("sample", "expected"),
     [
         ((0.5,), messages.Position(7, 0, MS, (0.5,))),
-        (Motion((0.5,), (-1.0,)), messages.Motion(7, 0, MS, (0.5,), (-1.0,))),
-        (Motion((1,), (0,)), messages.Motion(7, 0, MS, (1.0,), (0.0,))),  # a law may say 0 for 0.0
-        (Port((2.0,), 1.5e-3), messages.Port(7, 0, MS, (2.0,), 1_500_000)),
-        (Port((2.0,), 1.9999e-9), messages.Port(7, 0, MS, (2.0,), 1)),  # never more than went in
-        (Port((2.0,), -1e-18), messages.Port(7, 0, MS, (2.0,), 0)),  # rounding; a peer takes no negative total
-        (Wave((0.25,), 5e-3), messages.Wave(7, 0, MS, (0.25,), 5 * MS, more={"integral": ((1.25e-3,), 5 * MS)})),
+        (MotionSample((0.5,), (-1.0,)), messages.Motion(7, 0, MS, (0.5,), (-1.0,))),
+        (MotionSample((1,), (0,)), messages.Motion(7, 0, MS, (1.0,), (0.0,))),  # a law may say 0 for 0.0
+        (PortSample((2.0,), 1.5e-3), messages.Port(7, 0, MS, (2.0,), 1_500_000)),
+        (PortSample((2.0,), 1.9999e-9), messages.Port(7, 0, MS, (2.0,), 1)),  # never more than went in
+        (PortSample((2.0,), -1e-18), messages.Port(7, 0, MS, (2.0,), 0)),  # rounding; a peer takes no negative total
+        (WaveSample((0.25,), 5e-3), messages.Wave(7, 0, MS, (0.25,), 5 * MS, more={"integral": ((1.25e-3,), 5 * MS)})),
         (
-            Wave((0.25,), 1e-12),
+            WaveSample((0.25,), 1e-12),
             messages.Wave(7, 0, MS, (0.25,), 1, more={"integral": ((2.5e-10,), 1)}),
         ),  # a span of nothing is none
     ],
@@ -106,9 +106,9 @@ def test_a_sample_becomes_its_message(sample: CouplingSample, expected: Stream) 
 
 def test_a_message_becomes_its_sample() -> None:
     for kind, expected in (
-        (messages.Motion, Motion((0.5,), (2.0,))),
-        (messages.Port, Port((0.5,), 3e-9)),
-        (messages.Wave, Wave((0.5,), 4e-9, (2e-9,), 4e-9)),
+        (messages.Motion, MotionSample((0.5,), (2.0,))),
+        (messages.Port, PortSample((0.5,), 3e-9)),
+        (messages.Wave, WaveSample((0.5,), 4e-9, (2e-9,), 4e-9)),
     ):
         side = Side(kind)
         peer = side.meet(3)
@@ -143,9 +143,9 @@ def test_waves_and_ports_wait_and_of_the_rest_the_newest() -> None:
         side.tick()
         assert len(side.law.heard) == left
         last = side.law.heard[-1]
-        assert isinstance(last, Wave | Port | Motion)
+        assert isinstance(last, WaveSample | PortSample | MotionSample)
         newest = (BACKLOG + 100) * 1e-9
-        assert last[1] == pytest.approx((newest,) if isinstance(last, Motion) else newest)
+        assert last[1] == pytest.approx((newest,) if isinstance(last, MotionSample) else newest)
 
 
 def test_what_an_earlier_peer_said_is_not_for_a_law_that_has_begun_anew() -> None:

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from hapnet.side.driver_times import WINDOW, Repeats
+from hapnet.side.driver_times import WINDOW, RepeatedReadings
 
 
 def seen(measures_each: int, *, ticks: int = 5 * WINDOW, rest: bool = False, filtered: bool = False) -> float | None:
     """What is found at 1,000 readings a second of a device that measures every so many of them."""
-    repeats = Repeats()
+    repeats = RepeatedReadings()
     for tick in range(ticks):
         at_s = 1e-3 * (tick - tick % measures_each)
         x, v = 0.02 * math.sin(6.0 * at_s), 0.12 * math.cos(6.0 * at_s)

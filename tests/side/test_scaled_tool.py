@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array, Vector
-from hapnet.control.coupling import Position, Proxy
+from hapnet.control.coupling import PositionSample, ProxySample
 from hapnet.devices.driver import Driver
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES, coordinates, pose
@@ -91,11 +91,11 @@ def test_no_plane_that_was_not_sent_is_within_the_reach_that_is_said(a: float) -
     """Whatever its normal: a plane farther away than the reach, as the servo has it, is farther on the link too."""
     rng, nowhere = np.random.default_rng(1), (0.0,) * AXES
     reach_m = 0.02
-    said = with_arms(Arms(a), Proxy(nowhere, 0.0, nowhere, (), reach_m, None))
-    assert type(said) is Proxy
+    said = with_arms(Arms(a), ProxySample(nowhere, 0.0, nowhere, (), reach_m, None))
+    assert type(said) is ProxySample
     for _ in range(50):
         normal = rng.normal(size=AXES) * rng.choice([0.0, 1.0], size=AXES)
         normal[rng.integers(AXES)] = 1.0
         plane = Plane(tuple((normal / np.linalg.norm(normal)).tolist()), reach_m * 1.001, 1000.0, 1.0)
         assert Arms(a).plane(plane).depth(nowhere) < -said.reach_m
-    assert with_arms(Arms(a), Position(nowhere, 0.5)) == Position(nowhere, 0.5)
+    assert with_arms(Arms(a), PositionSample(nowhere, 0.5)) == PositionSample(nowhere, 0.5)

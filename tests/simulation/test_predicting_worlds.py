@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hapnet.assembly.build import prepare
-from hapnet.control.coupling import LawState, Port
+from hapnet.control.coupling import LawState, PortSample
 from hapnet.control.prediction import MotionPredictor
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
@@ -75,7 +75,7 @@ def test_tdpas_world_is_where_the_device_is_at_a_steps_end(age: float) -> None:
     for step in range(60):
         dt = 0.01 + 0.02 * (step % 2)
         while reported <= now - age:
-            state.receive(Port((x(reported),), 1.0), 100.0 + reported, now - reported)
+            state.receive(PortSample((x(reported),), 1.0), 100.0 + reported, now - reported)
             reported += 0.005
         law.begin()
         law.impedance(dt)

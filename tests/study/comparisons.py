@@ -7,7 +7,7 @@ from hapnet.ext.metrics import METRICS
 from hapnet.ext.study import plans
 from hapnet.ext.study.backend import Backend
 from hapnet.ext.study.case import Measures
-from hapnet.ext.study.compare import Case, Outcome, Plan
+from hapnet.ext.study.compare import ComparedRun, Plan, RunMeasures
 from hapnet.ext.study.journal import Journal
 from hapnet.ext.study.runner import Sweep
 from hapnet.params import Params
@@ -24,12 +24,12 @@ def known(**values: float | None) -> Measures:
     return {**dict.fromkeys(METRICS, None), "margin_J": 0.1, "hand_margin_J": 0.05, **values}
 
 
-def outcomes(asked: Plan, measures: Callable[[Case], Measures | None]) -> list[Outcome]:
+def outcomes(asked: Plan, measures: Callable[[ComparedRun], Measures | None]) -> list[RunMeasures]:
     found = [(one, measures(one)) for one in asked.cases()]
-    return [Outcome(one, values, None if values else "it broke") for one, values in found]
+    return [RunMeasures(one, values, None if values else "it broke") for one, values in found]
 
 
-def compared(asked: Plan, directory: Path, backend: Backend) -> list[Outcome]:
+def compared(asked: Plan, directory: Path, backend: Backend) -> list[RunMeasures]:
     """As the command does."""
     spec = asked.spec
     journal = Journal.create_or_resume(directory, spec, spec.cases())

@@ -19,8 +19,8 @@ from hapnet.ext.study import backend, compare, plans, tables, task
 from hapnet.ext.study.backend import ThisProcess, local_workers
 from hapnet.ext.study.case import Measures, measure
 from hapnet.ext.study.commands import compare as command
-from hapnet.ext.study.compare import Case, Plan, Variant, parted
-from hapnet.ext.study.journal import Row
+from hapnet.ext.study.compare import ComparedRun, Plan, Variant, parted
+from hapnet.ext.study.journal import JournalRow
 from hapnet.ext.study.sections import QUICK
 from hapnet.ext.study.spec import params_of
 from hapnet.params import Params
@@ -116,7 +116,7 @@ def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
     ):
         asked = Plan(params, ("pspm", "zoh"), LINKS, operators, (0, 3), (0.0,), (Variant("zoh", 0.1),))
         fixed, cases = json.loads(json.dumps(asked.spec.fixed)), asked.spec.cases()
-        rows = [Row(one, True, known(margin_J=float(one.number)), None, None, None) for one in cases]
+        rows = [JournalRow(one, True, known(margin_J=float(one.number)), None, None, None) for one in cases]
         found = asked.outcomes(rows)
         assert len(cases) == len(found) == 3 * 2 * len(operators) * 2
         for one in found:
@@ -170,7 +170,7 @@ def test_medians_and_quartiles_of_what_is_known() -> None:
     values = {(one.operator, one.seed): (3.0 * one.seed - 1.0) * (2.0 if one.operator == "press" else -1.0)
               for one in asked.cases()}  # fmt: skip
 
-    def measured(one: Case) -> Measures:
+    def measured(one: ComparedRun) -> Measures:
         felt = None if one.operator == "press" else 5.0
         return known(buzz_N2=values[one.operator, one.seed], first_contact_ms=felt)
 

@@ -67,7 +67,7 @@ def test_kinds_are_added_up_and_shared_by_the_workers(
 ) -> None:
     clock = Clock()
     monkeypatch.setattr(studies, "mean_seconds", lambda run, parts: task.mean_seconds(run, parts, clock=clock))
-    kinds = [studies.Kind("run", [0.2, 0.4] * 4, 400), studies.Kind("search", [10.0], 3)]
+    kinds = [studies.PartKind("run", [0.2, 0.4] * 4, 400), studies.PartKind("search", [10.0], 3)]
     studies.estimate(output.console(None), clock.run, kinds, 3)
     studies.estimate(output.console(None), clock.run, kinds, 0, "tcp://scheduler:8786")
     kind = r"a run takes 0.3 s \(mean of 4\); a search takes 10 s \(mean of 1\); all of them, "

@@ -9,7 +9,7 @@ import pytest
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.metrics import METRICS
-from hapnet.ext.pictures.grid import Axis, metric_label, statistic, usual_statistic
+from hapnet.ext.pictures.grid import GridAxis, metric_label, statistic, usual_statistic
 from hapnet.ext.study.grid import grid, shown
 from hapnet.ext.study.journal import Journal
 from hapnet.ext.study.task import CaseResult
@@ -120,8 +120,8 @@ def test_of_a_margin_the_least_is_shown() -> None:
 
 
 def test_scales_are_seen_in_the_values() -> None:
-    def axis(*values: object) -> Axis:
-        return Axis("a", "N", values, ())
+    def axis(*values: object) -> GridAxis:
+        return GridAxis("a", "N", values, ())
 
     assert axis(1, 10, 100).log
     assert axis(*np.geomspace(3.0, 7.0, 9)).log

@@ -13,7 +13,7 @@ from hapnet.ext.study.journal import Journal
 from hapnet.ext.study.runner import ATTEMPTS, COMMIT_S, TASK_S, TOGETHER, Sweep
 from hapnet.ext.study.spec import Case
 from hapnet.ext.study.task import CaseResult, Task, run
-from hapnet.processes.pool import Outcome, WorkerDied
+from hapnet.processes.pool import EndedTask, WorkerDied
 from tests.study.sweeps import SHORT, TOUCHY, journal_of
 
 
@@ -47,8 +47,8 @@ class Pretended:
         task = self._running.pop(0)
         self.now_s += sum(map(self._case_s, task.cases)) / self.workers
         if any(case.number in self._deadly for case in task.cases):
-            return [Outcome(task, None, WorkerDied("its worker died"))]
-        return [Outcome(task, [CaseResult(c.number, {"m": 1.0}, None, self._case_s(c), "w") for c in task.cases])]
+            return [EndedTask(task, None, WorkerDied("its worker died"))]
+        return [EndedTask(task, [CaseResult(c.number, {"m": 1.0}, None, self._case_s(c), "w") for c in task.cases])]
 
     def close(self) -> None: ...
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from hapnet.errors import InvalidParameter
 from hapnet.ext.study.case import Measures
-from hapnet.ext.study.journal import Journal, Row
+from hapnet.ext.study.journal import Journal, JournalRow
 from hapnet.ext.study.search import Search, base, most_cases
 from hapnet.ext.study.search_space import propose
 from hapnet.ext.study.spec import Case, Values
@@ -151,7 +151,7 @@ def test_a_search_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path: Path,
     assert len(ran) == len(set(ran)) == len({row.case.key for row in rows(tmp_path / "whole")})
 
 
-def rows(directory: Path) -> list[Row]:
+def rows(directory: Path) -> list[JournalRow]:
     journal = Journal.look(directory)
     try:
         return list(journal.rows())

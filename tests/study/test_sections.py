@@ -12,7 +12,7 @@ from hapnet.ext.study import backend, compare, markdown, tables, task
 from hapnet.ext.study.backend import ThisProcess
 from hapnet.ext.study.case import Measures, simulated
 from hapnet.ext.study.commands import compare as command, studies
-from hapnet.ext.study.compare import Case, Plan, Variant
+from hapnet.ext.study.compare import ComparedRun, Plan, Variant
 from hapnet.ext.study.sections import FULL, HANDS, QUICK, TAPS
 from hapnet.params import Params
 from tests.study.comparisons import known, outcomes, plan
@@ -103,7 +103,7 @@ def test_the_tables_as_markdown() -> None:
     each = dict(zip(asked.operators, (0.011, 0.02, 0.0349), strict=True))
     worst = dict(zip(asked.operators, (101.0, 98.0, 36.0), strict=True))
 
-    def measured(one: Case) -> Measures:
+    def measured(one: ComparedRun) -> Measures:
         return known(
             drag_N=each[one.operator], stiffness_percent=99.6,
             stiffness_worst_percent=worst[one.operator], energy_out_J=0.0131, hand_energy_out_J=0.0,
@@ -141,7 +141,7 @@ def test_the_headline_says_at_which_port_energy_came_out() -> None:
     """zoh was not passive with one hand and seed 0, over both links; over the near one nothing came out at the hand."""
     asked = plan(seeds=2)
 
-    def measured(one: Case) -> Measures:
+    def measured(one: ComparedRun) -> Measures:
         lost = one.variant.coupling == "zoh" and one.seed == 0 and one.operator == "press"
         out = 0.0 if one.link == "near" else 0.01
         both = 0.3 if lost else 0.9  # what came out where the coupling was passive does not count

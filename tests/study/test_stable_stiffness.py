@@ -10,11 +10,11 @@ import pytest
 
 from hapnet import cli
 from hapnet.errors import InvalidParameter
-from hapnet.ext.metrics.impedance import Line
+from hapnet.ext.metrics.impedance import ImpedanceAtFrequency
 from hapnet.ext.study import stable_stiffness
 from hapnet.ext.study.impedance import Transmission
-from hapnet.ext.study.stable_stiffness import Case, ZWidth, bound, cases, stable, stiffest
-from hapnet.ext.study.transparency import Task
+from hapnet.ext.study.stable_stiffness import StiffnessCase, ZWidth, bound, cases, stable, stiffest
+from hapnet.ext.study.transparency import SearchTask
 from hapnet.params import Params
 from hapnet.processes import pool
 from tests.support.paper import PAPER
@@ -67,7 +67,7 @@ def test_a_held_spring_swings_from_where_the_eigenvalues_cross(B: float) -> None
 @pytest.mark.parametrize(("b", "hz"), [(0.3, 1000.0), (1.0, 1000.0), (0.3, 500.0), (0.3, 4000.0)])
 @pytest.mark.parametrize("B", [1e-6, 0.1])
 def test_the_search_ends_where_the_eigenvalues_cross(B: float, b: float, hz: float) -> None:
-    case = Case("zoh", hz, b, 0.0)
+    case = StiffnessCase("zoh", hz, b, 0.0)
     found = stiffest(case.of(HELD.set({"device.damping": B})))
     assert found.free < found.cycles <= 1.0301 * found.free
     assert found.free == pytest.approx(crossing(B, b, hz), rel=0.06)
@@ -87,7 +87,7 @@ def test_rates_and_dampings_of_the_parameters_are_searched_too() -> None:
         (coupling, resolution) for coupling in ("pspm", "zoh") for resolution in (0.0, 55e-6)
     }
     assert len(found) == 4 * 4 * 4
-    device = Case("zoh", 500.0, 0.2, 55e-6).of(params).device
+    device = StiffnessCase("zoh", 500.0, 0.2, 55e-6).of(params).device
     assert (device.servo_hz, device.own_damping, device.resolution_m) == (500.0, 0.2, 55e-6)
     with pytest.raises(InvalidParameter, match=r"device\.damping"):
         cases(Params().set({"device.damping": (0.1, 0.2)}))
@@ -97,12 +97,16 @@ def test_the_command_shows_them_beside_the_bound_in_table_figure_and_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The searches themselves are replaced: they take seconds, and are tried above."""
-    some = [Case("pspm", 1000.0, 0.3, 0.0), Case("zoh", 1000.0, 0.3, 55e-6), Case("zoh", 500.0, 0.05, 0.0)]
+    some = [
+        StiffnessCase("pspm", 1000.0, 0.3, 0.0),
+        StiffnessCase("zoh", 1000.0, 0.3, 55e-6),
+        StiffnessCase("zoh", 500.0, 0.05, 0.0),
+    ]
     found = {some[0]: ZWidth(750.0, 770.0), some[1]: ZWidth(600.0, None), some[2]: ZWidth(None, 10.0)}
     device = {case: case.of(Params()).device for case in some}
-    transmission = Transmission((Line(1.0, 90.0 + 0.0j, 0.0),), (100.0 + 0.0j,), None)
+    transmission = Transmission((ImpedanceAtFrequency(1.0, 90.0 + 0.0j, 0.0),), (100.0 + 0.0j,), None)
 
-    def deal(work: object, tasks: Sequence[Task], *_: object) -> list[object]:
+    def deal(work: object, tasks: Sequence[SearchTask], *_: object) -> list[object]:
         for task in tasks:
             if task.case is not None:
                 assert task.case.of(task.params).device == device[task.case]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from hapnet.ext.study.compare import Case, Outcome, Plan, Variant
+from hapnet.ext.study.compare import ComparedRun, Plan, RunMeasures, Variant
 from hapnet.ext.study.figures import story, tradeoff
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
@@ -12,11 +12,11 @@ from hapnet.params import Params
 PLAN = Plan(Params(), ("pspm", "zoh", "pd"), {"lan": ("", ""), "4g": ("", "")}, ("press",), (0, 1))
 
 
-def outcomes(reported: dict[tuple[str, str], tuple[float, float]]) -> list[Outcome]:
+def outcomes(reported: dict[tuple[str, str], tuple[float, float]]) -> list[RunMeasures]:
     """For each coupling over each link: the force error [%] and the margin [J], the same with both seeds."""
     return [
-        Outcome(
-            Case(Variant(coupling), link, "press", seed, Params()),
+        RunMeasures(
+            ComparedRun(Variant(coupling), link, "press", seed, Params()),
             {"true_force_error_percent": error, "margin_J": margin_J},
         )
         for (coupling, link), (error, margin_J) in reported.items()
@@ -52,7 +52,7 @@ def test_words_names_and_panels_lie_beside_one_another(couplings: tuple[str, ...
     """Also where the story is long: none of the couplings was passive, on any of three links."""
     plan = replace(PLAN, couplings=couplings, links=dict.fromkeys(("lan", "4g", "intercontinental"), ("", "")))
     reported = [
-        Outcome(
+        RunMeasures(
             case,
             {
                 "true_force_error_percent": 1.0,

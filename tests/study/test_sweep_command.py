@@ -20,7 +20,7 @@ from hapnet.ext.study.export import TIMING
 from hapnet.ext.study.journal import NAME, Journal
 from hapnet.ext.study.spec import Spec
 from hapnet.ext.study.task import CaseResult, Task, run
-from hapnet.processes.pool import Outcome
+from hapnet.processes.pool import EndedTask
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
 from tests.support.commands import Tab
@@ -261,7 +261,7 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
         def wait(self, limit_s: float) -> list[TaskOutcome]:
             if self.task is None or self.task.cases[0].number:
                 raise HapnetError("the scheduler is gone")
-            return [Outcome(self.task, run(self.task))]
+            return [EndedTask(self.task, run(self.task))]
 
         def close(self) -> None: ...
 

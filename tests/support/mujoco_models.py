@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
 from hapnet.ext.engines.mujoco_engine import MujocoEngine, mujoco_world
-from hapnet.ext.engines.mujoco_model import Model
+from hapnet.ext.engines.mujoco_model import MujocoModel
 
 FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'
 BLOCK = '<geom name="block" type="box" pos="0.05 0 0.03" size="0.02 0.1 0.03"/>'
@@ -36,6 +36,6 @@ def engine_of(world: EngineWorld) -> MujocoEngine:
     return world.engine
 
 
-def found_of(world: EngineWorld) -> Model:
+def found_of(world: EngineWorld) -> MujocoModel:
     """The model that runs in this world."""
     return engine_of(world).found

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Port
+from hapnet.control.coupling import PortSample
 from hapnet.ext.laws import tdpa
 from hapnet.ext.laws.parts import tdpa_world
 from hapnet.ext.laws.parts.tdpa_world import PassivityObserver, TdpaWorld, Tuning
@@ -46,9 +46,9 @@ def world(x: Vector = (0.0,), **changes: Any) -> TdpaWorld:
     return TdpaWorld(tuning(**changes), x, predictor)
 
 
-def reported(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> Port:
+def reported(law: TdpaDevice | TdpaWorld, x: Vector = (0.0,)) -> PortSample:
     sample = law.next_sample(x, x) if isinstance(law, TdpaDevice) else law.next_sample()
-    assert isinstance(sample, Port)
+    assert isinstance(sample, PortSample)
     return sample
 
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hapnet.control.coupling import Wave
-from hapnet.ext.laws.parts.wave_integral import Line
+from hapnet.control.coupling import WaveSample
+from hapnet.ext.laws.parts.wave_integral import WaveReceiver
 from hapnet.ext.laws.parts.wave_port import WaveDevice, WaveWorld
 
 TICK = 1e-3
@@ -33,7 +33,7 @@ def wander(rng: np.random.Generator, ticks: int, time: float, speed: float = 0.1
     return (v * speed / v.std()).tolist()
 
 
-def reported(waves: list[Wave]) -> list[Wave]:
+def reported(waves: list[WaveSample]) -> list[WaveSample]:
     """These waves with their integrals, as their receiver gets them."""
     total = total_s = 0.0
     found = []
@@ -45,8 +45,8 @@ def reported(waves: list[Wave]) -> list[Wave]:
 
 
 def put_in(
-    device_line: Line,
-    world_line: Line,
+    device_line: WaveReceiver,
+    world_line: WaveReceiver,
     seed: int,
     *,
     delay: int = 40,
@@ -63,13 +63,13 @@ def put_in(
     world = WaveWorld(5.0, 500.0, 5.0, (0.0,), world_line)
     ticks = round(seconds / TICK)
     hand, mass = wander(rng, ticks, time), wander(rng, ticks, time)
-    up: list[tuple[int, int, Wave]] = []
-    down: list[tuple[int, int, Wave]] = []
+    up: list[tuple[int, int, WaveSample]] = []
+    down: list[tuple[int, int, WaveSample]] = []
     number = 0
 
-    sent = {id(up): Wave((0.0,), 0.0, (0.0,), 0.0), id(down): Wave((0.0,), 0.0, (0.0,), 0.0)}
+    sent = {id(up): WaveSample((0.0,), 0.0, (0.0,), 0.0), id(down): WaveSample((0.0,), 0.0, (0.0,), 0.0)}
 
-    def send(way: list[tuple[int, int, Wave]], now: int, wave: Wave) -> None:
+    def send(way: list[tuple[int, int, WaveSample]], now: int, wave: WaveSample) -> None:
         nonlocal number
         number += 1
         last = sent[id(way)]
@@ -80,7 +80,7 @@ def put_in(
 
     work = lowest = debt = x = y = held = 0.0
     began, ends = 0, int(rng.integers(10, 51))
-    latched: list[Wave] = []
+    latched: list[WaveSample] = []
     for now in range(1, ticks):
         while up and up[0][0] <= now:
             latched.append(heapq.heappop(up)[2])
@@ -115,14 +115,14 @@ def put_in(
 class Counted:
     """A line with one axis and its account: the energy and the displacement that came and went."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: WaveReceiver) -> None:
         self._line = line
         self.came = self.went = 0.0
         self.spare = 0.0
         """The least by which what came was above what went, at any time [J]."""
         self.moved_in = self.moved_out = 0.0
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         self._line.push(wave)
         self.came += wave.value[0] ** 2 * wave.span / 2.0
         self.moved_in += wave.value[0] * wave.span
@@ -142,7 +142,7 @@ def shake(line: Counted, seed: int, *, seconds: float = 20.0, loss: float = 0.0,
     """Waves of irregular spans come, some late and in bursts, some never; slots of irregular lengths take them."""
     rng = np.random.default_rng(seed)
     now = sent = 0.0
-    under_way: list[tuple[float, Wave]] = []
+    under_way: list[tuple[float, WaveSample]] = []
     while now < seconds:
         slot = float(rng.choice([0.001, 0.005, rng.uniform(0.01, 0.05)]))
         now += slot
@@ -150,7 +150,7 @@ def shake(line: Counted, seed: int, *, seconds: float = 20.0, loss: float = 0.0,
             span = float(rng.uniform(0.001, 0.05))
             sent += span
             if rng.random() >= loss:
-                wave = Wave((float(rng.normal() + 2.0 * np.sin(sent)),), span)
+                wave = WaveSample((float(rng.normal() + 2.0 * np.sin(sent)),), span)
                 heapq.heappush(under_way, (sent + float(rng.uniform(0.0, jitter)), wave))
         while under_way and under_way[0][0] <= now:
             line.push(heapq.heappop(under_way)[1])

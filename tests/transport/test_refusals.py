@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.transport.config import ZenohSettings, free_address
-from hapnet.transport.refusals import AGAIN_NS, MOST_REPORTED, Log, Refusals
+from hapnet.transport.refusals import AGAIN_NS, MOST_REPORTED, RefusalReader, Refusals
 from tests.support.processes import started
 from tests.support.transports import Side, opened, own
 
@@ -41,7 +41,7 @@ HINT = " Hint: increase the system open file limit."
     ],
 )
 def test_what_a_line_says_of_who_was_refused(lines: list[str], says: str | None) -> None:
-    log = Log()
+    log = RefusalReader()
     last = [log.refusal(line) for line in lines][-1]
     assert last is None if says is None else last is not None and last.startswith(says)
 

@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="the live page's library is not installed")
 from hapnet import cli
 from hapnet.commands.options import ZenohOptions
 from hapnet.commands.side import PAGE
-from hapnet.ext.page.commands.far_world import FarWorld, Hand, fitting
+from hapnet.ext.page.commands.far_world import FarWorld, MouseHand, fitting
 from hapnet.ext.page.commands.play import led
 from hapnet.ext.page.history import History
 from hapnet.params import Params
@@ -89,7 +89,7 @@ def test_what_cannot_be_is_said_in_a_line(argv: list[str], says: str, capsys: py
     assert err.count("\n") == 1
 
 
-def led_to(hand: Hand, history: History, x_m: float) -> Callable[[], bool]:
+def led_to(hand: MouseHand, history: History, x_m: float) -> Callable[[], bool]:
     def there() -> bool:
         hand.lead((x_m,))
         track = history.snapshot().device
@@ -105,7 +105,7 @@ def test_the_mouse_moves_a_world_elsewhere_and_its_page_sees_both_sides() -> Non
         zenoh = ZenohOptions(connect=[address])
         far = FarWorld(zenoh, "default", "device", 1, None, files=False, realtime=False)
         params = led(Params().set({"scene": "free", "link.up": "", "link.down": ""}))
-        hand = Hand(params, far, history, closing)
+        hand = MouseHand(params, far, history, closing)
         until(led_to(hand, history, 0.03))
         until(lambda: history.snapshot().world_status is not None and history.snapshot().summary is not None)
         until(lambda: (w := history.snapshot().world) is not None and abs(float(w.position_m[-1, 0]) - 0.03) < 5e-3)

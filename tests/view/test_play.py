@@ -17,7 +17,7 @@ from hapnet.commands.pair import Pair
 from hapnet.commands.standby import Standby
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.page.commands.play import led
-from hapnet.ext.page.commands.stage import SESSION, Stage
+from hapnet.ext.page.commands.stage import SESSION, PairSequence
 from hapnet.ext.page.history import History
 from hapnet.ext.page.watcher import Watcher
 from hapnet.params import RELAXED_HAND, Params
@@ -40,7 +40,7 @@ class Playing:
         self.history = History(follows=False)
         params = led(Params().set({name.replace("__", "."): value for name, value in changes.items()}))
         console = Console(file=self.said, width=400)
-        self.stage = Stage(params, 1, out, address, console, self.history, realtime=False)
+        self.stage = PairSequence(params, 1, out, address, console, self.history, realtime=False)
         self.watcher = Watcher(ZenohSettings(connect=(address,)), self.history.take, session=SESSION, name="device")
         self.stop = asyncio.Event()
         self.task = asyncio.create_task(self.stage.run(self.stop))
@@ -260,7 +260,9 @@ def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(Path, "read_text", None)
     monkeypatch.setattr(Path, "open", None)
     monkeypatch.setattr("builtins.open", None)
-    stage = Stage(led(Params()), 1, tmp_path, "tcp/127.0.0.1:1", Console(file=StringIO()), History(), realtime=False)
+    stage = PairSequence(
+        led(Params()), 1, tmp_path, "tcp/127.0.0.1:1", Console(file=StringIO()), History(), realtime=False
+    )
     with pytest.raises(InvalidParameter, match="without files"):
         stage.link("up", words)
 

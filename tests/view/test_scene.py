@@ -15,7 +15,7 @@ from hapnet.ext.arms.picture import ArmPicture, described
 from hapnet.ext.arms.table import omni
 from hapnet.ext.page.contacts import turned_to
 from hapnet.ext.page.history import Snapshot, Track
-from hapnet.ext.page.scene import _PROXY_RADIUS, _THIN, UNIT, Scene, _coil, _view_of
+from hapnet.ext.page.scene import _PROXY_RADIUS, _THIN, UNIT, PageScene, _coil, _view_of
 from hapnet.ext.solids.mesh_surface import volume
 from hapnet.ext.solids.outlines import cylinder
 from hapnet.ext.solids.rigid import parts_of_words
@@ -39,7 +39,7 @@ def test_the_spring_is_turned_to_where_it_leads() -> None:
 def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(normal: tuple[float, ...]) -> None:
     """Its near face is the proxy's radius behind the plane, and across its normal; what is no longer sent is hidden."""
     server = viser.ViserServer(port=0, verbose=False)
-    scene = Scene(server, len(normal), [], None)
+    scene = PageScene(server, len(normal), [], None)
     still = Snapshot(None, None, None, None, False, (), 0)
     scene.update(replace(still, planes=(Plane(normal, 0.02, 3000.0, 10.0),)))
     first, *others = scene._planes
@@ -58,7 +58,7 @@ def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(norma
 def test_a_plane_of_a_ball_is_a_small_piece_where_the_proxy_is() -> None:
     """Of a ball of 50 mm it reaches 10 mm far, where the ball is 1 mm behind it. Then it is flat and whole again."""
     server = viser.ViserServer(port=0, verbose=False)
-    scene = Scene(server, 2, [], None)
+    scene = PageScene(server, 2, [], None)
     plane = Plane((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0, (Curvature((0.0, 1.0), 20.0),))
     scene._show_planes((plane,), np.array((1.5, 3.0, 0.0)))
     (node, *_) = scene._planes
@@ -77,7 +77,7 @@ def test_the_solids_of_a_rigid_scene_are_drawn_and_where_a_wall_is_touched(tmp_p
     server = viser.ViserServer(port=0, verbose=False)
     parts = parts_of_words(words)
     assert len(parts) == 6
-    scene = Scene(server, 3, [], None, parts=parts)
+    scene = PageScene(server, 3, [], None, parts=parts)
     still = Snapshot(None, None, None, None, False, (), 0)
     many, none = np.zeros((1, 3)), np.zeros(1)
     place, force = np.array([[0.021, 0.0, 0.0]]), np.array([[-3.0, 0.0, 0.0]])
@@ -95,7 +95,7 @@ def test_an_arms_links_are_drawn_where_they_are(by_joints: bool) -> None:
     """Joint by joint the tip stands for the handle, and torques are no arrow in space."""
     server = viser.ViserServer(port=0, verbose=False)
     arm = ArmPicture(described(omni(), by_joints))
-    scene = Scene(server, 3, [{"axis": 0, "solid": 1, "position_m": 0.02}], None, arm=arm)
+    scene = PageScene(server, 3, [{"axis": 0, "solid": 1, "position_m": 0.02}], None, arm=arm)
     still = Snapshot(None, None, None, None, False, (), 0)
     none, at = np.zeros(1), np.array([[0.02, -0.01, 0.03]])
     device = Track(none, at, at, np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 4, 3)), none, none, none)
@@ -137,7 +137,7 @@ def test_with_three_axes_the_cameras_see_the_solids_beside_the_hand() -> None:
     assert distance == pytest.approx(24.0 * 13.0 / 10.0)
     server = viser.ViserServer(port=0, verbose=False)
     for dof, parts in ((1, ()), (3, ())):
-        Scene(server, dof, [], None, parts=parts)
+        PageScene(server, dof, [], None, parts=parts)
         assert server.initial_camera.look_at == pytest.approx((0.0, 0.0, 0.0))
         assert np.linalg.norm(server.initial_camera.position) == pytest.approx(24.0)
     server.stop()
@@ -146,7 +146,7 @@ def test_with_three_axes_the_cameras_see_the_solids_beside_the_hand() -> None:
 @pytest.mark.parametrize("dof", [1, 3])
 def test_it_can_be_seen_from_the_front_again(dof: int) -> None:
     server = viser.ViserServer(port=0, verbose=False)
-    scene, camera = Scene(server, dof, [], None), server.initial_camera
+    scene, camera = PageScene(server, dof, [], None), server.initial_camera
     front = np.array([camera.position, camera.look_at])
     camera.position, camera.look_at = np.array([9.0, 8.0, 7.0]), np.ones(3)
     scene.look(camera)
@@ -157,7 +157,7 @@ def test_it_can_be_seen_from_the_front_again(dof: int) -> None:
 def test_names_stay_apart() -> None:
     """Each name is on the side where the other ball is not."""
     server = viser.ViserServer(port=0, verbose=False)
-    scene = Scene(server, 1, [], None)
+    scene = PageScene(server, 1, [], None)
     still, none = np.zeros((1, 1)), np.zeros(1)
     proxy = Track(none, still, still, still, np.zeros((1, 0, 1)), none, none, none)
     for handle_m, anchors in ((0.03, ["top-left", "top-right"]), (-0.03, ["top-right", "top-left"])):

@@ -11,7 +11,7 @@ from hapnet.wire.events import Event, Mismatch, Paired
 from hapnet.wire.handshake import MAX_PEERS, Handshake
 from hapnet.wire.identity import COUPLING, EARLIER
 from hapnet.wire.messages import Bye, Hello, Identity, Refuse, Role, Scalar, Welcome
-from hapnet.wire.pairing import TRANSITIONS, Action, Input, State, transition
+from hapnet.wire.pairing import TRANSITIONS, Action, Input, PairingState, transition
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS
@@ -244,9 +244,9 @@ STRANGERS = set(Input) - FROM_PEER - TIME
 
 
 def test_every_state_answers_all_that_can_come_in_it() -> None:
-    assert set(TRANSITIONS[State.SEARCHING]) == STRANGERS
-    assert set(TRANSITIONS[State.PAIRED]) == set(TRANSITIONS[State.SILENT]) == set(Input)
-    assert TRANSITIONS[State.LEFT] == {}
+    assert set(TRANSITIONS[PairingState.SEARCHING]) == STRANGERS
+    assert set(TRANSITIONS[PairingState.PAIRED]) == set(TRANSITIONS[PairingState.SILENT]) == set(Input)
+    assert TRANSITIONS[PairingState.LEFT] == {}
 
 
 def test_what_the_rows_must_keep() -> None:
@@ -254,12 +254,14 @@ def test_what_the_rows_must_keep() -> None:
     for state, rows in TRANSITIONS.items():
         for happened, row in rows.items():
             where = state, happened
-            assert (Action.PAIR in row.actions) == (happened is Input.WELCOME and state is not State.PAIRED), where
-            assert (Action.END_PAIR in row.actions) == (row.state is State.SEARCHING is not state), where
+            assert (Action.PAIR in row.actions) == (happened is Input.WELCOME and state is not PairingState.PAIRED), (
+                where
+            )
+            assert (Action.END_PAIR in row.actions) == (row.state is PairingState.SEARCHING is not state), where
             assert row.drop is None or row.state is state, where  # a dropped message changes no state
             if happened in (Input.OWN, Input.RETIRED, Input.MISADDRESSED, Input.OTHER_CANDIDATE):
                 assert row.drop is not None, where
-            if state is State.PAIRED and happened in STRANGERS - {
+            if state is PairingState.PAIRED and happened in STRANGERS - {
                 Input.RETIRED,
                 Input.UNFIT_HELLO,
                 Input.UNPROVEN_UNFIT_HELLO,
@@ -269,7 +271,7 @@ def test_what_the_rows_must_keep() -> None:
 
 def test_what_this_program_does_wrong_is_no_fault_of_a_peer() -> None:
     with pytest.raises(LocalProtocolError, match=r"BYE_OF_PEER in state SEARCHING; allowed: CLOSE, OWN, "):
-        transition(State.SEARCHING, Input.BYE_OF_PEER)
+        transition(PairingState.SEARCHING, Input.BYE_OF_PEER)
     handshake = after_hellos(1)
     handshake.close(300 * MS, 0, "the end")
     for late in (lambda: handshake.close(400 * MS, 0, "again"), lambda: handshake.receive(welcome(1), 400 * MS)):
@@ -287,12 +289,12 @@ MESSAGES = (
 )
 
 
-@pytest.mark.parametrize("state", [State.SEARCHING, State.PAIRED, State.SILENT])
-def test_to_look_at_a_message_changes_nothing(state: State) -> None:
+@pytest.mark.parametrize("state", [PairingState.SEARCHING, PairingState.PAIRED, PairingState.SILENT])
+def test_to_look_at_a_message_changes_nothing(state: PairingState) -> None:
     """2 is the peer, 3 the candidate, 4 was the peer once, 5 a stranger, 1 this side itself; private, so as to look."""
-    heard = state is State.PAIRED
+    heard = state is PairingState.PAIRED
     handshake = Handshake(ME, lambda now_ns: heard, PERIOD_NS)
-    for k, who in enumerate((4, 2) if state is not State.SEARCHING else (4,)):
+    for k, who in enumerate((4, 2) if state is not PairingState.SEARCHING else (4,)):
         handshake.poll(k * PERIOD_NS)
         handshake.receive(welcome(k + 1, who), k * PERIOD_NS)
         if who == 4:

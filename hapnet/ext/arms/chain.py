@@ -33,7 +33,7 @@ _SMALL = 1e-2
 """Below this angle [rad] its sine over itself is a series, exact to rounding."""
 
 
-class Link(Record):
+class ArmLink(Record):
     """A link with the joint that it turns on, about the z axis of its own frame; the first is the base.
 
     rotation, offset : of the frame at q = 0, in the frame of the link before [m]. mass [kg], moment [kg m], second
@@ -94,7 +94,7 @@ class Chain(Record):
     n: int
     tip_mass: float
     gamma: Vector3
-    links: Annotated[Sequence[Link], (JOINTS + 1,)]
+    links: Annotated[Sequence[ArmLink], (JOINTS + 1,)]
     tip: Lever
     weight: Lever
     inertia: MatrixOfJoints
@@ -189,7 +189,7 @@ def gather(chain: Chain) -> None:
 
 
 @equation
-def momentum(link: Link, a: Reals, b: Reals, angular: Floats, linear: Floats) -> None:
+def momentum(link: ArmLink, a: Reals, b: Reals, angular: Floats, linear: Floats) -> None:
     """Of a link and all after it that move with ``r' = a x r + b``: ``I a + s x b`` and ``a x s + m b``."""
     E, s = link.all_second, link.all_moment
     trace = E[0][0] + E[1][1] + E[2][2]
@@ -299,7 +299,7 @@ def zero_chain(n: int) -> Chain:
     """A chain of n joints, all zero; the base's frame is the world's."""
     chain = Chain()
     chain.n = n
-    chain.links = [Link() for _ in range(n + 1)]
+    chain.links = [ArmLink() for _ in range(n + 1)]
     for k in range(3):
         chain.links[0].turned[k][k] = 1.0
     return chain

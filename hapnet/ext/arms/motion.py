@@ -37,7 +37,7 @@ TRIES = 8
 _WITHIN = 1.0 - 1e-9
 
 
-class Port(Record):
+class ArmPort(Record):
     """Where hand and coupling hold the arm, between two postures; `axes` of them, of the tip [m] or the joints [rad].
 
     by_joints : whether the axes are the joints. origin : q where their positions are 0 [rad].
@@ -75,7 +75,7 @@ class Arm(Record):
     """
 
     chain: Chain
-    port: Port
+    port: ArmPort
     n: int
     steps: int
     period: float

@@ -24,7 +24,7 @@ import zenoh
 
 from hapnet.assembly.build import prepare
 from hapnet.errors import HapnetError
-from hapnet.ext.bench.row import Distribution, Figures, Limit, Options, Row
+from hapnet.ext.bench.row import Distribution, Limit, Options, RoundFigures, Row
 from hapnet.ext.bench.traffic import KILOHERTZ
 from hapnet.params import Params
 from hapnet.processes.child import Child, WaitForStart
@@ -57,7 +57,7 @@ def one_way_latency(options: Options) -> Row:
     """
     subject, bare, same, sockets = in_turns([hapnet_once, default_once, raw_once, socket_once], options)
     more = {
-        f"{name}_{figure}": getattr(Figures.of(rounds), figure)
+        f"{name}_{figure}": getattr(RoundFigures.of(rounds), figure)
         for name, rounds in (("same_link", same), ("udp_sockets", sockets))
         for figure in ("median", "p99")
     }

@@ -12,7 +12,7 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import MissingLibrary
-from hapnet.ext.bench.row import Call, Distribution, Figures, Limit, Options, Row, cost
+from hapnet.ext.bench.row import Call, Distribution, Limit, Options, RoundFigures, Row, cost
 from hapnet.ext.solids.mesh import Mesh
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.plant.integrator import PassiveIntegrator
@@ -39,9 +39,9 @@ def world_step_mesh(options: Options) -> Row:
     more = {"mean_ratio": median(map(_mean, subject)) / median(map(_mean, bare))}
     for name, path in others.items():
         other, beside = _beside(LedMass(mesh, path), mesh, options)
-        more[name] = Figures.of(other).median / Figures.of(beside).median
+        more[name] = RoundFigures.of(other).median / RoundFigures.of(beside).median
     other, beside = _beside(LedMass(mesh, goals(0.030), tells=True), mesh, options)
-    more["told_ratio"] = Figures.of(other).median / Figures.of(beside).median
+    more["told_ratio"] = RoundFigures.of(other).median / RoundFigures.of(beside).median
     limits = tuple([Limit(name, 4.0) for name in ("ratio", "mean_ratio", "fast_ratio", "free_ratio")])
     return Row("world_step_mesh", "us", what, subject, against, bare, more=more, limits=limits)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hapnet.ext.bench.row import Distribution, Figures, Row
+from hapnet.ext.bench.row import Distribution, RoundFigures, Row
 from hapnet.ext.pictures.distributions import Panel, Values, draw
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     return draw(panels)
 
 
-def _shown(rounds: Sequence[Distribution], figures: Figures | None) -> Values:
+def _shown(rounds: Sequence[Distribution], figures: RoundFigures | None) -> Values:
     """With the table's figures, whose ratio is in the title; quantiles over all rounds together would differ."""
     assert figures is not None
     samples = Distribution.together(rounds)
@@ -80,7 +80,7 @@ def _remarks(row: Row) -> list[str]:
     return out
 
 
-def _numbers(figures: Figures | None) -> list[str]:
+def _numbers(figures: RoundFigures | None) -> list[str]:
     if figures is None:
         return ["-"] * 3
     return [_number(value) for value in (figures.minimum, figures.median, figures.p99)]

@@ -65,7 +65,7 @@ class Distribution:
 
 
 @dataclass(frozen=True)
-class Figures:
+class RoundFigures:
     """Figures over the rounds: the minimum, the median of the medians, and the median of the 99th percentiles."""
 
     minimum: float
@@ -73,7 +73,7 @@ class Figures:
     p99: float
 
     @classmethod
-    def of(cls, rounds: Sequence[Distribution], *, higher_is_better: bool = False) -> Figures:
+    def of(cls, rounds: Sequence[Distribution], *, higher_is_better: bool = False) -> RoundFigures:
         """The figures of these rounds. `p99` is the worst of the best 99 %: for rates the first percentile."""
         tail = 0.01 if higher_is_better else 0.99
         return cls(
@@ -120,18 +120,18 @@ class Row:
     panel: bool = True
 
     @cached_property
-    def figures(self) -> Figures | None:
+    def figures(self) -> RoundFigures | None:
         """Of what is measured."""
-        return Figures.of(self.rounds, higher_is_better=self.higher_is_better) if self.rounds else None
+        return RoundFigures.of(self.rounds, higher_is_better=self.higher_is_better) if self.rounds else None
 
     @cached_property
-    def reference(self) -> Figures | None:
+    def reference(self) -> RoundFigures | None:
         """Of the bare reference."""
-        return Figures.of(self.bare_rounds, higher_is_better=self.higher_is_better) if self.bare_rounds else None
+        return RoundFigures.of(self.bare_rounds, higher_is_better=self.higher_is_better) if self.bare_rounds else None
 
     @property
     def ratio(self) -> float | None:
-        """The median divided by the reference's; both are medians over the rounds (`Figures`)."""
+        """The median divided by the reference's; both are medians over the rounds (`RoundFigures`)."""
         return self._over(lambda figures: figures.median)
 
     @property
@@ -171,7 +171,7 @@ class Row:
             **({"note": self.note} if self.note else {}),
         }
 
-    def _over(self, figure: Callable[[Figures], float]) -> float | None:
+    def _over(self, figure: Callable[[RoundFigures], float]) -> float | None:
         if self.figures is None or self.reference is None or figure(self.reference) == 0.0:
             return None
         return figure(self.figures) / figure(self.reference)

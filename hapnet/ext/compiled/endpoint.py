@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet.ext.compiled import link as links
-from hapnet.ext.compiled.link import ENERGY, STREAM, Link, Message
+from hapnet.ext.compiled.link import ENERGY, STREAM, LinkRecord, MessageSlot
 from hapnet.records.record import Reals, Record, Wholes, equation
 from hapnet.side.content import energy_nJ, span_ns
 from hapnet.wire import energy_channel as channels
@@ -75,21 +75,21 @@ class Wire(Record):
     path: Path
     window: ReplayWindow
     integral: Integral
-    samples: Annotated[Sequence[Message], (BACKLOG,)]
+    samples: Annotated[Sequence[MessageSlot], (BACKLOG,)]
     came_ns: Annotated[Wholes, (BACKLOG,)]
     took_ns: Annotated[Wholes, (BACKLOG,)]
     credits_nJ: Annotated[Wholes, (CREDITS,)]
 
 
-class Port(Record):
+class PortRecord(Record):
     """A side's protocol, and the link that carries what it sends: a `LinkPort`."""
 
     wire: Wire
-    link: Link
+    link: LinkRecord
 
 
 @equation
-def receive(wire: Wire, message: Message, now_ns: int) -> None:
+def receive(wire: Wire, message: MessageSlot, now_ns: int) -> None:
     """`WireHalf.receive`: a message of the peer arrives."""
     if message.kind == STREAM:
         _on_stream(wire, message, now_ns)
@@ -111,7 +111,7 @@ def credit(wire: Wire, credited_nJ: int) -> None:
 
 
 @equation
-def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
+def _on_stream(wire: Wire, message: MessageSlot, now_ns: int) -> None:
     """`Session._on_stream`."""
     endpoint, path, sequence = wire.endpoint, wire.path, message.sequence
     once = endpoint.waves != 0
@@ -128,7 +128,7 @@ def _on_stream(wire: Wire, message: Message, now_ns: int) -> None:
 
 
 @equation
-def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
+def _put(wire: Wire, message: MessageSlot, now_ns: int, took_ns: int) -> None:
     """`ControlHalf.on_sample`: of too many samples the oldest is forgotten."""
     endpoint = wire.endpoint
     if endpoint.waiting == endpoint.backlog:
@@ -141,7 +141,7 @@ def _put(wire: Wire, message: Message, now_ns: int, took_ns: int) -> None:
 
 
 @equation
-def send_due(wire: Wire, link: Link, now_ns: int) -> None:
+def send_due(wire: Wire, link: LinkRecord, now_ns: int) -> None:
     """`LinkPort.send_due`: the energy that is due goes to the link."""
     credit(wire, channels.admit(wire.channel, now_ns))
     total_nJ = channels.poll(wire.channel, now_ns)
@@ -154,13 +154,13 @@ def send_due(wire: Wire, link: Link, now_ns: int) -> None:
 
 
 @equation
-def surface_bytes(endpoint: Endpoint, message: Message) -> int:
+def surface_bytes(endpoint: Endpoint, message: MessageSlot) -> int:
     """How many bytes it takes to say how the planes bend and rub: walls do neither. See solids.py."""
     return 0
 
 
 @equation
-def finish(wire: Wire, message: Message, now_ns: int, amount: float) -> None:
+def finish(wire: Wire, message: MessageSlot, now_ns: int, amount: float) -> None:
     """`PositionStream`: number and stamp a message of the stream; vectors, and a proxy's content, are there.
 
     amount : a port's energy [J], or a wave's span [s].
@@ -218,6 +218,6 @@ def _width(value: int) -> int:
 
 
 @equation
-def has_room(link: Link) -> bool:
+def has_room(link: LinkRecord) -> bool:
     """Whether there are draws for all that one event may send."""
     return link.drawn - (link.counters.offered - link.begun) >= 2

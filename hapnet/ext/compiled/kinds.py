@@ -73,7 +73,7 @@ def scenario(kind: Kind) -> type[Scenario]:
     """The record of such a scenario."""
     made: dict[str, type[Record]] = {}
     if kind.solid:
-        made["world"] = holding(sides.WorldSide, contacts=SolidContact)
+        made["world"] = holding(sides.WorldSideRecord, contacts=SolidContact)
     for name, side, end in (
         ("device", law_sides.LawDevice, kind.device), ("world", law_sides.LawWorld, kind.world)
     ):  # fmt: skip

@@ -8,8 +8,8 @@ from hapnet.control import law as laws
 from hapnet.control.coupling import counted
 from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
 from hapnet.ext.compiled import link as links
-from hapnet.ext.compiled.endpoint import Port, Wire, finish
-from hapnet.ext.compiled.link import Message
+from hapnet.ext.compiled.endpoint import PortRecord, Wire, finish
+from hapnet.ext.compiled.link import MessageSlot
 from hapnet.ext.compiled.samples import DeviceRow, WorldRow
 from hapnet.ext.compiled.sides import note
 from hapnet.plant import device as devices, integrator
@@ -50,7 +50,7 @@ class LawWorld(Record):
 
 
 @equation
-def tick(side: LawDevice, wire: Wire, hand: Hand, now_ns: int, message: Message) -> None:
+def tick(side: LawDevice, wire: Wire, hand: Hand, now_ns: int, message: MessageSlot) -> None:
     """`SampledDeviceSide.tick` with a `LawServo`: the message to send, if there is one, is in `message`."""
     device, servo, law, n = side.plant, side.servo, side.law, side.plant.dof
     dt = max((now_ns - side.last_ns) * _NANO, device.period)
@@ -87,7 +87,7 @@ def advance(side: LawWorld, dt: float) -> None:
 
 
 @equation
-def take(side: LawWorld, port: Port, now_ns: int) -> None:
+def take(side: LawWorld, port: PortRecord, now_ns: int) -> None:
     """`ControlHalf.take` at the world, with `LawState.receive`."""
     law, endpoint = side.law, port.wire.endpoint
     for k in range(endpoint.waiting):
@@ -98,7 +98,7 @@ def take(side: LawWorld, port: Port, now_ns: int) -> None:
 
 
 @equation
-def answer(side: LawWorld, port: Port, now_ns: int, dt: float) -> Message:
+def answer(side: LawWorld, port: PortRecord, now_ns: int, dt: float) -> MessageSlot:
     """`WorldControl.answer`."""
     mass, law, message = side.mass, side.law, links.spare(port.link, 0)
     counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, 0.0)

@@ -23,7 +23,7 @@ SPARE = 2
 """The last slots of a link are for messages that are being made."""
 
 
-class Message(Record):
+class MessageSlot(Record):
     """A message, and where it is on the link.
 
     kind : `STREAM` or `ENERGY`; `NOTHING`: no message was made. order : its number on the link. offered_ns : when it
@@ -62,7 +62,7 @@ class Message(Record):
     reach_m: float
 
 
-class Counters(Record):
+class LinkCounters(Record):
     """`netem.stats.Counters`."""
 
     offered: int
@@ -79,7 +79,7 @@ class Counters(Record):
     late_max_ns: int
 
 
-class Resends(Record):
+class ResendsRecord(Record):
     """`netem.resend.Resends`."""
 
     times: int
@@ -88,7 +88,7 @@ class Resends(Record):
     ascending: Annotated[Floats, (MOST_RESENDS,)]
 
 
-class RateLine(Record):
+class RateLineRecord(Record):
     """`netem.line.RateLine`."""
 
     rate_bit_s: int
@@ -100,7 +100,7 @@ class RateLine(Record):
     takes_ns: int
 
 
-class Link(Record):
+class LinkRecord(Record):
     """`netem.Link`, its messages in slots, its queue, and the draws of each message.
 
     queued : number of messages in the queue. capacity : of the queue, at most `limit`. due_ns, slots : the queue,
@@ -109,9 +109,9 @@ class Link(Record):
     delivered, delivered_ns : the delays of the delivered messages. overflow : the queue is too small.
     """
 
-    counters: Counters
-    resends: Resends
-    line: RateLine
+    counters: LinkCounters
+    resends: ResendsRecord
+    line: RateLineRecord
     limit: int
     gap: int
     transparent: int
@@ -136,18 +136,18 @@ class Link(Record):
     delays_ns: Annotated[Wholes, (DRAWS,)]
     luck: Annotated[Floats, (DRAWS,)]
     delivered_ns: Annotated[Wholes, (DRAWS + MOST_IN_FLIGHT,)]
-    messages: Annotated[Sequence[Message], (MOST_IN_FLIGHT + SPARE,)]
+    messages: Annotated[Sequence[MessageSlot], (MOST_IN_FLIGHT + SPARE,)]
 
 
 @equation
-def spare(link: Link, which: int) -> Message:
+def spare(link: LinkRecord, which: int) -> MessageSlot:
     """The slot in which a message is made."""
     return link.messages[MOST_IN_FLIGHT + which]
 
 
 @equation
-def next_due_ns(link: Link) -> int:
-    """`Link.next_due_ns`."""
+def next_due_ns(link: LinkRecord) -> int:
+    """`LinkRecord.next_due_ns`."""
     return link.due_ns[link.queued - 1] if link.queued else NEVER
 
 
@@ -159,76 +159,76 @@ for function in (
 
 
 @equation
-def passes(link: Link) -> bool:
-    """`Link.passes`."""
+def passes(link: LinkRecord) -> bool:
+    """`LinkRecord.passes`."""
     of_records: Any = link
     return offering.passes(of_records)
 
 
 @equation
-def _is_under_way(link: Link) -> bool:
+def _is_under_way(link: LinkRecord) -> bool:
     return link.queued > 0
 
 
 @equation
-def _count_delay(link: Link, delay_ns: int) -> None:
+def _count_delay(link: LinkRecord, delay_ns: int) -> None:
     link.delivered_ns[link.delivered] = delay_ns
     link.delivered += 1
 
 
 @equation
-def send(link: Link, now_ns: int, message: Message) -> None:
-    """`Link.send`: offer a message."""
+def send(link: LinkRecord, now_ns: int, message: MessageSlot) -> None:
+    """`LinkRecord.send`: offer a message."""
     of_records: Any = link
     offering.offer(of_records, now_ns, message, message.octets)
 
 
 @equation
-def _draw(link: Link, now_ns: int) -> tuple[bool, bool, bool, int, float]:
+def _draw(link: LinkRecord, now_ns: int) -> tuple[bool, bool, bool, int, float]:
     """Nothing is corrupted, and there are no traces."""
     at = link.counters.offered - 1 - link.begun
     return link.fates[at] & LOST != 0, False, link.fates[at] & AHEAD != 0, link.delays_ns[at], link.luck[at]
 
 
 @equation
-def _again(link: Link, resends: Resends, now_ns: int, luck: float) -> tuple[int, bool]:
+def _again(link: LinkRecord, resends: ResendsRecord, now_ns: int, luck: float) -> tuple[int, bool]:
     return resend.taken(resends, luck)  # type: ignore[arg-type]
 
 
 @equation
-def _act(link: Link, now_ns: int, size: int, lost: bool, delay_ns: int) -> tuple[bool, int]:
+def _act(link: LinkRecord, now_ns: int, size: int, lost: bool, delay_ns: int) -> tuple[bool, int]:
     return lost, delay_ns
 
 
 @equation
-def _corrupted(link: Link, message: Message) -> Message:
+def _corrupted(link: LinkRecord, message: MessageSlot) -> MessageSlot:
     return message
 
 
 @equation
-def _is_full(link: Link, now_ns: int) -> bool:
+def _is_full(link: LinkRecord, now_ns: int) -> bool:
     return link.queued >= link.limit
 
 
 @equation
-def _cross(link: Link, ready_ns: int, size: int) -> int:
+def _cross(link: LinkRecord, ready_ns: int, size: int) -> int:
     return line.release_ns(link.line, ready_ns, size)  # type: ignore[arg-type]
 
 
 @equation
-def _put_ahead(link: Link, now_ns: int, order: int, message: Message) -> None:
+def _put_ahead(link: LinkRecord, now_ns: int, order: int, message: MessageSlot) -> None:
     _put(link, now_ns, order, message, now_ns, 0)
 
 
 @equation
 def _put_beside(
-    link: Link, offered_ns: int, order: int, message: Message, now_ns: int, size: int, delay_ns: int
+    link: LinkRecord, offered_ns: int, order: int, message: MessageSlot, now_ns: int, size: int, delay_ns: int
 ) -> None:
     """No link that is compiled has this."""
 
 
 @equation
-def _put(link: Link, due_ns: int, order: int, message: Message, now_ns: int, size: int) -> None:
+def _put(link: LinkRecord, due_ns: int, order: int, message: MessageSlot, now_ns: int, size: int) -> None:
     """Put a copy of the message into the queue, by its due time and its number."""
     message.order, message.offered_ns = order, now_ns
     if link.queued == link.capacity:
@@ -246,8 +246,8 @@ def _put(link: Link, due_ns: int, order: int, message: Message, now_ns: int, siz
 
 
 @equation
-def take(link: Link, now_ns: int) -> int:
-    """`Link.poll` of one message: its slot, which is then free; -1 if none is due."""
+def take(link: LinkRecord, now_ns: int) -> int:
+    """`LinkRecord.poll` of one message: its slot, which is then free; -1 if none is due."""
     if link.queued == 0 or link.due_ns[link.queued - 1] > now_ns:
         return -1
     link.queued -= 1
@@ -263,12 +263,12 @@ def take(link: Link, now_ns: int) -> int:
 
 
 @equation
-def copy_surfaces(source: Message, target: Message) -> None:
+def copy_surfaces(source: MessageSlot, target: MessageSlot) -> None:
     """Copy how the planes bend and rub: walls do neither. See solids.py."""
 
 
 @equation
-def copy_message(source: Message, target: Message) -> None:
+def copy_message(source: MessageSlot, target: MessageSlot) -> None:
     """Copy a message."""
     target.kind, target.order, target.offered_ns, target.octets = (
         source.kind, source.order, source.offered_ns, source.octets,

@@ -22,7 +22,7 @@ from hapnet.ext.compiled.arm_end import ArmEnd
 from hapnet.ext.compiled.handle_end import HandleEnd
 from hapnet.ext.compiled.kinds import OF_SET_POSITIONS
 from hapnet.ext.compiled.servo_end import CompiledServo, ServoEnd
-from hapnet.ext.compiled.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEnd
+from hapnet.ext.compiled.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEndRecord
 from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
@@ -38,7 +38,7 @@ SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
 """The ends, a simulated arm, and a handle that turns. `named` tells ends apart that have room for more axes."""
 
 _COMPILED: dict[str, tuple[Any, type[Record]]] = {
-    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEnd), ARM: (arm_end, ArmEnd), HANDLE: (handle_end, HandleEnd)
+    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEndRecord), ARM: (arm_end, ArmEnd), HANDLE: (handle_end, HandleEnd)
 }  # fmt: skip
 
 _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [VelocityPredictor, SmoothingFilter])
@@ -139,7 +139,7 @@ class CompiledEnds(CompiledDevices):
         source, n = steps.coupling.source, len(steps.coupling.y)
         if not (source is None or type(source) is PredictedDevice) or not sources.are_compiled(named(WORLD, n)):
             return steps
-        array, end = bound.memory(WorldEnd, room_for(n))
+        array, end = bound.memory(WorldEndRecord, room_for(n))
         run, end.n = make_ready(named(WORLD, n)), n
         move = bound.Move(copied=(Spring,))
         if source is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 from hapnet.control import contact_equations, set_position_coupling as couplings
 from hapnet.control.ledger import Ledger
 from hapnet.ext.compiled.endpoint import Wire
-from hapnet.ext.compiled.sides import DeviceSide, WorldSide
+from hapnet.ext.compiled.sides import DeviceSideRecord, WorldSideRecord
 from hapnet.mechanics import spring as springs
 from hapnet.plant.device import Hand
 from hapnet.recording.samples import VECTORS, DeviceSample, WorldSample
@@ -53,7 +53,7 @@ def have_room(rows: Rows) -> bool:
 
 
 @equation
-def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: int) -> None:
+def record_tick(rows: Rows, side: DeviceSideRecord, wire: Wire, hand: Hand, now_ns: int) -> None:
     """A `DeviceSample`."""
     device, n, row = side.plant, side.plant.dof, rows.at_device[rows.device_rows]
     rows.device_rows += 1
@@ -68,7 +68,7 @@ def record_tick(rows: Rows, side: DeviceSide, wire: Wire, hand: Hand, now_ns: in
 
 
 @equation
-def record_step(rows: Rows, side: WorldSide, wire: Wire, now_ns: int) -> None:
+def record_step(rows: Rows, side: WorldSideRecord, wire: Wire, now_ns: int) -> None:
     """A `WorldSample`."""
     mass, n, row = side.mass, side.mass.n, rows.at_world[rows.world_rows]
     rows.world_rows += 1
@@ -82,7 +82,7 @@ def record_step(rows: Rows, side: WorldSide, wire: Wire, now_ns: int) -> None:
 
 
 @equation
-def of_device(row: DeviceRow, side: DeviceSide, n: int) -> None:
+def of_device(row: DeviceRow, side: DeviceSideRecord, n: int) -> None:
     """Fill in the sample's part that a coupling of set-positions has. `within` : its force is not held."""
     coupling, servo, state, x = side.coupling, side.servo, side.plant.state, row.position_m
     spring, ybar, within = coupling.modulator.spring, coupling.modulator.ybar, side.plant.state.coupled != 0
@@ -104,7 +104,7 @@ def of_device(row: DeviceRow, side: DeviceSide, n: int) -> None:
 
 
 @equation
-def of_world(row: WorldRow, side: WorldSide, n: int) -> None:
+def of_world(row: WorldRow, side: WorldSideRecord, n: int) -> None:
     """Fill in the sample's part that a coupling of set-positions has."""
     coupling = side.coupling
     copy(n, coupling.modulator.ybar, row.set_position_m)

@@ -19,8 +19,8 @@ from hapnet.control.prediction import Around, PredictedDevice
 from hapnet.control.reporter import MOST_REACH_M
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.ext.compiled import link as links
-from hapnet.ext.compiled.endpoint import PROXY, Port, Wire, finish
-from hapnet.ext.compiled.link import Message
+from hapnet.ext.compiled.endpoint import PROXY, PortRecord, Wire, finish
+from hapnet.ext.compiled.link import MessageSlot
 from hapnet.plant import device as devices, integrator
 from hapnet.plant.device import Hand, SimulatedDevice
 from hapnet.plant.integrator import PassiveIntegrator
@@ -39,7 +39,7 @@ _NANO = 1e-9
 _MOST_REACH_M = MOST_REACH_M
 
 
-class DeviceSide(HeldDevice):
+class DeviceSideRecord(HeldDevice):
     """Everything of the device's side. within : the servo of a coupling that acts within the tick. last_ns : when the
     last tick was."""
 
@@ -49,7 +49,7 @@ class DeviceSide(HeldDevice):
     model: ContactState
 
 
-class WorldSide(Record):
+class WorldSideRecord(Record):
     """Everything of the world's side.
 
     reach_m : planes within this distance are sent [m]. reach_mps : and those that a device so fast could reach.
@@ -66,8 +66,8 @@ class WorldSide(Record):
 
 
 @equation
-def tick(side: DeviceSide, wire: Wire, hand: Hand, now_ns: int, message: Message) -> None:
-    """`DeviceSide.tick`: the message to send, if there is one, is in `message`."""
+def tick(side: DeviceSideRecord, wire: Wire, hand: Hand, now_ns: int, message: MessageSlot) -> None:
+    """`DeviceSideRecord.tick`: the message to send, if there is one, is in `message`."""
     dt = max((now_ns - side.last_ns) * _NANO, side.plant.period)
     if side.plant.state.coupled:
         _tick_within(side, wire, hand, dt, now_ns)
@@ -89,7 +89,7 @@ def level(coupling: SetPositionCoupling) -> float:
 
 
 @equation
-def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
+def _tick_held(side: DeviceSideRecord, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`SampledDeviceSide._control`."""
     device = side.plant
     held_device.live(side, hand, 1)
@@ -102,7 +102,7 @@ def _tick_held(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int)
 
 
 @equation
-def _tick_within(side: DeviceSide, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
+def _tick_within(side: DeviceSideRecord, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
     """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
     device, servo, coupling = side.plant, side.within, side.coupling
     work = devices.advance(device, hand)
@@ -127,7 +127,7 @@ def _dissipated(device: SimulatedDevice, interval: float) -> float:
 
 
 @equation
-def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
+def _take(side: DeviceSideRecord, wire: Wire, now_ns: int) -> None:
     """`ControlHalf.take` at the device."""
     endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.dof
     for k in range(endpoint.waiting):
@@ -140,7 +140,7 @@ def _take(side: DeviceSide, wire: Wire, now_ns: int) -> None:
 
 
 @equation
-def note(wire: Wire, k: int) -> Message:
+def note(wire: Wire, k: int) -> MessageSlot:
     """The sample that waits in this place of the backlog is the newest in use."""
     endpoint = wire.endpoint
     at = (endpoint.first + k) % endpoint.backlog
@@ -150,7 +150,7 @@ def note(wire: Wire, k: int) -> Message:
 
 
 @equation
-def _give(coupling: SetPositionCoupling, sample: Message, n: int) -> None:
+def _give(coupling: SetPositionCoupling, sample: MessageSlot, n: int) -> None:
     """The coupling receives the sample."""
     couplings.receive(coupling, n, sample.position, sample.stamp_ns * _NANO)
     if coupling.shares:
@@ -158,7 +158,7 @@ def _give(coupling: SetPositionCoupling, sample: Message, n: int) -> None:
 
 
 @equation
-def _report(side: DeviceSide, sample: Message, n: int, age_s: float) -> None:
+def _report(side: DeviceSideRecord, sample: MessageSlot, n: int, age_s: float) -> None:
     """`ContactModel.receive`."""
     reported = side.model.answer
     reported.pending = 1
@@ -184,14 +184,14 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
 
 
 @equation
-def advance(side: WorldSide, dt: float) -> None:
+def advance(side: WorldSideRecord, dt: float) -> None:
     """`SetPositionSteps.advance`."""
     integrator.factored(side.mass, dt, integrator.OWN)
     move_among(side.mass, side.contacts, dt, side.coupling.modulator.ybar)
 
 
 @equation
-def answer(side: WorldSide, port: Port, now_ns: int, dt: float) -> Message:
+def answer(side: WorldSideRecord, port: PortRecord, now_ns: int, dt: float) -> MessageSlot:
     """`WorldControl.answer`."""
     mass, coupling, message = side.mass, side.coupling, links.spare(port.link, 0)
     copy(mass.n, mass.x, message.position)
@@ -207,7 +207,7 @@ def answer(side: WorldSide, port: Port, now_ns: int, dt: float) -> Message:
 
 
 @equation
-def settle(side: WorldSide) -> None:
+def settle(side: WorldSideRecord) -> None:
     """The environment's account."""
     stored_J = walls.stored(side.contacts, side.mass.x)
     account.settle(side.environment, side.coupling.ledger.work, stored_J, side.contacts.supplied_J)
@@ -232,7 +232,7 @@ def meet(mass: PassiveIntegrator, dt: float, contacts: Contacts) -> None:
 
 
 @equation
-def update(side: WorldSide, dt: float, x: Floats, dissipated: float) -> bool:
+def update(side: WorldSideRecord, dt: float, x: Floats, dissipated: float) -> bool:
     """`SetPositionSteps.update`, once what is around is known."""
     coupling, n = side.coupling, side.coupling.modulator.spring.dof
     if side.predicted.in_use:
@@ -245,7 +245,7 @@ def update(side: WorldSide, dt: float, x: Floats, dissipated: float) -> bool:
 
 
 @equation
-def take(side: WorldSide, port: Port, now_ns: int) -> None:
+def take(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
     """`ControlHalf.take` at the world."""
     wire, coupling, n = port.wire, side.coupling, side.mass.n
     endpoint = wire.endpoint
@@ -259,7 +259,7 @@ def take(side: WorldSide, port: Port, now_ns: int) -> None:
 
 
 @equation
-def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
+def _say(side: WorldSideRecord, reach_m: float, dt: float, message: MessageSlot) -> None:
     """`SetPositionSteps.update`: what the world knows of the place."""
     around, contacts, n = side.predicted.around, side.contacts, side.mass.n
     message.aimed_ns = moment_ns(prediction.stands_for(side.predicted, dt))
@@ -274,7 +274,7 @@ def _say(side: WorldSide, reach_m: float, dt: float, message: Message) -> None:
 
 
 @equation
-def see(contacts: Contacts, position: Reals, reach_m: float, around: Around, message: Message) -> None:
+def see(contacts: Contacts, position: Reals, reach_m: float, around: Around, message: MessageSlot) -> None:
     """`Contacts.planes`. Of solids, the message gets how they bend and rub."""
     around.count = walls.nearest(contacts, position, reach_m)
     for k in range(around.count):
@@ -284,5 +284,5 @@ def see(contacts: Contacts, position: Reals, reach_m: float, around: Around, mes
 
 
 @equation
-def understand_surface(one: ContactPlane, n: int, sample: Message, k: int) -> None:
+def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -> None:
     """How the plane bends and rubs, from the message: walls do neither. See solids.py."""

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 from hapnet.control.two_port import TwoPort
 from hapnet.ext.compiled import link as links, sides
-from hapnet.ext.compiled.endpoint import Port, has_room, receive, send_due
-from hapnet.ext.compiled.link import NOTHING, Message
+from hapnet.ext.compiled.endpoint import PortRecord, has_room, receive, send_due
+from hapnet.ext.compiled.link import NOTHING, MessageSlot
 from hapnet.ext.compiled.samples import Rows, have_room, record_step, record_tick
-from hapnet.ext.compiled.sides import DeviceSide, WorldSide
+from hapnet.ext.compiled.sides import DeviceSideRecord, WorldSideRecord
 from hapnet.plant.device import Hand
 from hapnet.records.record import Record, Wholes, equation
 from hapnet.side import world
@@ -25,7 +25,7 @@ STEPS = 256
 """So many lengths of the world's steps are known at once."""
 
 
-class Steps(Record):
+class StepLengths(Record):
     """The lengths of the world's next steps [ns], and how many were used."""
 
     ns: Annotated[Wholes, (STEPS,)]
@@ -36,19 +36,19 @@ class Scenario(Record):
     """A whole run: an `events.Run`."""
 
     clock: Clock
-    device: DeviceSide
-    world: WorldSide
-    device_port: Port
-    world_port: Port
+    device: DeviceSideRecord
+    world: WorldSideRecord
+    device_port: PortRecord
+    world_port: PortRecord
     two_port: TwoPort
     hand_port: TwoPort
     rows: Rows
     hand: Hand
-    steps: Steps
+    steps: StepLengths
 
 
 @equation
-def _tick(run: Scenario, now_ns: int) -> Message:
+def _tick(run: Scenario, now_ns: int) -> MessageSlot:
     port, message = run.device_port, links.spare(run.device_port.link, 0)
     message.kind = NOTHING
     sides.tick(run.device, port.wire, run.hand, now_ns, message)
@@ -58,24 +58,24 @@ def _tick(run: Scenario, now_ns: int) -> Message:
 
 
 @equation
-def _step(run: Scenario, now_ns: int) -> Message:
-    message: Message = world.step(run.world, run.world_port, now_ns)
+def _step(run: Scenario, now_ns: int) -> MessageSlot:
+    message: MessageSlot = world.step(run.world, run.world_port, now_ns)
     record_step(run.rows, run.world, run.world_port.wire, now_ns)
     return message
 
 
 @equation
-def _is_there(message: Message) -> bool:
+def _is_there(message: MessageSlot) -> bool:
     return message.kind != NOTHING
 
 
 @equation
-def _has_started(side: DeviceSide | WorldSide) -> bool:
+def _has_started(side: DeviceSideRecord | WorldSideRecord) -> bool:
     return True
 
 
 @equation
-def _offer(port: Port, now_ns: int, message: Message) -> bool:
+def _offer(port: PortRecord, now_ns: int, message: MessageSlot) -> bool:
     if links.passes(port.link):
         return True
     links.send(port.link, now_ns, message)
@@ -83,7 +83,7 @@ def _offer(port: Port, now_ns: int, message: Message) -> bool:
 
 
 @equation
-def _collect(side: DeviceSide | WorldSide, port: Port) -> bool:
+def _collect(side: DeviceSideRecord | WorldSideRecord, port: PortRecord) -> bool:
     if side.coupling.shuffled > 0.0:
         channels.send(port.wire.channel, side.coupling.shuffled)
         return True
@@ -91,17 +91,17 @@ def _collect(side: DeviceSide | WorldSide, port: Port) -> bool:
 
 
 @equation
-def _poll(port: Port, now_ns: int) -> None:
+def _poll(port: PortRecord, now_ns: int) -> None:
     send_due(port.wire, port.link, now_ns)
 
 
 @equation
-def _receive(run: Scenario, port: Port, message: Message, now_ns: int) -> None:
+def _receive(run: Scenario, port: PortRecord, message: MessageSlot, now_ns: int) -> None:
     receive(port.wire, message, now_ns)
 
 
 @equation
-def _release(run: Scenario, sender: Port, receiver: Port, now_ns: int) -> None:
+def _release(run: Scenario, sender: PortRecord, receiver: PortRecord, now_ns: int) -> None:
     slot = links.take(sender.link, now_ns)
     while slot >= 0:
         receive(receiver.wire, sender.link.messages[slot], now_ns)
@@ -109,12 +109,12 @@ def _release(run: Scenario, sender: Port, receiver: Port, now_ns: int) -> None:
 
 
 @equation
-def _release_due_ns(port: Port) -> int:
+def _release_due_ns(port: PortRecord) -> int:
     return links.next_due_ns(port.link)
 
 
 @equation
-def _protocol_due_ns(port: Port) -> int:
+def _protocol_due_ns(port: PortRecord) -> int:
     return channels.next_due_ns(port.wire.channel)
 
 
@@ -125,7 +125,7 @@ def _next_step_ns(run: Scenario) -> int:
 
 
 @equation
-def _skippable_ticks(device: DeviceSide) -> int:
+def _skippable_ticks(device: DeviceSideRecord) -> int:
     return 0
 
 

@@ -11,7 +11,7 @@ from hapnet.control.contact_plane import ContactPlane, stand_on
 from hapnet.control.prediction import Around
 from hapnet.ext.compiled import endpoint, link, sides
 from hapnet.ext.compiled.endpoint import Endpoint
-from hapnet.ext.compiled.link import Message
+from hapnet.ext.compiled.link import MessageSlot
 from hapnet.ext.solids import rigid_step, sight
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.ext.solids.shapes import Triple, put_bend, triple
@@ -59,7 +59,7 @@ def stored(contacts: SolidContact, position: Reals) -> float:
 
 
 @equation
-def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around, message: Message) -> None:
+def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around, message: MessageSlot) -> None:
     """`RigidContacts.planes`, without bends that are too near to the surface's centre: `Plane.unfolded`."""
     n = contacts.dof
     x = _padded(n, position)
@@ -77,7 +77,7 @@ def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around,
 
 
 @equation
-def surface_bytes(own: Endpoint, message: Message) -> int:
+def surface_bytes(own: Endpoint, message: MessageSlot) -> int:
     """As in the endpoint, for planes of solids."""
     bends, rubs = 0, False
     for k in range(message.planes):
@@ -95,7 +95,7 @@ def surface_bytes(own: Endpoint, message: Message) -> int:
 
 
 @equation
-def copy_surfaces(source: Message, target: Message) -> None:
+def copy_surfaces(source: MessageSlot, target: MessageSlot) -> None:
     """Copy how the planes bend and rub."""
     for k in range(source.planes):
         target.friction[k] = source.friction[k]
@@ -103,7 +103,7 @@ def copy_surfaces(source: Message, target: Message) -> None:
 
 
 @equation
-def understand_surface(one: ContactPlane, n: int, sample: Message, k: int) -> None:
+def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -> None:
     """How the plane bends and rubs, from the message."""
     one.friction = sample.friction[k]
     copy_bends(n, sample.bends[k], one.bends)

@@ -23,7 +23,7 @@ RECEIVE, MOVE, UPDATE = range(3)
 """What is to be done."""
 
 
-class WorldEnd(Record):
+class WorldEndRecord(Record):
     """The world's end of a coupling of set-positions, with the virtual mass among walls, and the arguments of a call.
 
     doing : `RECEIVE`, `MOVE` or `UPDATE`. x, kinetic, work, dissipated : of the
@@ -47,7 +47,7 @@ class WorldEnd(Record):
 
 
 @equation
-def run_end(end: WorldEnd) -> bool:
+def run_end(end: WorldEndRecord) -> bool:
     """Do it. False: a step cannot be made, and nothing has changed."""
     if end.doing == RECEIVE:
         couplings.receive(end.coupling, end.n, end.x, end.sent_s)
@@ -68,7 +68,7 @@ def run_end(end: WorldEnd) -> bool:
     return True
 
 
-def enter(ends: Sequence[WorldEnd]) -> bool:
+def enter(ends: Sequence[WorldEndRecord]) -> bool:
     """Do what the end asks for; False: it cannot be done. Compiled code is entered by this."""
     return run_end(ends[0])
 

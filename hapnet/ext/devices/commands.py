@@ -114,7 +114,7 @@ def make_emulator(device: str, params: Params) -> Emulator:
     from hapnet.assembly.units import scene_units
     from hapnet.devices import registry
     from hapnet.ext.arms.device import SimulatedArm
-    from hapnet.ext.devices.emulator import ArmHandle, Handle
+    from hapnet.ext.devices.emulator import ArmHandle, EmulatedHandle
     from hapnet.plant.device import SimulatedDevice
     from hapnet.plant.worlds.registry import make_scene
     from hapnet.records.machine_code import no_compiler
@@ -145,7 +145,7 @@ def make_emulator(device: str, params: Params) -> Emulator:
         force_limit=kind.force_limit,
         substeps=params.device.substeps,
     )
-    emulator: Emulator = kind(Handle(simulated, kind.watchdog_s), time.monotonic_ns, **given)
+    emulator: Emulator = kind(EmulatedHandle(simulated, kind.watchdog_s), time.monotonic_ns, **given)
     return emulator
 
 

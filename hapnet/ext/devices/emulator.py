@@ -21,7 +21,7 @@ NANO = 1e-9
 _MOST_BEHIND_NS = 1_000_000_000
 
 
-class Handle:
+class EmulatedHandle:
     """A simulated handle that moves in real time; the time is an argument.
 
     device : simulated; it moves in steps of its period, so its position may be as old.
@@ -98,7 +98,7 @@ class Handle:
             self.most_given_J = max(self.most_given_J, self.work_J)
 
 
-class ArmHandle(Handle):
+class ArmHandle(EmulatedHandle):
     """An arm that hangs in the hand, its axes the joints: what its motors give to its weight they do not give away.
 
     arm : its motors' torques are what `hold` sets [Nm]; from the first one on the work is counted.
@@ -128,8 +128,8 @@ class Emulator(ABC):
     watchdog_s: ClassVar[float | None] = None
     """It takes the force away when no command has come for so long [s]."""
 
-    def __init__(self, handle: Handle, clock: Callable[[], int]) -> None:
-        self.handle: Handle = handle
+    def __init__(self, handle: EmulatedHandle, clock: Callable[[], int]) -> None:
+        self.handle: EmulatedHandle = handle
         self._clock = clock
         self.address = ""
         """Where it can be reached, as a text that can follow ``NAME:``."""

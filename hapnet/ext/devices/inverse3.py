@@ -105,7 +105,7 @@ class Inverse3(Driver):
         self._unanswered: deque[Vector] = deque()
         self._acting = _NO_FORCE  # since the last answer
         self._during: deque[Vector] = deque(maxlen=100)  # the forces that acted since the last reading
-        self._last: wire.State | None = None
+        self._last: wire.Inverse3State | None = None
         self._last_s = 0.0
         self._acted: Vector | None = None
         self.damaged: int = 0
@@ -227,7 +227,7 @@ class Inverse3(Driver):
             self._unanswered.clear()
             self._device = ""
 
-    def _take(self, raw: bytes) -> wire.State | None:
+    def _take(self, raw: bytes) -> wire.Inverse3State | None:
         """The state in a message, if it is one that counts as a reading."""
         message = wire.parsed(raw)
         if not self._device:
@@ -287,7 +287,7 @@ class Inverse3(Driver):
             raise HapnetError(f"the service put the arm {self._device} at {said or 'no preset'}, not at {self._preset}")
         self._frame = said
 
-    def _hear_of_force(self, newest: wire.State) -> None:
+    def _hear_of_force(self, newest: wire.Inverse3State) -> None:
         """Check that the service takes the forces. It reports the one that acts now.
 
         Raises HapnetError: it reported no force for `_UNFELT` readings with one.
@@ -305,7 +305,7 @@ class Inverse3(Driver):
         self._service.send(wire.command(self._device, force, self._spelling, self._kind))
         self._unanswered.append(force)
 
-    def _mean_force(self, newest: wire.State, elapsed_s: float) -> Vector | None:
+    def _mean_force(self, newest: wire.Inverse3State, elapsed_s: float) -> Vector | None:
         """The force that acted between the last two readings; of several that may have, the one that put out most.
 
         None: not known.

@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 from hapnet.checks import Vector, one_of
 from hapnet.errors import InvalidParameter
 from hapnet.ext.devices import inverse3_messages as wire
-from hapnet.ext.devices.emulator import NANO, Emulator, Handle
+from hapnet.ext.devices.emulator import NANO, EmulatedHandle, Emulator
 from hapnet.ext.devices.websocket import Gone, WebSocket, answer
 
 DEVICE = "049D"
@@ -68,7 +68,7 @@ class Inverse3Emulator(Emulator):
 
     def __init__(
         self,
-        handle: Handle,
+        handle: EmulatedHandle,
         clock: Callable[[], int],
         port: int = 10001,
         events: int = 10020,

@@ -24,7 +24,7 @@ _UNIT = 0.01
 """A quaternion's length may differ from 1 by so much."""
 
 
-class State(NamedTuple):
+class Inverse3State(NamedTuple):
     """An arm's state, and that of the grip on it."""
 
     position: Vector
@@ -44,7 +44,7 @@ class State(NamedTuple):
     """The id of the grip; empty: there is none."""
 
 
-class Notice(NamedTuple):
+class ForceEvent(NamedTuple):
     """An event of the service that concerns the force."""
 
     what: str
@@ -89,7 +89,7 @@ def arms(message: dict[str, Any]) -> list[str]:
     return [name for name in listed if name]
 
 
-def state(message: dict[str, Any], device: str) -> State | None:
+def state(message: dict[str, Any], device: str) -> Inverse3State | None:
     """The state of the arm `device`, and of the first grip that reports its own; None: it is not in the message."""
     for kind in _ARMS:
         for entry in _entries(message, kind):
@@ -118,13 +118,13 @@ def whole(device: str, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> by
     return b'{"session":{"force_render_full_state":{}},%b:[%b]}' % (_quoted(kind), arm)
 
 
-def notice(raw: bytes) -> Notice | None:
+def notice(raw: bytes) -> ForceEvent | None:
     """The event in a message of the event socket; None if it is none."""
     if (message := parsed(raw)) is None or not (name := _text(message.get("name"))):
         return None
     data = message.get("data")
     reported = data if isinstance(data, dict) else {}
-    return Notice(
+    return ForceEvent(
         _text(reported.get("safety_type")) or name, _text(reported.get("device_id")), _text(message.get("level"))
     )
 
@@ -138,7 +138,7 @@ def _quoted(text: str) -> bytes:
     return json.dumps(text).encode("ascii")
 
 
-def _state(message: dict[str, Any], entry: dict[str, Any]) -> State | None:
+def _state(message: dict[str, Any], entry: dict[str, Any]) -> Inverse3State | None:
     reported, status = entry.get("state"), entry.get("status")
     if not isinstance(reported, dict):
         return None
@@ -149,7 +149,7 @@ def _state(message: dict[str, Any], entry: dict[str, Any]) -> State | None:
     calibrated, powered = status.get("calibrated") is not False, status.get("power_supply") is not False
     buttons, orientation, grip = _grip(message)
     force = _vector(reported.get("current_cursor_force"))
-    return State(position, velocity, calibrated, powered, buttons, orientation, force, grip)
+    return Inverse3State(position, velocity, calibrated, powered, buttons, orientation, force, grip)
 
 
 def _grip(message: dict[str, Any]) -> tuple[tuple[bool, ...], Vector | None, str]:

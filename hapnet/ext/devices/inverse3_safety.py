@@ -40,7 +40,7 @@ class SafetyEvents:
                 if (found := wire.notice(raw)) is not None:
                     self._take(found, device)
 
-    def _take(self, found: wire.Notice, device: str) -> None:
+    def _take(self, found: wire.ForceEvent, device: str) -> None:
         if found.what in ("device-sleep", "device-disconnected") and found.device:
             self.away.add(found.device)
         elif found.what == "device-connected":

@@ -64,9 +64,9 @@ class SerialAxis(Driver):
         self.dof = 1
         self._asked_home = home
         self._port = SerialPort(port, baud)
-        self._frames = wire.Frames()
-        self._last: wire.State | None = None
-        self._before: wire.State | None = None  # as of the reading before the last one
+        self._frames = wire.FrameParser()
+        self._last: wire.BoardState | None = None
+        self._before: wire.BoardState | None = None  # as of the reading before the last one
         self._number = 0
         self._must_be_homed = False
         self._now_us, self._speed = 0, 0.0
@@ -103,14 +103,14 @@ class SerialAxis(Driver):
     def home(self) -> None:
         until, is_homed = time.monotonic() + _ANSWER_S, False
         if self._asked_home:
-            self._port.write(wire.command(wire.Command(b"H")))
+            self._port.write(wire.command(wire.BoardCommand(b"H")))
         while not is_homed and time.monotonic() < until:
             states = self._states(_AGAIN_S)
             is_homed = any(state.homed for state in states)
             if states and not is_homed:
                 if not self._asked_home:
                     break
-                self._port.write(wire.command(wire.Command(b"H")))
+                self._port.write(wire.command(wire.BoardCommand(b"H")))
         if not is_homed:
             raise HapnetError(
                 f"the axis is not calibrated: centre its handle, and use serial:{self._port.path},home=yes"
@@ -124,7 +124,7 @@ class SerialAxis(Driver):
         started anew, and has lost its zero.
         """
         if self._port.reopen(self._patience_s):
-            self._frames = wire.Frames()
+            self._frames = wire.FrameParser()
             self._last = None
         states = self._states(self._patience_s)
         if not states:
@@ -155,7 +155,7 @@ class SerialAxis(Driver):
         self._number = (self._number + 1) % 2**16
         parts = round(force[0] / self.force_limit * wire.FULL)
         parts = max(-wire.FULL, min(wire.FULL, parts))
-        self._port.write(wire.command(wire.Command(b"F", self._number, parts)))
+        self._port.write(wire.command(wire.BoardCommand(b"F", self._number, parts)))
 
     def buttons(self) -> tuple[bool, ...]:
         pressed = 0 if self._last is None else self._last.buttons
@@ -164,7 +164,7 @@ class SerialAxis(Driver):
     def close(self) -> None:
         self._port.close()
 
-    def _follow(self, state: wire.State) -> None:
+    def _follow(self, state: wire.BoardState) -> None:
         """Know the velocity as of this state."""
         elapsed_us = _elapsed_us(self._last, state)
         if elapsed_us is None:
@@ -175,12 +175,12 @@ class SerialAxis(Driver):
         x = state.position_nm * 1e-9 - 0.5 * state.counted * self.resolution  # a count is where two positions meet
         self._speed = self._velocity.update(self._now_us * MICRO, None if at_us is None else at_us * MICRO, x)
 
-    def _states(self, seconds: float) -> list[wire.State]:
+    def _states(self, seconds: float) -> list[wire.BoardState]:
         """The states that come next, waiting for them as long as `seconds`."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             came = self._frames.feed(self._port.read(left))
-            if states := [frame for frame in came if isinstance(frame, wire.State)]:
+            if states := [frame for frame in came if isinstance(frame, wire.BoardState)]:
                 return states
         return []
 
@@ -190,7 +190,7 @@ class SerialAxis(Driver):
         until, heard = ask_s + _ANSWER_S, b""
         while (now_s := time.monotonic()) < until:
             if now_s >= ask_s:
-                self._port.write(wire.command(wire.Command(b"Q")))
+                self._port.write(wire.command(wire.BoardCommand(b"Q")))
                 ask_s += _AGAIN_S
             came = self._port.read(_AGAIN_S)
             for frame in self._frames.feed(came):
@@ -226,7 +226,7 @@ class SerialAxis(Driver):
         return fastest_us
 
 
-def _elapsed_us(before: wire.State | None, state: wire.State) -> int | None:
+def _elapsed_us(before: wire.BoardState | None, state: wire.BoardState) -> int | None:
     """The board's time between two states [us]; None: there is none, or the impulse may have wrapped."""
     if before is None:
         return None

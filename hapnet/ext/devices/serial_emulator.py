@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from hapnet.ext.devices import serial_frames as wire
-from hapnet.ext.devices.emulator import NANO, Emulator, Handle
+from hapnet.ext.devices.emulator import NANO, EmulatedHandle, Emulator
 from hapnet.ext.devices.pseudo_terminal import PseudoTerminal
 
 _PERIOD_NS = 1_000_000
@@ -34,7 +34,7 @@ class SerialEmulator(Emulator):
 
     def __init__(
         self,
-        handle: Handle,
+        handle: EmulatedHandle,
         clock: Callable[[], int],
         link: str = "",
         noise: float = 0.0,
@@ -75,7 +75,7 @@ class SerialEmulator(Emulator):
         now_ns = self._clock()
         (x,), _ = self.handle.read(now_ns)
         impulse = self.handle.impulse_at(now_ns)[0] / _LIMIT_N * wire.FULL * 1e6 / wire.IMPULSE_US
-        state = wire.State(
+        state = wire.BoardState(
             wire.flags(int(self._button), homed=True),
             self._number,
             (now_ns - start_ns) // 1000 % wire.WRAP,

@@ -33,7 +33,7 @@ _START = 0xFFFF
 _BUTTONS, _HOMED, _UP, _DOWN = 0x0F, 0x10, 0x20, 0x40
 
 
-class State(NamedTuple):
+class BoardState(NamedTuple):
     """The message that the board sends once a period."""
 
     flags: int
@@ -86,7 +86,7 @@ class About(NamedTuple):
     """The number of the button that must be held; -1: none."""
 
 
-class Command(NamedTuple):
+class BoardCommand(NamedTuple):
     """A command to the board: ``F`` a force, ``Q`` a request for its description, ``H`` the handle is at its centre."""
 
     mark: bytes
@@ -95,7 +95,7 @@ class Command(NamedTuple):
     """In parts of the maximum, `FULL` of them."""
 
 
-def state(found: State) -> bytes:
+def state(found: BoardState) -> bytes:
     """The frame of a state."""
     return _whole(_STATE.pack(b"S", *found))
 
@@ -105,7 +105,7 @@ def about(found: About) -> bytes:
     return _whole(_ABOUT.pack(b"A", *found))
 
 
-def command(found: Command) -> bytes:
+def command(found: BoardCommand) -> bytes:
     """The frame of a command."""
     return _whole(_COMMAND.pack(*found))
 
@@ -119,7 +119,7 @@ def _whole(body: bytes) -> bytes:
     return body + crc_hqx(body, _START).to_bytes(2, "big")
 
 
-class Frames:
+class FrameParser:
     """Finds the frames of a board in the bytes as they come, whatever is lost, changed or put between them."""
 
     def __init__(self) -> None:
@@ -127,10 +127,10 @@ class Frames:
         self.damaged: int = 0
         """How many bytes belonged to no whole frame."""
 
-    def feed(self, came: bytes) -> list[State | About]:
+    def feed(self, came: bytes) -> list[BoardState | About]:
         """The frames that are whole now."""
         data = self._unread + came
-        found: list[State | About] = []
+        found: list[BoardState | About] = []
         at = 0
         while at < len(data):
             size = _SIZE.get(data[at], 0)
@@ -141,7 +141,7 @@ class Frames:
                 self.damaged += 1
                 at += 1
             elif data[at] == _STATE_MARK:
-                found.append(State._make(_STATE.unpack_from(frame)[1:]))
+                found.append(BoardState._make(_STATE.unpack_from(frame)[1:]))
                 at += size
             else:
                 found.append(About._make(_ABOUT.unpack_from(frame)[1:]))
@@ -153,14 +153,14 @@ class Frames:
 _STATE_MARK = ord(b"S")
 
 
-def commands(unread: bytes) -> tuple[list[Command], bytes]:
+def commands(unread: bytes) -> tuple[list[BoardCommand], bytes]:
     """The whole commands in what a board has heard, and the bytes that are left for later."""
     found = []
     while len(unread) >= COMMAND_SIZE:
         if crc_hqx(unread[:COMMAND_SIZE], _START):
             unread = unread[1:]
         else:
-            found.append(Command(*_COMMAND.unpack_from(unread)))
+            found.append(BoardCommand(*_COMMAND.unpack_from(unread)))
             unread = unread[COMMAND_SIZE:]
     return found, unread
 

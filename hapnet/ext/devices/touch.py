@@ -16,7 +16,7 @@ from hapnet.checks import Vector
 from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.ext.devices import open_haptics as oh
-from hapnet.ext.devices.touch_frames import Frame, Frames
+from hapnet.ext.devices.touch_frames import TouchFrame, TouchFrames
 from hapnet.mechanics.pose import quaternion
 
 PATIENCE_S = 0.005
@@ -32,7 +32,7 @@ _OMNI_FORCE_N, _OMNI_STIFFNESS = 3.3, 700.0
 """Until the device is open; the stiffness [N/m] is that of CHAI3D's device table."""
 
 
-class Touch(Driver):
+class TouchDriver(Driver):
     """``touch``, or ``touch:Left Device`` for the one that Touch Setup gave that name.
 
     name : as in the maker's setup program; empty: the first device. axes : which of its axes the scene gets, as in
@@ -68,8 +68,8 @@ class Touch(Driver):
             called = f"named {name!r}" if name else "of 3D Systems"
             raise HapnetError(f"no device {called}: {failure or 'no handle'}; look into the maker's setup program")
         self._clock = clock
-        self._frames = Frames(self._hd, self._handle, clock)
-        self._last: Frame | None = None
+        self._frames = TouchFrames(self._hd, self._handle, clock)
+        self._last: TouchFrame | None = None
         self._acted: Vector | None = None
         self._interval_s: float | None = None
         self.model: str = (self._hd.slow.c.hdGetString(oh.MODEL) or b"").decode(errors="replace")
@@ -187,7 +187,7 @@ class Touch(Driver):
         self._hd.in_scheduler(check)
         return state[0]
 
-    def _mean_force(self, frames: list[Frame]) -> Vector:
+    def _mean_force(self, frames: list[TouchFrame]) -> Vector:
         """The force that acted since the last reading; of several that may have, the one that put out most."""
         assert self._last is not None, "there was a reading before"
         moved = tuple(map(sub, frames[-1].position_mm, self._last.position_mm))

@@ -37,7 +37,7 @@ _CLOSING_S = 0.05
 _NONE: Vector = (0.0, 0.0, 0.0)
 
 
-class Frame(NamedTuple):
+class TouchFrame(NamedTuple):
     """The device's state at one moment, in the library's axes and units."""
 
     number: int
@@ -98,7 +98,7 @@ class Faults:
             self._until_s, self._off = until_s, why
 
 
-class Frames:
+class TouchFrames:
     """Frames of the device `handle` from `start` to `close`.
 
     hd : the library. handle : of the device. clock : monotonic [s].
@@ -107,7 +107,7 @@ class Frames:
     def __init__(self, hd: oh.OpenHaptics, handle: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._hd, self._handle, self._clock = hd, handle, clock
         self._came, self._ended = threading.Event(), threading.Event()
-        self._frames: deque[Frame] = deque(maxlen=_KEPT)
+        self._frames: deque[TouchFrame] = deque(maxlen=_KEPT)
         self._command: tuple[Vector, float] = _NONE, 0.0
         self._output = self._has_output = self._closing = False
         self._count = 0
@@ -134,7 +134,7 @@ class Frames:
         """Let `force` [N] act from the next frame on."""
         self._command = force, self._clock()
 
-    def wait(self, seconds: float) -> list[Frame]:
+    def wait(self, seconds: float) -> list[TouchFrame]:
         """The frames since the last call; none if none came within `seconds`.
 
         Raises HapnetError: the library refused a command.
@@ -198,7 +198,7 @@ class Frames:
             self._command = _NONE, now_s
         else:
             turned, buttons = tuple(self._sixteen), self._buttons.value
-            self._frames.append(Frame(self._count, now_s, position, velocity, turned, buttons, wanted, had_errors))
+            self._frames.append(TouchFrame(self._count, now_s, position, velocity, turned, buttons, wanted, had_errors))
             self._came.set()
         if self._closing:
             quick.c.hdDisable(oh.FORCE_OUTPUT)

@@ -63,7 +63,7 @@ class Swing(NamedTuple):
     force: Array
 
 
-class Trial(NamedTuple):
+class DampingEstimate(NamedTuple):
     """b, and what it is at least, by its standard error and by each swing [Ns/m]; the device's spring [N/m]."""
 
     damping: float
@@ -102,7 +102,7 @@ def own_damping(
     return Check(NAME, OK, f"at least {bound:g} Ns/m ({said})", advice)
 
 
-def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> Trial:
+def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> DampingEstimate:
     if (trial := examined(swings)) is None:
         far = max((float(np.ptp(one.position[:, axis])) for one in swings), default=0.0)
         raise Unmeasured(f"{most_N:g} N moved the handle by {far * 1e3:.1f} mm, or too seldom: let go, or push harder")
@@ -111,7 +111,7 @@ def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> Trial:
     return trial
 
 
-def lower_bound(trials: Sequence[Trial]) -> float:
+def lower_bound(trials: Sequence[DampingEstimate]) -> float:
     """The damping common to all trials [Ns/m], less their spread and `MARGIN`; two digits, rounded down; 0: none."""
     found = [trial.damping for trial in trials]
     minimum = min(min(trial.damping, trial.minimum) for trial in trials)
@@ -238,7 +238,7 @@ def _rest(rows: Sequence[tuple[float, Vector, Vector]]) -> bool:
 # -- What it shows ----------------------------------------------------------------------------------------------------
 
 
-def examined(swings: Sequence[Swing]) -> Trial | None:
+def examined(swings: Sequence[Swing]) -> DampingEstimate | None:
     """Return the result of one trial; None: there are too few swings that are long enough."""
     found = [row for swing in swings for row in _rows(swing, swings[0].position[0])]
     if len(found) < 4:
@@ -250,7 +250,7 @@ def examined(swings: Sequence[Swing]) -> Trial | None:
         fitted, _ = _fit(terms * (1.0, 0.0, *(1.0,) * (terms.shape[1] - 2)), work)
     others = work - terms[:, 2:] @ fitted[2:]
     minimum = min(float(np.min(others / terms[:, 0])), float(fitted[0] - SURE * unsure))
-    return Trial(float(fitted[0]), minimum, float(fitted[-1]))
+    return DampingEstimate(float(fitted[0]), minimum, float(fitted[-1]))
 
 
 def _fit(terms: Array, work: Array) -> tuple[Array, float]:

@@ -22,7 +22,7 @@ from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.implicit import solved
 from hapnet.ext.engines.observed_world import ObservedWorld, compliance_of, nearest
-from hapnet.ext.engines.obstacle import Body, Law, Obstacle
+from hapnet.ext.engines.obstacle import Law, Obstacle, ObstacleState
 from hapnet.ext.engines.obstacles_picture import ObstaclesPicture
 from hapnet.mechanics.contacts import Inverse
 from hapnet.mechanics.plane import Plane
@@ -44,7 +44,7 @@ class ForceWorld(ObservedWorld):
         obstacles = [Obstacle(force)] if callable(force) else list(force)
         if not obstacles or not all(isinstance(obstacle, Obstacle) for obstacle in obstacles):
             raise InvalidParameter("force", force, "a function, or hapnet.Obstacle objects")
-        self.obstacles: list[Body] = [Body(obstacle, self.dof, self.name) for obstacle in obstacles]
+        self.obstacles: list[ObstacleState] = [ObstacleState(obstacle, self.dof, self.name) for obstacle in obstacles]
         self.time_s: float = 0.0
         self._supplied_J = 0.0
 

@@ -16,7 +16,7 @@ from hapnet.checks import Array, Signal, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine import Engine
 from hapnet.ext.engines.engine_world import EngineWorld
-from hapnet.ext.engines.mujoco_model import PREFIX, Model, asked, load, warnings
+from hapnet.ext.engines.mujoco_model import PREFIX, MujocoModel, asked, load, warnings
 from hapnet.ext.engines.mujoco_picture import ModelPicture
 from hapnet.ext.engines.mujoco_planes import SpherePlanes
 from hapnet.mechanics.plane import Plane
@@ -65,7 +65,7 @@ class _Slides(NamedTuple):
     push: Array
 
     @classmethod
-    def of(cls, found: Model, dof: int) -> _Slides:
+    def of(cls, found: MujocoModel, dof: int) -> _Slides:
         """The views of `dof` joints, the model's first that the hand leads."""
         model, data = found.model, found.data
         first = found.dofs[0] if found.dofs else 0
@@ -81,7 +81,7 @@ class MujocoEngine(Engine):
 
     def __init__(self, scene: str, dof: int) -> None:
         self.dof: int = dof
-        self.found: Model = self._load(scene, _SMALLEST_MASS)
+        self.found: MujocoModel = self._load(scene, _SMALLEST_MASS)
         found = self.found
         self.substep_s = self._substep_s = float(found.model.opt.timestep)
         self.warnings = tuple(warnings(found))
@@ -106,10 +106,10 @@ class MujocoEngine(Engine):
             planes = self._planes_of(found, reported == "all")
             self._planes = planes if planes.any_fits else None
 
-    def _load(self, scene: str, mass: float) -> Model:
+    def _load(self, scene: str, mass: float) -> MujocoModel:
         return load(scene, self.dof, mass)
 
-    def _planes_of(self, found: Model, everything: bool) -> SpherePlanes:
+    def _planes_of(self, found: MujocoModel, everything: bool) -> SpherePlanes:
         return SpherePlanes(found, self.dof, everything=everything)
 
     def weigh(self, mass: ArrayLike) -> None:

@@ -58,7 +58,7 @@ class Asked(NamedTuple):
     ctrl: tuple[float, ...]
 
 
-class Model(NamedTuple):
+class MujocoModel(NamedTuple):
     """A compiled model. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide joints, empty without it.
     `key`: the keyframe that it begins with, -1: none. `overlaps`: pairs of bodies that begin inside one another."""
 
@@ -97,7 +97,7 @@ def _numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in text.split(",") if part.strip())
 
 
-def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | None = None) -> Model:
+def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | None = None) -> MujocoModel:
     """The model that `scene` names, with a proxy of `mass` [kg] if a sphere is added, which moves on `dof` axes.
 
     add : adds a free body in place of the sphere, given engine and model. Whoever does that puts it where it is free.
@@ -182,7 +182,7 @@ def _weigh(engine: Any, model: Any, total: float) -> None:
     engine.mj_setConst(model, engine.MjData(model))  # it moves what it is given
 
 
-def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int, *, lifts: bool) -> Model:
+def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int, *, lifts: bool) -> MujocoModel:
     kinds, site = engine.mjtObj, -1
     if want.proxy:
         body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, want.proxy))
@@ -209,7 +209,7 @@ def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof
     engine.mj_forward(model, data)
     geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())
     overlaps = tuple(_overlaps(engine, model, data, body if dofs else -1))
-    return Model(engine, model, data, body, site, dofs, geoms, key, overlaps)
+    return MujocoModel(engine, model, data, body, site, dofs, geoms, key, overlaps)
 
 
 def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Sequence[int]) -> int:
@@ -260,7 +260,7 @@ def raised(engine: Any, model: Any, data: Any, body: int, lift: Callable[[], Non
     return False
 
 
-def warnings(found: Model) -> Iterator[str]:
+def warnings(found: MujocoModel) -> Iterator[str]:
     """Name the parts of this model that are not passive by themselves, or jump at the start."""
     engine, model = found.engine, found.model
     if found.overlaps:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array, Vector
-from hapnet.ext.engines.mujoco_model import Model
+from hapnet.ext.engines.mujoco_model import MujocoModel
 from hapnet.ext.solids.outlines import Outline, ball, cuboid, cylinder
 from hapnet.ext.solids.rigid_contacts import padded
 from hapnet.ext.solids.shapes import Cylinder
@@ -34,7 +34,7 @@ _PROXY_OPACITY = 115
 class ModelPicture:
     """A model while it runs, whose proxy is at `position` (n,) [m]."""
 
-    def __init__(self, found: Model, position: Vector) -> None:
+    def __init__(self, found: MujocoModel, position: Vector) -> None:
         self._found = found
         self._model, self._data, self._kinds = found.model, found.data, found.engine.mjtGeom
         place = self._data.site_xpos[found.site] if found.site >= 0 else self._data.xipos[found.body]

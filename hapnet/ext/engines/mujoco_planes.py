@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hapnet.checks import MOST_FRICTION, MOST_PLANES, Array, Vector
-from hapnet.ext.engines.mujoco_model import Model
+from hapnet.ext.engines.mujoco_model import MujocoModel
 from hapnet.mechanics.curvature import Curvature, Curvatures, across, round_all_over
 from hapnet.mechanics.plane import Plane
 from hapnet.records.vectors import added, inner
@@ -66,7 +66,7 @@ class SpherePlanes:
     found : the model. dof : axes of the hand. everything : also those of what rubs or yields?
     """
 
-    def __init__(self, found: Model, dof: int, *, everything: bool = False) -> None:
+    def __init__(self, found: MujocoModel, dof: int, *, everything: bool = False) -> None:
         self._found, self._dof = found, dof
         model = found.model
         self._own = int(model.body_geomadr[found.body])

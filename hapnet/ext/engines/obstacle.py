@@ -73,7 +73,7 @@ class Obstacle:
             raise InvalidParameter("mass", self.mass, "a positive number [kg] with a drive")
 
 
-class Body:
+class ObstacleState:
     """The state of one obstacle with n axes. `scene`: the world's name, for errors."""
 
     def __init__(self, obstacle: Obstacle, dof: int, scene: str) -> None:

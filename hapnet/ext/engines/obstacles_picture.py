@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.ext.engines.obstacle import Body
+from hapnet.ext.engines.obstacle import ObstacleState
 from hapnet.ext.solids.field_picture import field, surface
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.rigid_contacts import Solid, padded
@@ -26,7 +26,7 @@ _MARK = Sphere((0.0, 0.0, 0.0), 0.003)
 class ObstaclesPicture(StillDefaults):
     """Obstacles while they move."""
 
-    def __init__(self, obstacles: Sequence[Body], dof: int) -> None:
+    def __init__(self, obstacles: Sequence[ObstacleState], dof: int) -> None:
         self._shaped = [body for body in obstacles if body.obstacle.shape is not None]
         self._moving = [body for body in obstacles if body.obstacle.motion is not None or body.obstacle.mass]
         parts: list[Part | None] = []
@@ -57,7 +57,7 @@ class ObstaclesPicture(StillDefaults):
         return shared(padded(force), found) if found else []
 
 
-def _drawn(body: Body, dof: int) -> tuple[Part, ...]:
+def _drawn(body: ObstacleState, dof: int) -> tuple[Part, ...]:
     """Return the picture of an obstacle without a shape, which rests."""
     if body.obstacle.planes is not None:
         return surface(lambda place, reach: body.planes(place, 0.0), dof)

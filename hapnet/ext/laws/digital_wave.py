@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from math import sqrt
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Wave
+from hapnet.control.coupling import WaveSample
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.ext.laws import wave
-from hapnet.ext.laws.parts.wave_integral import Line
+from hapnet.ext.laws.parts.wave_integral import WaveReceiver
 from hapnet.ext.laws.wave import WaveParams
 from hapnet.params import Params
 from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
@@ -59,7 +59,7 @@ class Replay(Record):
         self.arrived, self.playing = [0.0] * self.n, [0.0] * self.n
         self.arrived_s = self.left_s = 0.0
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         self.put(wave.value, wave.span)
 
     def take(self, dt: float) -> Vector:
@@ -109,7 +109,7 @@ def tune(params: Params, link: Delays) -> Tuning:
     return Tuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread, recovery_s)
 
 
-def _line(start: CouplingStart[Tuning]) -> Line:
+def _line(start: CouplingStart[Tuning]) -> WaveReceiver:
     return Replay(len(start.position), start.tuning.spread_s)
 
 

@@ -34,7 +34,7 @@ from typing import NamedTuple
 from hapnet.checks import Vector
 from hapnet.control.deadband import MAX_S
 from hapnet.control.law import DeviceEnd, End, WorldEnd
-from hapnet.control.samples import Motion
+from hapnet.control.samples import MotionSample
 from hapnet.couplings.ends import held_law, stepped_law
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import (
@@ -95,7 +95,7 @@ class _Gained(End):
     own: float
     velocity: OfAxes
 
-    sends = Motion
+    sends = MotionSample
 
     def __init__(self, gains: Gains, position: Vector) -> None:
         super().__init__(position)
@@ -243,9 +243,9 @@ def _world(start: CouplingStart[Tuning]) -> WorldPD:
     return WorldPD(start.tuning.gains, start.position)
 
 
-def _at_rest(set_position: Vector) -> Motion:
+def _at_rest(set_position: Vector) -> MotionSample:
     """Return the motion that the law takes for the other side's, where the stages choose: K_v then is damping."""
-    return Motion(set_position, (0.0,) * len(set_position))
+    return MotionSample(set_position, (0.0,) * len(set_position))
 
 
 def _springs(start: CouplingStart[Tuning]) -> Params:

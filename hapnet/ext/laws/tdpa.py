@@ -44,7 +44,7 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.control.coupling import LawSteps, WorldCoupling
 from hapnet.control.law import DeviceEnd
-from hapnet.control.samples import Port
+from hapnet.control.samples import PortSample
 from hapnet.couplings import rendering
 from hapnet.couplings.ends import held_law
 from hapnet.couplings.link_delays import Delays
@@ -104,7 +104,7 @@ class TdpaDevice(DeviceEnd):
     cap: float
     debt_limit: float
 
-    sends = Port
+    sends = PortSample
 
     def __init__(self, tuning: Tuning, position: Vector) -> None:
         super().__init__(position)

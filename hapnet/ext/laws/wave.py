@@ -21,7 +21,7 @@ from math import sqrt
 from typing import Annotated, Any, Protocol, TypeVar
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceCoupling, Wave, WorldCoupling
+from hapnet.control.coupling import DeviceCoupling, WaveSample, WorldCoupling
 from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.couplings.ends import held_law, stepped_law
 from hapnet.couplings.link_delays import Delays
@@ -33,7 +33,7 @@ from hapnet.couplings.spec import (
     scalar_stiffness,
 )
 from hapnet.ext.laws.parts.wave_filter import WaveFilter
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, Recovery, lose, recover
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, Recovery, WaveReceiver, lose, recover
 from hapnet.ext.laws.parts.wave_port import WaveDevice, WaveWorld
 from hapnet.param_sections import Matrix
 from hapnet.param_values import NOT_NEGATIVE, parameter
@@ -99,7 +99,7 @@ class DelayLine(Record):
         self.pace = 1.0
         self.waiting = self.minimum = self.watched = 0.0
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         self.put(wave.value, wave.span)
 
     def take(self, dt: float) -> Vector:
@@ -266,17 +266,17 @@ def jitter_s(link: Delays) -> float:
     return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _MAX_JITTER_S)
 
 
-def _line(start: CouplingStart[LineTuning]) -> Line:
+def _line(start: CouplingStart[LineTuning]) -> WaveReceiver:
     hold, maximum = start.params.of(WaveParams).missing == "hold", start.tuning.longest_wait_s
     return DelayLine(len(start.position), maximum, hold=hold, recovery=start.tuning.recovery_s)
 
 
 def ends(
-    line: Callable[[CouplingStart[T]], Line],
+    line: Callable[[CouplingStart[T]], WaveReceiver],
 ) -> tuple[Callable[[CouplingStart[T]], DeviceCoupling], Callable[[CouplingStart[T]], WorldCoupling]]:
     """The device's and the world's end of a law over such a line, which makes up for lost waves if its tuning says."""
 
-    def whole(start: CouplingStart[T]) -> Line:
+    def whole(start: CouplingStart[T]) -> WaveReceiver:
         return IntegralLine(line(start), believes=start.tuning.recovery_s != 0.0)
 
     def device(start: CouplingStart[T]) -> WaveDevice:

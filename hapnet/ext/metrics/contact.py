@@ -11,7 +11,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.couplings.registry import ideal_stiffness
 from hapnet.ext.metrics.measured import Mask, Measured, metric, scaled, tenths
-from hapnet.ext.metrics.obstacles import Obstacle
+from hapnet.ext.metrics.obstacles import WallOrSolid
 from hapnet.recording.durations import durations_s, quantile
 from hapnet.recording.samples import Columns, Recording
 
@@ -101,7 +101,7 @@ def _finite_ms(seconds: float | None) -> float | None:
     return None if seconds is None or math.isinf(seconds) else scaled(seconds, 1e3)
 
 
-def rendered_stiffness(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
+def rendered_stiffness(recording: Recording, walls: Sequence[WallOrSolid], round_trip_s: float) -> float | None:
     """Slope of the resisting force over the device's penetration of the wall where it was deepest [N/m].
 
     It is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the time of settled
@@ -117,7 +117,7 @@ def rendered_stiffness(recording: Recording, walls: Sequence[Obstacle], round_tr
     return float(np.sum(resistance * p * lasting) / np.sum(p * p * lasting))
 
 
-def contact_force(recording: Recording, walls: Sequence[Obstacle], round_trip_s: float) -> float | None:
+def contact_force(recording: Recording, walls: Sequence[WallOrSolid], round_trip_s: float) -> float | None:
     """Median of the resisting force in settled contact [N], as `rendered_stiffness` says; None as it says."""
     settled = _settled_contact(recording, walls, round_trip_s)
     return None if settled is None else quantile(settled[1], settled[2], 0.5)
@@ -146,7 +146,7 @@ def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float,
     return []
 
 
-def pressed_wall(device: Columns | None, walls: Sequence[Obstacle]) -> Obstacle | None:
+def pressed_wall(device: Columns | None, walls: Sequence[WallOrSolid]) -> WallOrSolid | None:
     """The wall or solid where the device's depth, summed over time, is largest; None: it entered none."""
     if device is None or not walls:
         return None
@@ -155,7 +155,7 @@ def pressed_wall(device: Columns | None, walls: Sequence[Obstacle]) -> Obstacle 
     return walls[int(np.argmax(depths))] if max(depths) > 0.0 else None
 
 
-def depth_and_resistance(device: Columns | None, walls: Sequence[Obstacle]) -> tuple[Array, Array] | None:
+def depth_and_resistance(device: Columns | None, walls: Sequence[WallOrSolid]) -> tuple[Array, Array] | None:
     """The device's penetration of `pressed_wall` [m], and the outward force on the device along its normal [N]."""
     wall = pressed_wall(device, walls)
     if device is None or wall is None:
@@ -165,7 +165,7 @@ def depth_and_resistance(device: Columns | None, walls: Sequence[Obstacle]) -> t
 
 
 def _settled_contact(
-    recording: Recording, walls: Sequence[Obstacle], round_trip_s: float
+    recording: Recording, walls: Sequence[WallOrSolid], round_trip_s: float
 ) -> tuple[Array, Array, Array] | None:
     """Depth [m], resisting force [N] and duration [s] of the samples of settled contact; None with less than 0.1 s."""
     device, world = recording.device, recording.world
@@ -190,7 +190,7 @@ def _is_long(lasting: Array) -> bool:
     return float(lasting.sum()) >= _SETTLED_S * (1.0 - 1e-9)
 
 
-class Touch(NamedTuple):
+class WallContact(NamedTuple):
     """One visit to a wall; times since the recording's origin [s].
 
     entered_s : when the device crossed the surface. ideal_s : when a local spring without delay would take 0.1 N.
@@ -202,7 +202,9 @@ class Touch(NamedTuple):
     felt_s: float | None
 
 
-def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, round_trip_s: float) -> list[Touch]:
+def touches(
+    recording: Recording, walls: Sequence[WallOrSolid], stiffness: float, round_trip_s: float
+) -> list[WallContact]:
     """Every touch of the wall that was pressed most, in the order of time.
 
     A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the largest force
@@ -235,7 +237,7 @@ def touches(recording: Recording, walls: Sequence[Obstacle], stiffness: float, r
         until = np.searchsorted(times, times[felt] + _LASTING_S)
         felt = felt[total[until] - total[felt] > level * (age[until] - age[felt])]
         felt_s = float(times[felt[0]]) if len(felt) else None
-        result.append(Touch(float(times[enter]), float(times[stiff[0]]), felt_s))
+        result.append(WallContact(float(times[enter]), float(times[stiff[0]]), felt_s))
     return result
 
 
@@ -252,7 +254,7 @@ class Latency(NamedTuple):
     felt: int
 
 
-def latency(found: Sequence[Touch], round_trip_s: float) -> Latency:
+def latency(found: Sequence[WallContact], round_trip_s: float) -> Latency:
     """How late these touches were felt."""
     late = [
         np.inf if touch.felt_s is None else touch.felt_s - since_s

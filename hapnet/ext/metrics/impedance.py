@@ -24,7 +24,7 @@ THREE_DB = 10.0 ** (3.0 / 20.0) - 1.0
 
 
 @dataclass(frozen=True)
-class Line:
+class ImpedanceAtFrequency:
     """The transmitted impedance at one frequency.
 
     impedance : F/X [N/m], complex; F resists the motion. spread : standard deviation of this estimate [N/m], from the
@@ -86,7 +86,7 @@ class Curve:
 
 def transmitted(
     position: Array, resistance: Array, step_s: float, period_s: float, harmonics: Sequence[int]
-) -> list[Line]:
+) -> list[ImpedanceAtFrequency]:
     """The impedance at each of these harmonics of ``1 / period_s``.
 
     position : (N,) the device's [m], in the settled state. resistance : (N,) the force on it, against the motion [N].
@@ -104,11 +104,14 @@ def transmitted(
     rest = np.sum(np.abs(F - Z * X) ** 2, axis=0)
     spread = np.sqrt(rest / (count - 1) / power) if count > 1 else np.full(len(power), np.inf)
     return [
-        Line(k / period_s, complex(z), float(s)) for k, z, s in zip(harmonics, Z.tolist(), spread.tolist(), strict=True)
+        ImpedanceAtFrequency(k / period_s, complex(z), float(s))
+        for k, z, s in zip(harmonics, Z.tolist(), spread.tolist(), strict=True)
     ]
 
 
-def off_hz(lines: Sequence[Line], truth: Callable[[float], complex], allowed: float = THREE_DB) -> float | None:
+def off_hz(
+    lines: Sequence[ImpedanceAtFrequency], truth: Callable[[float], complex], allowed: float = THREE_DB
+) -> float | None:
     """The lowest frequency of these lines at which ``|Z/Z_true - 1|`` exceeds `allowed` [Hz]; None: at none.
 
     With the default that is 3 dB. The difference is taken of the complex impedances: a delayed spring has the right

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hapnet.checks import Array
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings.registry import coupling, ideal_stiffness
-from hapnet.ext.metrics.obstacles import Obstacle, environment_force, obstacles, standing_force
+from hapnet.ext.metrics.obstacles import WallOrSolid, environment_force, obstacles, standing_force
 from hapnet.params import Params
 from hapnet.plant.worlds.moving_wall import MovingWall
 from hapnet.plant.worlds.protocol import World
@@ -127,7 +127,7 @@ class Measured:
         return found
 
     @cached_property
-    def walls(self) -> tuple[Obstacle, ...] | None:
+    def walls(self) -> tuple[WallOrSolid, ...] | None:
         """The walls and solids of the scene; None: they are not known, and no metric that needs them is."""
         moves = isinstance(self.scene, MovingWall) and self.scene.schedule.changes
         return () if moves else obstacles(self.scene)
@@ -197,7 +197,7 @@ class Measured:
         With springs that are no scalars the walls are taken as rigid: then it only shows where they are.
         """
 
-        def stiffness(wall: Obstacle) -> float:
+        def stiffness(wall: WallOrSolid) -> float:
             return ideal_stiffness(self.params, wall.stiffness) if self.scalar else wall.stiffness
 
         return self._force_at(self.device["position_m"], self.device["time_s"], stiffness)
@@ -220,7 +220,7 @@ class Measured:
             return None
         return self._force_at(positions, times, lambda wall: spring * wall.stiffness / (spring + wall.stiffness))
 
-    def _force_at(self, positions: Array, times: Array, stiffness: Callable[[Obstacle], float]) -> Array | None:
+    def _force_at(self, positions: Array, times: Array, stiffness: Callable[[WallOrSolid], float]) -> Array | None:
         """The force of the walls that stood at each time, of such a stiffness; zero in none of them."""
         scene = self.scene
         if isinstance(scene, MovingWall) and scene.schedule.changes:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hapnet.checks import Array
 from hapnet.ext.metrics.contact import contact_force, pressed_wall
 from hapnet.ext.metrics.measured import Measured, Span, metric, scaled
-from hapnet.ext.metrics.obstacles import Obstacle, normal_where_deepest
+from hapnet.ext.metrics.obstacles import WallOrSolid, normal_where_deepest
 from hapnet.recording.durations import durations_s, evenly, rms
 from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import position_error, touching
@@ -173,7 +173,7 @@ class FreeWindows(NamedTuple):
         return float(np.quantile(against, share))
 
 
-def free_windows(recording: Recording, walls: Sequence[Obstacle], settling_s: float) -> FreeWindows | None:
+def free_windows(recording: Recording, walls: Sequence[WallOrSolid], settling_s: float) -> FreeWindows | None:
     """The windows of free motion. None: the two sides are not on one clock.
 
     A window counts if neither the device nor the proxy was in a wall in it, nor during `settling_s` seconds before it.
@@ -203,7 +203,7 @@ _MIN_DRIFT_S, _MIN_SPAN_S = 2.0, 5.0
 _ROUNDS = 30
 
 
-def drift(recording: Recording, walls: Sequence[Obstacle]) -> float | None:
+def drift(recording: Recording, walls: Sequence[WallOrSolid]) -> float | None:
     """Slope over time of device minus proxy while both are outside all `walls` [m/s].
 
     It is measured along the normal of the wall or solid where the device was deepest; without one, along the axis on
@@ -234,7 +234,7 @@ def drift(recording: Recording, walls: Sequence[Obstacle]) -> float | None:
     return slope if np.isfinite(slope) else None
 
 
-def _direction(device: Columns, wall: Obstacle | None) -> Array:
+def _direction(device: Columns, wall: WallOrSolid | None) -> Array:
     if wall is not None:
         return np.array(normal_where_deepest(wall, device["position_m"]))
     extent = np.ptp(device["position_m"], axis=0)

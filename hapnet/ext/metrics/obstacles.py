@@ -15,7 +15,7 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.walls import Contacts, Wall
 
 
-class Obstacle(Protocol):
+class WallOrSolid(Protocol):
     """A wall, or a solid of any shape."""
 
     @property
@@ -57,7 +57,7 @@ class SolidObstacle:
         self._positions = positions
 
 
-def obstacles(world: World) -> tuple[Obstacle, ...] | None:
+def obstacles(world: World) -> tuple[WallOrSolid, ...] | None:
     """Those of `world`; None: they are not known, as those of a force or of another engine."""
     contacts = world.contacts
     if isinstance(contacts, RigidContacts):
@@ -77,7 +77,7 @@ def rubs(world: World) -> bool:
     return isinstance(contacts, RigidContacts) and any(solid.friction for solid in contacts.solids)
 
 
-def normal_where_deepest(obstacle: Obstacle, positions: Array) -> Vector:
+def normal_where_deepest(obstacle: WallOrSolid, positions: Array) -> Vector:
     """The normal (n,) at the sample that is deepest inside: a wall's is the same everywhere."""
     if isinstance(obstacle, Wall):
         return obstacle.normal
@@ -87,8 +87,8 @@ def normal_where_deepest(obstacle: Obstacle, positions: Array) -> Vector:
 def environment_force(
     position: Array,
     times: Sequence[float],
-    walls: Callable[[float], Iterable[Obstacle]],
-    stiffness: Callable[[Obstacle], float],
+    walls: Callable[[float], Iterable[WallOrSolid]],
+    stiffness: Callable[[WallOrSolid], float],
 ) -> Array:
     """Force of the true environment on a device at `position` (N, n) [m]: (N, n) [N].
 
@@ -108,7 +108,7 @@ def environment_force(
     return np.concatenate(pieces)
 
 
-def standing_force(position: Array, walls: Iterable[Obstacle], stiffness: Callable[[Obstacle], float]) -> Array:
+def standing_force(position: Array, walls: Iterable[WallOrSolid], stiffness: Callable[[WallOrSolid], float]) -> Array:
     """As `environment_force`, of walls that do not change."""
     force = np.zeros_like(position)
     for wall in walls:

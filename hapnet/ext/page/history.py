@@ -19,7 +19,7 @@ from hapnet.recording.samples import DeviceSample, Event, PostureSample, WorldSa
 from hapnet.recording.telemetry import KnownPlanes, Status, Telemetry
 from hapnet.summary.joint import JointMargin
 from hapnet.summary.reported import present
-from hapnet.summary.structure import Summary, Verdict
+from hapnet.summary.structure import Summary, VerdictSummary
 from hapnet.units import METRES, POSE, text_in
 from hapnet.wire.messages import Role
 
@@ -60,7 +60,7 @@ class Episode:
 
     coupling: str
     rendering: str
-    verdict: Verdict
+    verdict: VerdictSummary
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,10 @@ class Snapshot:
     posture: Vector = ()
 
 
-_UNFINISHED: Verdict = {"passive": None, "reason": "it ended, and its sides did not report their accounts to the end"}
+_UNFINISHED: VerdictSummary = {
+    "passive": None,
+    "reason": "it ended, and its sides did not report their accounts to the end",
+}
 
 
 class History:

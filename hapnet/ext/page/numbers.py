@@ -18,7 +18,7 @@ from hapnet.ext.page.history import Episode, Snapshot, coupled, of_point, units
 from hapnet.mechanics.pose import angle_between
 from hapnet.recording.samples import Event
 from hapnet.recording.telemetry import Status
-from hapnet.summary.structure import Summary, Verdict
+from hapnet.summary.structure import Summary, VerdictSummary
 from hapnet.summary.verdict import has_reservoirs
 from hapnet.summary.words import felt
 from hapnet.units import POSE, within
@@ -48,7 +48,7 @@ class Numbers:
         self._html.content = _table(snapshot, state, troubles, fresh, self._turn)
 
 
-def verdict(snapshot: Snapshot) -> Verdict | None:
+def verdict(snapshot: Snapshot) -> VerdictSummary | None:
     """The verdict on the present pair so far; None: both sides have not reported their accounts yet."""
     return None if snapshot.summary is None else snapshot.summary["verdict"]
 

@@ -24,11 +24,11 @@ LARGEST_UPLOAD = 128 * 1024 * 1024
 """No file is taken that is larger [bytes]. The page says what is wrong with smaller ones."""
 
 
-class _Message(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
+class _PageMessage(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
     """A message from a page: its fields, no others, and nothing left out."""
 
 
-class Camera(_Message, tag="ViewerCameraMessage"):
+class Camera(_PageMessage, tag="ViewerCameraMessage"):
     """Where a page looks from."""
 
     wxyz: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
@@ -46,26 +46,26 @@ class _Value(msgspec.Struct, forbid_unknown_fields=True):
     value: bool | int | float | str
 
 
-class Update(_Message, tag="GuiUpdateMessage"):
+class ControlValue(_PageMessage, tag="GuiUpdateMessage"):
     """A control's new value."""
 
     uuid: Identifier
     updates: _Value
 
 
-class Submit(_Message, tag="GuiFormSubmitMessage"):
+class Submit(_PageMessage, tag="GuiFormSubmitMessage"):
     """Enter in a form."""
 
     uuid: Identifier
 
 
-class Dirty(_Message, tag="GuiFormDirtyMessage"):
+class Dirty(_PageMessage, tag="GuiFormDirtyMessage"):
     """Somebody types in a form."""
 
     uuid: Identifier
 
 
-class Drag(_Message, tag="SceneNodeDragMessage"):
+class Drag(_PageMessage, tag="SceneNodeDragMessage"):
     """The mouse drags a node of the scene."""
 
     phase: Literal["start", "update", "end"]
@@ -80,7 +80,7 @@ class Drag(_Message, tag="SceneNodeDragMessage"):
     owner: Identifier
 
 
-class Upload(_Message, tag="FileTransferStartUpload"):
+class Upload(_PageMessage, tag="FileTransferStartUpload"):
     """A file begins."""
 
     source_component_uuid: Identifier
@@ -91,7 +91,7 @@ class Upload(_Message, tag="FileTransferStartUpload"):
     size_bytes: Annotated[int, msgspec.Meta(ge=0, le=LARGEST_UPLOAD)]
 
 
-class Part(_Message, tag="FileTransferPart"):
+class FilePart(_PageMessage, tag="FileTransferPart"):
     """A part of a file."""
 
     source_component_uuid: Identifier
@@ -107,7 +107,7 @@ class Offered:
         self._controls: dict[str, tuple[str, dict[str, Any]]] = {}
         self._draggable: set[str] = set()
         self._upload: tuple[Upload, dict[int, int]] | None = None
-        self._messages = msgspec.msgpack.Decoder(Camera | Update | Submit | Dirty | Drag | Upload | Part)
+        self._messages = msgspec.msgpack.Decoder(Camera | ControlValue | Submit | Dirty | Drag | Upload | FilePart)
         self._unpack = zstandard.ZstdDecompressor().decompress
 
     def learn(self, frame: bytes) -> None:
@@ -139,11 +139,11 @@ class Offered:
             return None
         return msgspec.msgpack.encode(found) if self._permits(found) else None
 
-    def _permits(self, message: Camera | Update | Submit | Dirty | Drag | Upload | Part) -> bool:
+    def _permits(self, message: Camera | ControlValue | Submit | Dirty | Drag | Upload | FilePart) -> bool:
         match message:
             case Camera():
                 return any(message.wxyz) and message.look_at != message.position
-            case Update():
+            case ControlValue():
                 kind, props = self._enabled(message.uuid)
                 return kind in _VALUES and _VALUES[kind](message.updates.value, props)
             case Submit() | Dirty():
@@ -152,7 +152,7 @@ class Offered:
                 return message.name in self._draggable
             case Upload():
                 return self._begins(message)
-            case Part():
+            case FilePart():
                 return self._continues(message)
 
     def _enabled(self, uuid: str) -> tuple[str, Mapping[str, Any]]:
@@ -167,7 +167,7 @@ class Offered:
         self._upload = (upload, {}) if upload.part_count else None
         return True
 
-    def _continues(self, part: Part) -> bool:
+    def _continues(self, part: FilePart) -> bool:
         """One file at a time, each of its parts once, and as many bytes as were said."""
         if self._upload is None:
             return False

@@ -17,7 +17,7 @@ from hapnet.ext.page.numbers import Numbers, Troubles
 from hapnet.ext.page.panel import ABOUT, ControlPanel
 from hapnet.ext.page.playback import Playback, PlayerPanel
 from hapnet.ext.page.plots import Plots
-from hapnet.ext.page.scene import Scene
+from hapnet.ext.page.scene import PageScene
 from hapnet.ext.solids.rigid import parts_of_words
 from hapnet.loading import failure
 from hapnet.plant.worlds.picture import Part
@@ -63,12 +63,12 @@ class Page:
         self._server = server
         self._history = history
         self._controls = controls
-        self._scene: Scene | None = None
+        self._scene: PageScene | None = None
         self._drawn: tuple[int, Any, str, object, object] | None = None  # for which axes, walls, words, arm it was made
         self._parts: tuple[Part, ...] | None = None
         self._last = _Last()
         self._troubles = Troubles()
-        self._steps = Steps()
+        self._steps = PagePainter()
         self._starting_from: tuple[int | None, int | None] | None = None
         self._origin: Vector = ()
         gui = server.gui
@@ -182,7 +182,7 @@ class Page:
             dof, surfaces, *_ = wanted
             parts, turns = snapshot.parts or parts_of_words(words), units(snapshot) == POSE
             dof, arm = 3 if turns else dof, ArmPicture.of(described)
-            self._scene = Scene(self._server, dof, surfaces, lead, wall_name, parts, arm, turns=turns)
+            self._scene = PageScene(self._server, dof, surfaces, lead, wall_name, parts, arm, turns=turns)
             self._drawn, self._parts = wanted, snapshot.parts
             self._origin = (0.0,) * dof
         self._scene.update(snapshot)
@@ -243,7 +243,7 @@ RETRY_S = 0.25
 """A part that has failed is drawn again after this time [s]."""
 
 
-class Steps:
+class PagePainter:
     """Draws the parts of a page, each on its own: one that fails is tried again, and the others are drawn meanwhile.
 
     Times `now_s` are those of the page.

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from hapnet.recording.rosbag import ACCOUNT_EVERY_NS, Message, Messages
+from hapnet.recording.rosbag import ACCOUNT_EVERY_NS, BagMessage, Messages
 from hapnet.recording.samples import DeviceSample, Event, PostureSample, Sample, WorldSample, from_samples
 from hapnet.recording.telemetry import Status, Telemetry
 
@@ -90,7 +90,7 @@ class RosBridge:
         if events:
             self._send(*self._make.events(from_samples({}, events, None, torn=False)))
 
-    def _send(self, *messages: Message) -> None:
+    def _send(self, *messages: BagMessage) -> None:
         for topic, kind, _, content in messages:
             whole = topic if topic == DIAGNOSTICS else self._prefix + topic
             self._publish(whole, kind, content)

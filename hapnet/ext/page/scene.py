@@ -55,7 +55,7 @@ _BESIDE_AN_ARM = (0.64, 0.64, 0.42)
 """From where an arm is looked at: its base stands behind the hand."""
 
 
-class Scene:
+class PageScene:
     """Draws a pair with `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
 
     One and two axes are seen from the front, three from slightly above, with z upwards.

@@ -129,7 +129,7 @@ class PageServer:
         self.close()
 
     async def _draw(self) -> None:
-        """Draw until cancelled; what fails in a drawing is the page's to handle (`Steps`)."""
+        """Draw until cancelled; what fails in a drawing is the page's to handle (`PagePainter`)."""
         due, frame = time.monotonic(), 0
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))

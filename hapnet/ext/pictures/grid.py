@@ -38,7 +38,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Axis:
+class GridAxis:
     """One axis of the grid: a parameter that varies, and its values, ascending if they are numbers; also as text."""
 
     name: str
@@ -68,8 +68,8 @@ class Axis:
 class Grid:
     """Cells by the indices of their values on `x` and `y` (0 if there is no `y`)."""
 
-    x: Axis
-    y: Axis | None
+    x: GridAxis
+    y: GridAxis | None
     cells: Mapping[tuple[int, int], Cell]
     metric: str
     over: tuple[str, ...]

@@ -16,7 +16,7 @@ from typing import Any
 
 from hapnet.couplings.registry import COUPLINGS, known
 from hapnet.ext.pictures.html import Html, element, join, table
-from hapnet.ext.pictures.pictures import Picture
+from hapnet.ext.pictures.pictures import PngPicture
 from hapnet.ext.pictures.settings import Setting, commands, of_side, settings
 from hapnet.ext.pictures.zoomed import library
 from hapnet.recording import alignment
@@ -63,7 +63,7 @@ _NO_EVENTS = "A run in virtual time records no events; the summary counts its si
 
 
 @dataclass(frozen=True)
-class Source:
+class ReportSource:
     """A file from which a report is made.
 
     repaired : its repaired copy, if it was torn. written : when the file was last written, in UTC.
@@ -76,7 +76,7 @@ class Source:
     written: str = ""
 
 
-def page(recording: Recording, drawn: Mapping[str, Picture], sources: Sequence[Source]) -> str:
+def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequence[ReportSource]) -> str:
     """The report on `recording`, which must have a summary, with its pictures.
 
     All that comes from a recording is escaped as text. Pass it through `legible` first.
@@ -134,7 +134,7 @@ _ENERGY = (
 )
 
 
-def _head(summary: Summary, title: str, sources: Sequence[Source]) -> Html:
+def _head(summary: Summary, title: str, sources: Sequence[ReportSource]) -> Html:
     line, coupling = verdict(summary), str(summary["coupling"])
     found = outcome(summary)
     alone = found == "unknown" and None in (summary["device"], summary["world"])
@@ -156,12 +156,12 @@ def _head(summary: Summary, title: str, sources: Sequence[Source]) -> Html:
     )
 
 
-def _torn(source: Source) -> str:
+def _torn(source: ReportSource) -> str:
     words = f"{source.path.name} is torn: its writer was killed. The report covers the samples that can be read"
     return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
 
 
-def _facts(recording: Recording, sources: Sequence[Source]) -> Html:
+def _facts(recording: Recording, sources: Sequence[ReportSource]) -> Html:
     summary, meta = read(recording.summary), recording.meta
     coupling = str(summary["coupling"])
     duration = summary["duration_s"]
@@ -232,7 +232,7 @@ def _settings(rows: list[Setting]) -> Html:
     return join(element("p", words), table(names, cells, class_="settings"))
 
 
-def _commands(recording: Recording, sources: Sequence[Source]) -> Html:
+def _commands(recording: Recording, sources: Sequence[ReportSource]) -> Html:
     found = commands(recording, [s.repaired or s.path for s in sources if s.role != "no samples"])
     if not found:
         return element("p", "This version of hapnet cannot use the recording's settings.")
@@ -251,7 +251,7 @@ def _versions(recording: Recording) -> Html:
     return table(("" if same else "package", *columns), rows) if rows else element("p", "Unknown.")
 
 
-def _files(sources: Sequence[Source]) -> Html:
+def _files(sources: Sequence[ReportSource]) -> Html:
     rows = [
         (
             str(source.path),
@@ -276,7 +276,7 @@ def _table(content: tables.Table) -> Html:
     return table(head, content.rows, caption=content.title, class_="numbers")
 
 
-def _picture(picture: Picture | None) -> Html:
+def _picture(picture: PngPicture | None) -> Html:
     if picture is None:
         return Html()
     source = f"data:image/png;base64,{b64encode(picture.png).decode('ascii')}"

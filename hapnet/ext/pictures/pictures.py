@@ -16,7 +16,7 @@ from hapnet.summary.words import number
 
 
 @dataclass(frozen=True)
-class Picture:
+class PngPicture:
     """A PNG. `name` is the end of its file's name; `caption` says how to read it, `alternative` what it shows.
 
     zoomed : the same for plotly.js, which can zoom it; empty: this picture is looked at as it is.
@@ -29,7 +29,7 @@ class Picture:
     zoomed: str = ""
 
 
-def pictures(recording: Recording) -> dict[str, Picture]:
+def pictures(recording: Recording) -> dict[str, PngPicture]:
     """Pictures by name: ``run``, ``scene`` of solids, and ``link`` and ``servo`` if their histograms were counted."""
     summary = read(recording.summary)
     full = has_reservoirs(summary["coupling"])
@@ -38,23 +38,23 @@ def pictures(recording: Recording) -> dict[str, Picture]:
     run = figure(recording, titled=False)  # the page has the verdict above it
     drawn = png(run)  # this also lays the panels out
     found = [
-        Picture("run", drawn, caption, f"Against time: {panels}.", zoomed.zoomed(run) if zoomed.can_zoom() else "")
+        PngPicture("run", drawn, caption, f"Against time: {panels}.", zoomed.zoomed(run) if zoomed.can_zoom() else "")
     ]
     if (scene := scene_figure(recording)) is not None:
-        found.append(Picture("scene", png(scene), _SCENE, "The scene in 3-D, with the paths of device and proxy."))
+        found.append(PngPicture("scene", png(scene), _SCENE, "The scene in 3-D, with the paths of device and proxy."))
     if (links := link_histogram(summary)) is not None:
         directions = [
             f"{direction}link p50 {number(link['delay_p50_ms'])} ms, p99 {number(link['delay_p99_ms'])} ms"
             for direction in DIRECTIONS
             if (link := summary["links"][direction]) is not None
         ]
-        found.append(Picture("link", png(links), _LINK, f"Histogram of delays: {'; '.join(directions)}."))
+        found.append(PngPicture("link", png(links), _LINK, f"Histogram of delays: {'; '.join(directions)}."))
     lateness, device = lateness_histogram(summary), summary["device"]
     if lateness is not None and device is not None:
         servo = device["servo"]
         late = (servo["late_p50_us"], servo["late_p99_us"], servo["late_max_us"])
         reported = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
-        found.append(Picture("servo", png(lateness), _SERVO, reported))
+        found.append(PngPicture("servo", png(lateness), _SERVO, reported))
     return {picture.name: picture for picture in found}
 
 

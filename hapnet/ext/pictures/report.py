@@ -10,8 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import cast
 
-from hapnet.ext.pictures.page import Source, page
-from hapnet.ext.pictures.pictures import Picture, pictures
+from hapnet.ext.pictures.page import ReportSource, page
+from hapnet.ext.pictures.pictures import PngPicture, pictures
 from hapnet.ext.pictures.run import figure, html
 from hapnet.ext.pictures.style import png, save as save
 from hapnet.loading import only_imported, permitting
@@ -19,7 +19,7 @@ from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_recordings
-from hapnet.summary.structure import Motion, Summary
+from hapnet.summary.structure import Summary
 from hapnet.summary.words import legible, verdict
 
 PAGE = "report.html"
@@ -34,7 +34,7 @@ class Report:
     """
 
     recording: Recording
-    sources: tuple[Source, ...] = ()
+    sources: tuple[ReportSource, ...] = ()
     parts: tuple[Recording, ...] = ()
 
     def __repr__(self) -> str:
@@ -46,7 +46,7 @@ class Report:
         return cast("Summary", self.recording.summary)
 
     @cached_property
-    def pictures(self) -> Mapping[str, Picture]:
+    def pictures(self) -> Mapping[str, PngPicture]:
         """Pictures by name: ``run``, ``scene`` of solids, ``link`` and ``servo`` if their histograms were counted."""
         return pictures(self.recording)
 
@@ -87,7 +87,7 @@ def report(what: Recorded, directory: str | PathLike[str] | None = None) -> Repo
         summary = of_recordings(found.files, found.parts) if found.files else of_recordings([Path("run")], found.parts)
         reported, moved = summary.get("motion"), motion(found.whole)
         if isinstance(reported, Mapping):  # the other side's report of its own stays
-            moved = cast("Motion", {key: reported.get(key) if one is None else one for key, one in moved.items()})
+            moved = cast("MotionFigures", {key: reported.get(key) if one is None else one for key, one in moved.items()})
         summary["motion"] = moved
     sources = [source_of(file, recording) for file, recording in zip(found.files, found.parts, strict=False)]
     made = Report(_legible(replace(found.whole, summary=summary)), tuple(sources), found.parts)
@@ -101,12 +101,12 @@ def names_of(stem: str) -> dict[str, str]:
     return {"run": f"{stem}.png", **{name: f"{stem}-{name}.png" for name in ("scene", "link", "servo")}}
 
 
-def source_of(file: Path, recording: Recording) -> Source:
+def source_of(file: Path, recording: Recording) -> ReportSource:
     """Return a report's entry about the file of a recording."""
     sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
     role = "both" if len(sides) == 2 else sides[0] if sides else "no samples"
     written = datetime.fromtimestamp(file.stat().st_mtime, UTC)
-    return Source(Path(legible(str(file))), role, recording.torn, None, f"{written:%Y-%m-%d %H:%M:%S} UTC")
+    return ReportSource(Path(legible(str(file))), role, recording.torn, None, f"{written:%Y-%m-%d %H:%M:%S} UTC")
 
 
 def _legible(recording: Recording) -> Recording:

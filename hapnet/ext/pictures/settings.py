@@ -32,7 +32,7 @@ class Setting(NamedTuple):
     source: str = ""
 
 
-class Command(NamedTuple):
+class SuggestedCommand(NamedTuple):
     """A command to type, and what it does."""
 
     purpose: str
@@ -59,7 +59,7 @@ def settings(recording: Recording) -> list[Setting]:
     return rows
 
 
-def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
+def commands(recording: Recording, files: Sequence[Path]) -> list[SuggestedCommand]:
     """Commands that repeat the run: with its settings and, if `files` contain a device's side, with its hand."""
     found = []
     if (params := _params(recording)) is not None:
@@ -67,17 +67,17 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[Command]:
         live = params.operator == LIVE
         if live:  # the command line cannot ask for a live hand, and such a run has no end
             asked = params.unset("operator", "duration_s")
-            found.append(Command("The same settings, with your own hand", _line("play", recording, asked)))
+            found.append(SuggestedCommand("The same settings, with your own hand", _line("play", recording, asked)))
         if is_simulated(params.hardware) and not live:
             servo = params.device.servo if virtual or params.device.servo != "auto" else "sampled"
             what = "The same, to the last digit" if virtual else "The same settings in virtual time"
             sampled = params if servo == params.device.servo else params.set({"device.servo": servo})
-            found.append(Command(what, _line("simulate", recording, sampled)))
+            found.append(SuggestedCommand(what, _line("simulate", recording, sampled)))
         if not virtual and not live:
-            found.append(Command("Once more in real time, on one machine", _line("run", recording, params)))
+            found.append(SuggestedCommand("Once more in real time, on one machine", _line("run", recording, params)))
     if recording.device is not None and files:
         line = shlex.join(["hapnet", "replay", *map(str, files)])
-        found.append(Command("The recorded hand again, through this link or another", line))
+        found.append(SuggestedCommand("The recorded hand again, through this link or another", line))
     return found
 
 

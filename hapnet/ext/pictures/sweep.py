@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.ext.metrics.measured import quantile
-from hapnet.ext.pictures.grid import USUAL, Axis, Cell, Grid, metric_label, statistic, usual_statistic
+from hapnet.ext.pictures.grid import USUAL, Cell, Grid, GridAxis, metric_label, statistic, usual_statistic
 from hapnet.ext.pictures.style import DEVICE_COLOR, headed, legend_above, sheet
 from hapnet.summary.verdict import ROUNDING_J
 
@@ -198,7 +198,7 @@ def _scale_ticks(norm: Normalize) -> list[float] | None:
     return sorted(tick for tick in ticks if low <= tick <= high)
 
 
-def _ticks(panel: Axes, axis: Axis, which: str) -> None:
+def _ticks(panel: Axes, axis: GridAxis, which: str) -> None:
     """One tick per cell; of many cells every second, third, ..."""
     every = max(1, -(-len(axis.values) // _TICKS[which])) if axis.numeric else 1
     width = _LABEL if which == "y" else max(8, 84 // len(axis.values))

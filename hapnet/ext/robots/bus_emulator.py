@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 from hapnet.checks import one_of
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.table import ArmTable
-from hapnet.ext.devices.emulator import NANO, Emulator, Handle
+from hapnet.ext.devices.emulator import NANO, EmulatedHandle, Emulator
 from hapnet.ext.devices.pseudo_terminal import PseudoTerminal
 from hapnet.ext.robots import bus_packets as wire, dynamixel as x_series, feetech as st
 from hapnet.ext.robots.bus_joints import COUNT_RAD, JointServo, arm_table, joints_of
@@ -34,7 +34,7 @@ _LIMIT_C, _WARM_C = 70, 35
 ACCESS, DATA_RANGE, DATA_LIMIT, INSTRUCTION, ALERT = 0x07, 0x04, 0x06, 0x02, 0x80
 
 
-class Servo:
+class EmulatedServo:
     """A servo: its table, and the joint that it turns."""
 
     def __init__(self, joint: JointServo) -> None:
@@ -68,7 +68,7 @@ class BusEmulator(Emulator):
 
     def __init__(
         self,
-        handle: Handle,
+        handle: EmulatedHandle,
         clock: Callable[[], int],
         link: str = "",
         arm: str = "omni",
@@ -93,7 +93,7 @@ class BusEmulator(Emulator):
         table = arm_table(arm, tip)
         joints = joints_of(table, calibration, in_servo=self.packets is wire.Dynamixel2)
         self._home = table.home
-        self.servos = {joint.servo: Servo(joint) for joint in joints}
+        self.servos = {joint.servo: EmulatedServo(joint) for joint in joints}
         self._failing = servo or joints[0].servo
         if self._failing not in self.servos:
             raise InvalidParameter("servo", servo, f"one of {', '.join(map(str, self.servos))}")
@@ -112,34 +112,34 @@ class BusEmulator(Emulator):
         return replace(table, joints=tuple(replace(joint, effort=float("inf")) for joint in table.joints))
 
     @abstractmethod
-    def make(self, servo: Servo, delay: int) -> None:
+    def make(self, servo: EmulatedServo, delay: int) -> None:
         """Fill a servo's table as the factory does."""
 
     @abstractmethod
-    def refresh(self, servo: Servo, angle: float, rate: float) -> None:
+    def refresh(self, servo: EmulatedServo, angle: float, rate: float) -> None:
         """Put what it measures into its table."""
 
     @abstractmethod
-    def delay_ns(self, servo: Servo) -> int:
+    def delay_ns(self, servo: EmulatedServo) -> int:
         """Between a question and its status."""
 
     @abstractmethod
-    def accept(self, servo: Servo, address: int, data: bytes) -> int:
+    def accept(self, servo: EmulatedServo, address: int, data: bytes) -> int:
         """Write into its table, or refuse with an error."""
 
     @abstractmethod
-    def drive(self, servo: Servo) -> int:
+    def drive(self, servo: EmulatedServo) -> int:
         """The current that it makes now, in counts."""
 
     @abstractmethod
-    def watch(self, servo: Servo, now_ns: int) -> bool:
+    def watch(self, servo: EmulatedServo, now_ns: int) -> bool:
         """Update its watchdog, and return whether it has just acted."""
 
     @abstractmethod
-    def fail(self, servo: Servo) -> None:
+    def fail(self, servo: EmulatedServo) -> None:
         """It is overloaded."""
 
-    def error(self, servo: Servo) -> int:
+    def error(self, servo: EmulatedServo) -> int:
         """The error in every status of it."""
         return 0
 
@@ -182,7 +182,7 @@ class BusEmulator(Emulator):
         self._free_ns = begin + round(transfer_s(size, self._baud) / NANO)
         return begin, self._free_ns
 
-    def _hear(self, packet: wire.Packet) -> None:
+    def _hear(self, packet: wire.BusPacket) -> None:
         """An instruction begins to come."""
         size = len(self._frames.packet(*packet))
         _, end_ns = self._carry(size, self._clock())
@@ -217,11 +217,11 @@ class BusEmulator(Emulator):
         for servo in self.servos.values():
             servo.heard_ns = end_ns
 
-    def about(self, servo: Servo) -> bytes:
+    def about(self, servo: EmulatedServo) -> bytes:
         """The answer to a ping."""
         return b""
 
-    def _answer(self, servo: Servo, after_ns: int, address: int, count: int) -> None:
+    def _answer(self, servo: EmulatedServo, after_ns: int, address: int, count: int) -> None:
         """A status with a part of the table, as of when it begins."""
         begin_ns, end_ns = self._carry(self._frames.status_bytes + count, after_ns + self.delay_ns(servo))
 
@@ -234,12 +234,12 @@ class BusEmulator(Emulator):
 
         self._at(begin_ns, sample)
 
-    def _confirm(self, servo: Servo, error: int, at_ns: int, data: bytes = b"") -> None:
+    def _confirm(self, servo: EmulatedServo, error: int, at_ns: int, data: bytes = b"") -> None:
         reply = wire.Reply(self.error(servo) | error, data)
         _, end_ns = self._carry(self._frames.status_bytes + len(data), at_ns + self.delay_ns(servo))
         self._at(end_ns, lambda _: self._send(servo, reply))
 
-    def _send(self, servo: Servo, reply: wire.Reply) -> None:
+    def _send(self, servo: EmulatedServo, reply: wire.Reply) -> None:
         data = self._frames.status(servo.joint.servo, reply)
         if self._corrupt and self._random.random() < self._corrupt:
             at = self._random.randrange(len(data))
@@ -252,7 +252,7 @@ class BusEmulator(Emulator):
                 self.accept(servo, address, data)
         self._hold(at_ns)
 
-    def _write(self, servo: Servo, address: int, data: bytes, at_ns: int) -> None:
+    def _write(self, servo: EmulatedServo, address: int, data: bytes, at_ns: int) -> None:
         self._confirm(servo, self.accept(servo, address, data), at_ns)
         self._hold(at_ns)
 
@@ -274,7 +274,7 @@ class DynamixelEmulator(BusEmulator):
         for number, model in sorted(x_series.MODELS.items(), key=lambda item: item[0] != 1200)
     }
 
-    def make(self, servo: Servo, delay: int) -> None:
+    def make(self, servo: EmulatedServo, delay: int) -> None:
         servo.table[:] = bytes(_ROOM)
         for address, value, size in (
             (0, self.number, 2), (6, 46, 1), (7, servo.joint.servo, 1), (9, delay, 1), (11, 3, 1),
@@ -283,22 +283,22 @@ class DynamixelEmulator(BusEmulator):
         ):  # fmt: skip
             servo.put(address, value, size)
 
-    def about(self, servo: Servo) -> bytes:
+    def about(self, servo: EmulatedServo) -> bytes:
         return bytes(servo.table[0:2] + servo.table[6:7])
 
-    def error(self, servo: Servo) -> int:
+    def error(self, servo: EmulatedServo) -> int:
         return ALERT if servo.table[x_series.HARDWARE_ERROR] else 0
 
-    def delay_ns(self, servo: Servo) -> int:
+    def delay_ns(self, servo: EmulatedServo) -> int:
         return servo.table[x_series.RETURN_DELAY] * 2000
 
-    def refresh(self, servo: Servo, angle: float, rate: float) -> None:
+    def refresh(self, servo: EmulatedServo, angle: float, rate: float) -> None:
         present = x_series.BLOCK.pack(
             self.drive(servo), round(servo.joint.sign * rate / x_series.RATE_RADPS), servo.joint.count(angle)
         )
         servo.table[x_series.PRESENT : x_series.PRESENT + len(present)] = present
 
-    def accept(self, servo: Servo, address: int, data: bytes) -> int:
+    def accept(self, servo: EmulatedServo, address: int, data: bytes) -> int:
         table = servo.table
         if (address < 64 and table[x_series.TORQUE_ENABLE]) or address >= 120 or address + len(data) > _ROOM:
             return ACCESS
@@ -312,7 +312,7 @@ class DynamixelEmulator(BusEmulator):
         table[address : address + len(data)] = data
         return 0
 
-    def drive(self, servo: Servo) -> int:
+    def drive(self, servo: EmulatedServo) -> int:
         table = servo.table
         is_on = table[x_series.TORQUE_ENABLE] and table[x_series.OPERATING_MODE] == x_series.CURRENT_CONTROL
         if not is_on or table[x_series.BUS_WATCHDOG] == x_series.STOPPED:
@@ -320,7 +320,7 @@ class DynamixelEmulator(BusEmulator):
         goal = servo.get(x_series.GOAL_CURRENT, 2)
         return goal - (1 << 16) if goal >> 15 else goal
 
-    def watch(self, servo: Servo, now_ns: int) -> bool:
+    def watch(self, servo: EmulatedServo, now_ns: int) -> bool:
         units = servo.table[x_series.BUS_WATCHDOG]
         if not 0 < units < 128 or not servo.table[x_series.TORQUE_ENABLE]:
             return False
@@ -329,7 +329,7 @@ class DynamixelEmulator(BusEmulator):
         servo.table[x_series.BUS_WATCHDOG] = x_series.STOPPED
         return True
 
-    def fail(self, servo: Servo) -> None:
+    def fail(self, servo: EmulatedServo) -> None:
         servo.table[x_series.HARDWARE_ERROR] |= 1 << 5
         servo.table[x_series.TORQUE_ENABLE] = 0
 
@@ -340,7 +340,7 @@ class FeetechEmulator(BusEmulator):
     packets = wire.FeetechPackets
     models: ClassVar[Mapping[str, tuple[int, float]]] = {"ST3215": (777, 0.0), "HLS": (st.HLS, st.CURRENT_A)}
 
-    def make(self, servo: Servo, delay: int) -> None:
+    def make(self, servo: EmulatedServo, delay: int) -> None:
         servo.table[:] = bytes(_ROOM)
         offset = st.unsigned(servo.joint.offset or 0, st.SIGN_BIT if self.torque else st.STS_OFFSET_BIT)
         for address, value, size in (
@@ -349,30 +349,30 @@ class FeetechEmulator(BusEmulator):
         ):  # fmt: skip
             servo.put(address, value, size)
 
-    def error(self, servo: Servo) -> int:
+    def error(self, servo: EmulatedServo) -> int:
         return servo.table[65]
 
-    def delay_ns(self, servo: Servo) -> int:
+    def delay_ns(self, servo: EmulatedServo) -> int:
         return 0 if self.torque else servo.table[7] * 2000
 
-    def refresh(self, servo: Servo, angle: float, rate: float) -> None:
+    def refresh(self, servo: EmulatedServo, angle: float, rate: float) -> None:
         servo.put(st.PRESENT, st.unsigned(servo.joint.count(angle)), 2)
         servo.put(58, st.unsigned(round(servo.joint.sign * rate / COUNT_RAD)), 2)
         servo.put(69, st.unsigned(self.drive(servo)), 2)
 
-    def accept(self, servo: Servo, address: int, data: bytes) -> int:
+    def accept(self, servo: EmulatedServo, address: int, data: bytes) -> int:
         servo.table[address : address + len(data)] = data
         return 0
 
-    def drive(self, servo: Servo) -> int:
+    def drive(self, servo: EmulatedServo) -> int:
         table = servo.table
         if not self.torque or table[st.TORQUE_ENABLE] != 1 or table[st.MODE] != st.CURRENT_MODE:
             return 0
         return st.signed(servo.get(st.GOAL_TORQUE, 2))
 
-    def watch(self, servo: Servo, now_ns: int) -> bool:
+    def watch(self, servo: EmulatedServo, now_ns: int) -> bool:
         return False  # it has none
 
-    def fail(self, servo: Servo) -> None:
+    def fail(self, servo: EmulatedServo) -> None:
         servo.table[65] |= 1 << 5
         servo.table[st.TORQUE_ENABLE] = 0

@@ -18,7 +18,7 @@ ALL = 0xFE
 _LONGEST = 128
 
 
-class Packet(NamedTuple):
+class BusPacket(NamedTuple):
     """An instruction to the servo `servo`, or its status."""
 
     servo: int
@@ -59,7 +59,7 @@ class Packets(ABC):
         """A servo's answer."""
 
     @abstractmethod
-    def reply(self, packet: Packet) -> Reply | None:
+    def reply(self, packet: BusPacket) -> Reply | None:
         """A packet as an answer; None: it is none."""
 
     @abstractmethod
@@ -67,7 +67,7 @@ class Packets(ABC):
         """Of the packet that begins with these bytes, `smallest` at least; 0: none does."""
 
     @abstractmethod
-    def _whole(self, data: bytes) -> Packet | None:
+    def _whole(self, data: bytes) -> BusPacket | None:
         """The packet that is these bytes; None: it is damaged."""
 
     def read(self, servo: int, address: int, size: int) -> bytes:
@@ -88,7 +88,7 @@ class Packets(ABC):
         each = b"".join(bytes((servo,)) + value for servo, value in values.items())
         return self.packet(ALL, SYNC_WRITE, self.place.pack(address, size) + each)
 
-    def feed(self, came: bytes) -> list[Packet]:
+    def feed(self, came: bytes) -> list[BusPacket]:
         """The packets that are whole now."""
         data, found = self._unread + came, []
         while (begin := data.find(self.header)) >= 0 and len(data) - begin >= self.smallest:
@@ -151,18 +151,18 @@ class Dynamixel2(Packets):
     def status(self, servo: int, reply: Reply) -> bytes:
         return self.packet(servo, STATUS, bytes((reply.error,)) + reply.data)
 
-    def reply(self, packet: Packet) -> Reply | None:
+    def reply(self, packet: BusPacket) -> Reply | None:
         return Reply(packet.data[0], packet.data[1:]) if packet.code == STATUS and packet.data else None
 
     def _length(self, data: bytes) -> int:
         length = 7 + data[5] + (data[6] << 8)
         return length if self.smallest <= length <= _LONGEST else 0
 
-    def _whole(self, data: bytes) -> Packet | None:
+    def _whole(self, data: bytes) -> BusPacket | None:
         if crc(data[:-2]) != data[-2] + (data[-1] << 8):
             return None
         body = data[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
-        return Packet(data[4], body[0], body[1:])
+        return BusPacket(data[4], body[0], body[1:])
 
 
 class FeetechPackets(Packets):
@@ -179,11 +179,11 @@ class FeetechPackets(Packets):
     def status(self, servo: int, reply: Reply) -> bytes:
         return self.packet(servo, reply.error, reply.data)
 
-    def reply(self, packet: Packet) -> Reply | None:
+    def reply(self, packet: BusPacket) -> Reply | None:
         return Reply(packet.code, packet.data)
 
     def _length(self, data: bytes) -> int:
         return 4 + data[3] if data[2] != 0xFF and data[3] >= 2 else 0
 
-    def _whole(self, data: bytes) -> Packet | None:
-        return Packet(data[2], data[4], data[5:-1]) if ~sum(data[2:-1]) & 0xFF == data[-1] else None
+    def _whole(self, data: bytes) -> BusPacket | None:
+        return BusPacket(data[2], data[4], data[5:-1]) if ~sum(data[2:-1]) & 0xFF == data[-1] else None

@@ -32,7 +32,7 @@ ERRORS = {0: "its input voltage", 2: "overheating", 3: "a fault of its encoder",
 """Bits of the hardware error status."""
 
 
-class Model(NamedTuple):
+class ServoModel(NamedTuple):
     """Of the X series. torque : stall torque over stall current at the recommended voltage [Nm/A]; 0: it has no current
     control. unit_A : of a current."""
 
@@ -42,14 +42,14 @@ class Model(NamedTuple):
 
 
 MODELS = {
-    1020: Model("XM430-W350", 4.1 / 2.3, 2.69e-3),
-    1030: Model("XM430-W210", 3.0 / 2.3, 2.69e-3),
-    1060: Model("XL430-W250", 0.0, 0.0),
-    1070: Model("XC430-W150", 0.0, 0.0),
-    1120: Model("XM540-W270", 10.6 / 4.4, 2.69e-3),
-    1190: Model("XL330-M077", 0.215 / 1.47, 1e-3),
-    1200: Model("XL330-M288", 0.52 / 1.47, 1e-3),
-    1220: Model("XC330-T288", 1.0 / 0.88, 1e-3),
+    1020: ServoModel("XM430-W350", 4.1 / 2.3, 2.69e-3),
+    1030: ServoModel("XM430-W210", 3.0 / 2.3, 2.69e-3),
+    1060: ServoModel("XL430-W250", 0.0, 0.0),
+    1070: ServoModel("XC430-W150", 0.0, 0.0),
+    1120: ServoModel("XM540-W270", 10.6 / 4.4, 2.69e-3),
+    1190: ServoModel("XL330-M077", 0.215 / 1.47, 1e-3),
+    1200: ServoModel("XL330-M288", 0.52 / 1.47, 1e-3),
+    1220: ServoModel("XC330-T288", 1.0 / 0.88, 1e-3),
 }
 
 

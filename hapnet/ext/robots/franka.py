@@ -28,7 +28,15 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
-from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, TORQUE_LIMIT, Account, Arm, Torques
+from hapnet.ext.robots.franka_torques import (
+    JOINTS,
+    LOST_IN_A_ROW,
+    PERIOD_S,
+    TORQUE_LIMIT,
+    ArmState,
+    TorqueBalance,
+    Torques,
+)
 
 EARLY_S = 0.3e-3
 """The binding keeps Python's lock while it waits for a state. So the others may run until so long before the next."""
@@ -119,7 +127,7 @@ class Franka(Driver):
             raise HapnetError(f"no robot at {host}: {_line(error)}") from error
         held = [0.0 if any(self._axes.take(tuple(row))) else 1.0 for row in np.eye(3)]
         self._make_torques = partial(Torques, held=_OURS.T @ np.diag(held) @ _OURS, wrist=wrist, elbow=elbow)
-        self.arm: Arm = self._seen()
+        self.arm: ArmState = self._seen()
         self._torques = self._make_torques(self.arm)
         self._origin = self.arm.position
         mass = np.array(self._model.mass(self._state)).reshape(JOINTS, JOINTS)
@@ -213,7 +221,7 @@ class Franka(Driver):
         return self._taken(self._torques.force)
 
     @property
-    def account_J(self) -> Account:
+    def account_J(self) -> TorqueBalance:
         """The energy that the holding torques have taken in, and the part of it that no force was charged with yet."""
         return self._torques.account
 
@@ -250,8 +258,8 @@ class Franka(Driver):
             last.motion_finished = True
             control.writeOnce(last)
 
-    def _seen(self) -> Arm:
-        return Arm.of(self._state, self._model.zero_jacobian(self._state))
+    def _seen(self) -> ArmState:
+        return ArmState.of(self._state, self._model.zero_jacobian(self._state))
 
     def _taken(self, theirs: Any) -> Vector:
         return self._axes.take(tuple((_OURS @ theirs).tolist()))

@@ -57,7 +57,7 @@ _HOLDING = 0.6
 """The share of the limit that holding may use."""
 
 
-class Arm(NamedTuple):
+class ArmState(NamedTuple):
     """One state: q [rad], dq [rad/s], the torque that the robot reports [Nm], the tool's position [m] and rotation, the
     Jacobians of its position and of its rotation."""
 
@@ -70,7 +70,7 @@ class Arm(NamedTuple):
     angular: Array
 
     @classmethod
-    def of(cls, state: Any, jacobian: Any) -> Arm:
+    def of(cls, state: Any, jacobian: Any) -> ArmState:
         """From libfranka's RobotState and its Jacobian of 6 x 7; both have their columns one after the other."""
         pose = np.array(state.O_T_EE).reshape(4, 4).T
         both = np.array(jacobian).reshape(JOINTS, 6).T
@@ -86,7 +86,7 @@ class _Command(NamedTuple):
     hold: Array
 
 
-class Account(NamedTuple):
+class TorqueBalance(NamedTuple):
     """held : what the holding torques have taken in less what they gave out [J]. owed : work of the torques that no
     force has been charged with yet [J]."""
 
@@ -101,7 +101,7 @@ class Torques:
     elbow [Nms/rad] : see above.
     """
 
-    def __init__(self, start: Arm, held: Array, wrist: float, elbow: float) -> None:
+    def __init__(self, start: ArmState, held: Array, wrist: float, elbow: float) -> None:
         self._start, self._held, self._wrist, self._elbow = start, held, wrist, elbow
         self._before = start
         self.force: Array = np.zeros(3)
@@ -111,10 +111,10 @@ class Torques:
         self._held_J = self._owed_J = 0.0
 
     @property
-    def account(self) -> Account:
-        return Account(self._held_J, self._owed_J)
+    def account(self) -> TorqueBalance:
+        return TorqueBalance(self._held_J, self._owed_J)
 
-    def of(self, arm: Arm, force: Array, coriolis: Array, mass: Array) -> Array:
+    def of(self, arm: ArmState, force: Array, coriolis: Array, mass: Array) -> Array:
         """The torques (7,) to send at `arm` for `force` (3,) [N]; mass : M, 7 x 7 one row after the other."""
         push = arm.linear.T @ force
         hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
@@ -124,7 +124,7 @@ class Torques:
         self._open.append(_Command(torque, self.force, torque - arm.linear.T @ self.force))
         return torque
 
-    def fading(self, arm: Arm) -> Array:
+    def fading(self, arm: ArmState) -> Array:
         """The torques to send at `arm` on the way to none."""
         self.acted(arm)
         torque, _ = self._towards(np.zeros(JOINTS), arm.torque)
@@ -139,7 +139,7 @@ class Torques:
         part = float(np.clip(np.min(room / np.maximum(np.abs(step), 1e-12)), 0.0, 1.0))
         return sent + part * step, part
 
-    def acted(self, arm: Arm) -> Array:
+    def acted(self, arm: ArmState) -> Array:
         """The force (3,) [N] that acted since the last state."""
         before, self._before = self._before, arm
         joints, moved = arm.q - before.q, arm.position - before.position
@@ -158,7 +158,7 @@ class Torques:
         acted, self._owed_J = paid(self._owed_J, tuple(force.tolist()), tuple(moved.tolist()), MOST_OWED_N)
         return np.array(acted)
 
-    def _holding(self, arm: Arm, coriolis: Array, mass: Array) -> Array:
+    def _holding(self, arm: ArmState, coriolis: Array, mass: Array) -> Array:
         velocity, turning = arm.linear @ arm.dq, arm.angular @ arm.dq
         null = np.linalg.svd(np.vstack((arm.linear, arm.angular)))[2][-1]
         along = mass @ null

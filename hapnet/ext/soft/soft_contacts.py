@@ -22,7 +22,7 @@ from hapnet.ext.soft.soft_body import Body
 from hapnet.ext.soft.soft_linear import Indices, conjugate_gradients, one_thread
 from hapnet.ext.soft.soft_planes import planes_at
 from hapnet.ext.soft.soft_solids import Solids
-from hapnet.ext.soft.soft_touch import Touch, block_diagonal
+from hapnet.ext.soft.soft_touch import ContactEquations, block_diagonal
 from hapnet.ext.solids.rigid_contacts import Solid, padded
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
@@ -281,7 +281,7 @@ class SoftContacts(Surroundings):
         self._anchor(depths)
         b = body.push(dt, body.mean)
         self._outward = self.outward()
-        touch = Touch(self, dt, self._near(depths, points, way, place, dt * free), free, compliance)
+        touch = ContactEquations(self, dt, self._near(depths, points, way, place, dt * free), free, compliance)
         touch.place(points, depths, place)
         mean, forces, self.rounds = body.mean, self.forces[touch.points], 0
         expected, is_far = mean, False
@@ -314,7 +314,7 @@ class SoftContacts(Surroundings):
         first = int(np.searchsorted(near, self.points))
         return np.concatenate([_deepest(near[:first], ahead, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
 
-    def _finish(self, dt: float, touch: Touch, mean: Array, rho: Array, forces: Array) -> None:
+    def _finish(self, dt: float, touch: ContactEquations, mean: Array, rho: Array, forces: Array) -> None:
         """Body and springs at the step's end, and what was dissipated."""
         body = self.body
         along = (touch.normals * rho).sum(axis=1)

@@ -37,7 +37,7 @@ _CREEP_MPS = 5e-5
 """Below this speed friction is a damper: a contact that sticks creeps by less."""
 
 
-class Touch:
+class ContactEquations:
     """The points of one step that may touch, and the equations with them.
 
     contacts : whose they are. dt : of the step [s]. points : (k,), as numbers of rows, in order.

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.ext.solids.mesh_surface import SHARP_DEG, Surface, Triangles
+from hapnet.ext.solids.mesh_surface import SHARP_DEG, MeshSurface, Triangles
 from hapnet.ext.solids.mesh_walk import EDGE, SMOOTH, follow, principal
 from hapnet.ext.solids.shapes import Near
 from hapnet.installing import require
@@ -66,7 +66,7 @@ class Mesh:
 
         self.vertices: Array = np.ascontiguousarray(vertices, dtype=np.float64)
         self.triangles: Triangles = np.ascontiguousarray(triangles, dtype=np.int64)
-        self._surface = surface = Surface.of(self.vertices, self.triangles, sharp_deg)
+        self._surface = surface = MeshSurface.of(self.vertices, self.triangles, sharp_deg)
         self._scaled = _SCALE * self.vertices
         self._tree = igl.AABB()
         self._tree.init(self._scaled, self.triangles)

@@ -28,7 +28,7 @@ _EMPTY = 1e-9
 _ROUNDING = 1e-9
 
 
-class Part(NamedTuple):
+class MeshPart(NamedTuple):
     vertices: Array
     triangles: Triangles
     volume: float  #: [m^3]; below 0: it faces inwards
@@ -36,7 +36,7 @@ class Part(NamedTuple):
     high: Array
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Triangles) -> Part:
+    def of(cls, vertices: Array, triangles: Triangles) -> MeshPart:
         used, numbers = np.unique(triangles, return_inverse=True)
         own = vertices[used]
         low, high = own.min(axis=0), own.max(axis=0)
@@ -49,17 +49,17 @@ class Part(NamedTuple):
         """Of its surface: more than one with cavities."""
         return int(import_module("igl").facet_components(self.triangles)[0])
 
-    def turned(self) -> Part:
+    def turned(self) -> MeshPart:
         return self._replace(triangles=self.triangles[:, ::-1], volume=-self.volume)
 
-    def holds(self, other: Part) -> bool:
+    def holds(self, other: MeshPart) -> bool:
         """Whether `other` lies inside."""
         if np.any(other.low < self.low) or np.any(other.high > self.high):
             return False
         corners = self.vertices[self.triangles]
         return all(abs(_turns(x, corners)) > 0.5 for x in other.vertices[:: len(other.vertices) // _SAMPLES + 1])
 
-    def meets(self, other: Part) -> bool:
+    def meets(self, other: MeshPart) -> bool:
         """Whether their extents overlap."""
         return bool(np.all(self.low <= other.high) and np.all(other.low <= self.high))
 
@@ -75,7 +75,7 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     require("mesh", "a scene with a mesh")
     igl: Any = import_module("igl")
     count, part_of = igl.facet_components(triangles)
-    every = [Part.of(vertices, triangles[part_of == i]) for i in range(count)]
+    every = [MeshPart.of(vertices, triangles[part_of == i]) for i in range(count)]
     parts = [part for part in every if abs(part.volume) > _EMPTY * float(np.prod(part.high - part.low))]
     if not parts:
         raise InvalidParameter("mesh", f"{count} parts without volume", "a solid")
@@ -98,7 +98,7 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     )
 
 
-def _oriented(parts: Sequence[Part]) -> tuple[list[Part], int, int]:
+def _oriented(parts: Sequence[MeshPart]) -> tuple[list[MeshPart], int, int]:
     """Each solid together with its cavities; and how many parts were turned, how many are cavities.
 
     A part is what the outermost one around it is, a solid, unless it faces the other way.
@@ -120,9 +120,9 @@ def _oriented(parts: Sequence[Part]) -> tuple[list[Part], int, int]:
     return solids, turned, hollow.count(True)
 
 
-def _united(solids: Sequence[Part]) -> tuple[list[Part], int, int]:
+def _united(solids: Sequence[MeshPart]) -> tuple[list[MeshPart], int, int]:
     """Those that overlap, or have a piece of face in common, as one; how many these were, and how many they are now."""
-    made: list[Part] = []
+    made: list[MeshPart] = []
     before = after = 0
     left = list(solids)
     while left:
@@ -143,7 +143,7 @@ def _united(solids: Sequence[Part]) -> tuple[list[Part], int, int]:
     return made, before, after
 
 
-def _union(parts: Sequence[Part]) -> Part:
+def _union(parts: Sequence[MeshPart]) -> MeshPart:
     try:
         manifold: Any = import_module("manifold3d")
     except ImportError:
@@ -153,12 +153,12 @@ def _union(parts: Sequence[Part]) -> Part:
     if union.status() != manifold.Error.NoError or union.is_empty():
         raise InvalidParameter("mesh", f"{len(parts)} parts ({union.status().name})", "parts that can be joined")
     mesh = union.to_mesh64()
-    return Part.of(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
+    return MeshPart.of(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
 
 
-def _together(parts: Sequence[Part]) -> Part:
+def _together(parts: Sequence[MeshPart]) -> MeshPart:
     start = np.cumsum([0, *[len(part.vertices) for part in parts]])
-    return Part(
+    return MeshPart(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.triangles + first for part, first in zip(parts, start, strict=False)]),
         added([part.volume for part in parts]), parts[0].low, parts[0].high,

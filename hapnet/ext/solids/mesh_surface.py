@@ -27,7 +27,7 @@ _FLAT = 1e-6
 
 
 @dataclass(frozen=True)
-class Surface:
+class MeshSurface:
     """A closed mesh, for each triangle and its corners; see `hapnet.ext.solids.mesh_walk.follow`."""
 
     vertices: Array  #: (V, 3) [m]
@@ -44,7 +44,7 @@ class Surface:
     bends: Array  #: (F, 3, 3): how the normal turns along a direction [1/m]
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Triangles, sharp_deg: float) -> Surface:
+    def of(cls, vertices: Array, triangles: Triangles, sharp_deg: float) -> MeshSurface:
         """Raises InvalidParameter: the mesh is empty or not closed."""
         require_closed(triangles)
         corners = vertices[triangles]

@@ -152,7 +152,7 @@ def parts_of_words(scene: object) -> tuple[Part, ...]:
         return ()
 
 
-class Kind:
+class SolidKind:
     """A kind of solid: how it is made, and the help on its properties."""
 
     def __init__(self, make: Callable[[Properties, str], Shape], text: str) -> None:
@@ -335,17 +335,17 @@ def _placed(properties: Properties, vertices: Array, triangles: Triangles) -> Me
     return Mesh(vertices, triangles, sharp_deg)
 
 
-KINDS: dict[str, Kind] = {
-    "sphere": Kind(_sphere, "radius=30mm, at=X,Y,Z (centre)"),
-    "cuboid": Kind(_cuboid, "size=X,Y,Z, at=X,Y,Z (centre)"),
-    "cylinder": Kind(_cylinder, "radius=30mm, length=60mm, axis=z, at=X,Y,Z (centre)"),
-    "mesh": Kind(_mesh, f"unit=mm (needed; {', '.join(UNITS)}), at={_PLACE}, {_SHARP}"),
-    "heights": Kind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}, {_SHARP}"),
-    "sdf": Kind(
+KINDS: dict[str, SolidKind] = {
+    "sphere": SolidKind(_sphere, "radius=30mm, at=X,Y,Z (centre)"),
+    "cuboid": SolidKind(_cuboid, "size=X,Y,Z, at=X,Y,Z (centre)"),
+    "cylinder": SolidKind(_cylinder, "radius=30mm, length=60mm, axis=z, at=X,Y,Z (centre)"),
+    "mesh": SolidKind(_mesh, f"unit=mm (needed; {', '.join(UNITS)}), at={_PLACE}, {_SHARP}"),
+    "heights": SolidKind(_heights, f"unit=mm and spacing=1mm (needed), facing=-x or z, at={_PLACE}, {_SHARP}"),
+    "sdf": SolidKind(
         _sdf, f"(FILE) unit=mm and spacing=1mm, or iso=LEVEL of an image; at={_PLACE}; (module:function) at=X,Y,Z"
     ),
-    "hole": Kind(_hole, "radius=5.2mm, at=X,Y,Z (its mouth), normal=X,Y,Z (into it), chamfer=1mm"),
-    "plane": Kind(_plane, "normal=X,Y,Z (into the solid), at=X,Y,Z (a point of it)"),
+    "hole": SolidKind(_hole, "radius=5.2mm, at=X,Y,Z (its mouth), normal=X,Y,Z (into it), chamfer=1mm"),
+    "plane": SolidKind(_plane, "normal=X,Y,Z (into the solid), at=X,Y,Z (a point of it)"),
 }
 """The kinds of solids by name."""
 

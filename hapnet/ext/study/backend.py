@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Protocol
 
 from hapnet.ext.study.task import CaseResult, Task, run
-from hapnet.processes.pool import Outcome, Progress, WorkerPool
+from hapnet.processes.pool import EndedTask, Progress, WorkerPool
 
-TaskOutcome = Outcome[Task, list[CaseResult]]
+TaskOutcome = EndedTask[Task, list[CaseResult]]
 
 
 class Backend(Protocol):
@@ -54,7 +54,7 @@ class ThisProcess:
         self._tasks.append(task)
 
     def wait(self, limit_s: float) -> list[TaskOutcome]:
-        return [Outcome(task, run(task)) for task in [self._tasks.pop()]]
+        return [EndedTask(task, run(task)) for task in [self._tasks.pop()]]
 
     def close(self) -> None: ...
 

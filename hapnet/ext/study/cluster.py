@@ -15,7 +15,7 @@ from hapnet.ext.study.backend import TaskOutcome
 from hapnet.ext.study.task import Task, run
 from hapnet.installing import versions
 from hapnet.loading import cause
-from hapnet.processes.pool import Outcome, WorkerDied
+from hapnet.processes.pool import EndedTask, WorkerDied
 from netem.versions import DISTRIBUTION
 
 REACH_S = 5.0
@@ -104,11 +104,11 @@ class DaskCluster:
         outcome = None
         if future.status == "finished":
             with suppress(Exception):  # it was there a moment ago
-                outcome = Outcome(task, future.result(timeout=REACH_S))
+                outcome = EndedTask(task, future.result(timeout=REACH_S))
         elif future.status == "error":
-            outcome = Outcome(task, None, WorkerDied(_lost(future.exception(timeout=REACH_S))))
+            outcome = EndedTask(task, None, WorkerDied(_lost(future.exception(timeout=REACH_S))))
         elif future.status == "cancelled":
-            outcome = Outcome(task, None, WorkerDied("its Dask task was cancelled"))
+            outcome = EndedTask(task, None, WorkerDied("its Dask task was cancelled"))
         self._alive()
         if outcome is None:
             future.add_done_callback(self._ended.put)

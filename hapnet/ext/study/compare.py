@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS
 from hapnet.ext.study.case import DEADBAND, Measures
-from hapnet.ext.study.journal import Row
+from hapnet.ext.study.journal import JournalRow
 from hapnet.ext.study.spec import LINK, SEED, Spec, Values
 from hapnet.ext.study.statistics import Spread, spreads
 from hapnet.params import RELAXED_HAND, Params
@@ -63,7 +63,7 @@ class Variant(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Case:
+class ComparedRun:
     """One run: a variant over a link, under an operator and a seed."""
 
     variant: Variant
@@ -82,10 +82,10 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunMeasures:
     """The measures of a case or, in one line, why it failed."""
 
-    case: Case
+    case: ComparedRun
     measures: Measures | None
     error: str | None = None
 
@@ -114,7 +114,7 @@ class Plan:
         every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
         return sorted({*every, *self.extra}, key=lambda one: (self.couplings.index(one.coupling), one.deadband))
 
-    def cases(self) -> list[Case]:
+    def cases(self) -> list[ComparedRun]:
         """Every case. Cases that differ only in their link are neighbours, as they share a reference run."""
         alike = [[one for one in self.variants if one.coupling == coupling] for coupling in self.couplings]
         return [
@@ -123,12 +123,12 @@ class Plan:
             for variant, link in product(variants, self.links)
         ]
 
-    def case(self, variant: Variant, link: str, operator: str, seed: int) -> Case:
+    def case(self, variant: Variant, link: str, operator: str, seed: int) -> ComparedRun:
         """One case. Raises InvalidParameter if its parameters do not go together."""
         values = self._values(variant, link, operator)
         directions = values.pop(LINK)
         changes = values | {f"link.{direction}": words for direction, words in directions.items()}
-        return Case(variant, link, operator, seed, self.params.set(changes))
+        return ComparedRun(variant, link, operator, seed, self.params.set(changes))
 
     @property
     def spec(self) -> Spec:
@@ -159,7 +159,7 @@ class Plan:
         fixed = {name: value for name, value in self.params.changes().items() if name not in varied}
         return Spec(NAME, fixed, products)
 
-    def outcomes(self, rows: Iterable[Row]) -> list[Outcome]:
+    def outcomes(self, rows: Iterable[JournalRow]) -> list[RunMeasures]:
         """The outcomes of the cases, in their order, from the journal's rows for `spec`. All must have been run."""
         spec, found = self.spec, {row.case.key: row for row in rows}
         digests: dict[tuple[Variant, str, str], str] = {}
@@ -170,7 +170,7 @@ class Plan:
                 digests[about] = spec.digest(self._values(*about))
             row = found[f"{digests[about]}-{case.seed}"]
             measures = {name: row.measures.get(name) for name in METRICS}  # an older journal does not know all
-            outcomes.append(Outcome(case, measures if row.error is None else None, row.error))
+            outcomes.append(RunMeasures(case, measures if row.error is None else None, row.error))
         return outcomes
 
     def _values(self, variant: Variant, link: str, operator: str) -> Values:
@@ -224,7 +224,7 @@ class Group:
         return None if spread is None else spread.median
 
 
-def by_hand(outcomes: Iterable[Outcome]) -> list[list[Measures]]:
+def by_hand(outcomes: Iterable[RunMeasures]) -> list[list[Measures]]:
     """The measures of the cases that did not fail, those of each operator together."""
     hands: dict[str, list[Measures]] = {}
     for one in outcomes:
@@ -233,7 +233,7 @@ def by_hand(outcomes: Iterable[Outcome]) -> list[list[Measures]]:
     return list(hands.values())
 
 
-def groups(plan: Plan, outcomes: Sequence[Outcome]) -> list[Group]:
+def groups(plan: Plan, outcomes: Sequence[RunMeasures]) -> list[Group]:
     """The groups: for each link and variant one over all operators and, if there are several, one for each operator."""
     each: tuple[str | None, ...] = plan.operators if len(plan.operators) > 1 else ()
     return [
@@ -242,7 +242,7 @@ def groups(plan: Plan, outcomes: Sequence[Outcome]) -> list[Group]:
     ]
 
 
-def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence[Outcome]) -> Group:
+def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence[RunMeasures]) -> Group:
     ours = [
         one for one in outcomes
         if (one.case.variant, one.case.link) == (variant, link) and operator in (None, one.case.operator)

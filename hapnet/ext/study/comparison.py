@@ -11,7 +11,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.pictures.style import also_to
 from hapnet.ext.study import compare as cases_of, tables
 from hapnet.ext.study.case import kept, was_passive
-from hapnet.ext.study.compare import Case, Group, Outcome, Plan
+from hapnet.ext.study.compare import ComparedRun, Group, Plan, RunMeasures
 from hapnet.ext.study.journal import Journal
 from hapnet.ext.study.plans import BASE, plans
 from hapnet.ext.study.run import Progress, journal_in, run_all
@@ -30,7 +30,7 @@ class Comparison:
     """
 
     plan: Plan
-    outcomes: list[Outcome]
+    outcomes: list[RunMeasures]
     groups: list[Group]
 
     @classmethod
@@ -56,7 +56,7 @@ class Comparison:
         return tables.headline(self.plan, self.groups)
 
     @property
-    def broken(self) -> list[Case]:
+    def broken(self) -> list[ComparedRun]:
         """The cases in which a coupling claims to be passive, and was not."""
         return [one.case for one in self.outcomes if one.measures is not None and not kept(one.measures)]
 

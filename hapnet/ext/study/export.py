@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from hapnet.ext.study.journal import Journal, Row
+from hapnet.ext.study.journal import Journal, JournalRow
 from hapnet.ext.study.spec import LINK, SEED, flat_of, link_words, value_words
 from hapnet.recording.export import write_csv
 from hapnet.recording.whole_file import complete_or_absent
@@ -77,7 +77,7 @@ def _plain(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list) else value
 
 
-def _links(journal: Journal, rows: list[Row]) -> list[str]:
+def _links(journal: Journal, rows: list[JournalRow]) -> list[str]:
     """Each case's link; as in the spec if the link varies."""
     known: dict[str, str] = {}
     found = []

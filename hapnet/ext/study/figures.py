@@ -16,7 +16,7 @@ from hapnet.ext.metrics.obstacles import normal_where_deepest
 from hapnet.ext.pictures import comparison, tuning
 from hapnet.ext.pictures.comparison import STIFFNESS, STORY, TRUE_ERROR, Look, Points, Traces
 from hapnet.ext.study.case import simulated, was_passive
-from hapnet.ext.study.compare import Case, Outcome, Plan, Variant, by_hand
+from hapnet.ext.study.compare import ComparedRun, Plan, RunMeasures, Variant, by_hand
 from hapnet.ext.study.search import Search
 from hapnet.ext.study.spec import value_words
 from hapnet.ext.study.statistics import spreads
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _SHOWN_S = 5.0
 
 
-def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
+def traces(plan: Plan, cases: Sequence[ComparedRun]) -> Figure:
     """The same case for each variant, for the first 5 s.
 
     Drawn along the normal of the wall in which the first variant's device was deepest, or along the first axis.
@@ -45,7 +45,7 @@ def traces(plan: Plan, cases: Sequence[Case]) -> Figure:
     return comparison.traces(title, looks, [_traces(run, direction, shown) for run in runs], shown, surface_mm)
 
 
-def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
+def tradeoff(plan: Plan, outcomes: Sequence[RunMeasures]) -> Figure:
     """True force error and rendered stiffness against the most energy that ever came out of both ports."""
     each = {link: [_of(outcomes, variant, link) for variant in plan.variants] for link in plan.links}
     found = {
@@ -57,7 +57,7 @@ def tradeoff(plan: Plan, outcomes: Sequence[Outcome]) -> Figure:
     return comparison.tradeoff(story(plan, outcomes), looks, list(plan.links), found, _bound_mJ(outcomes), most_mJ)
 
 
-def story(plan: Plan, outcomes: Sequence[Outcome]) -> str:
+def story(plan: Plan, outcomes: Sequence[RunMeasures]) -> str:
     """Describe the figure of all cases in one or two lines: who was passive, and who of them felt most true."""
     lost: dict[str, list[str]] = {}
     errors: dict[str, list[float]] = {}
@@ -107,11 +107,11 @@ def tuned(search: Search) -> Figure:
     return tuning.draw(title, tuning.Trials(objective, allowed, search.best, default), slices)
 
 
-def _of(outcomes: Sequence[Outcome], variant: Variant, link: str) -> list[Outcome]:
+def _of(outcomes: Sequence[RunMeasures], variant: Variant, link: str) -> list[RunMeasures]:
     return [one for one in outcomes if (one.case.variant, one.case.link) == (variant, link)]
 
 
-def _passive(outcomes: Sequence[Outcome]) -> bool:
+def _passive(outcomes: Sequence[RunMeasures]) -> bool:
     return all(was_passive(one.measures) for one in outcomes if one.measures)
 
 
@@ -119,7 +119,7 @@ def _some(links: Sequence[str]) -> str:
     return ", ".join(links) if len(links) <= 3 else f"{len(links)} links"
 
 
-def _points(outcomes: Sequence[Outcome], metric: str) -> Points | None:
+def _points(outcomes: Sequence[RunMeasures], metric: str) -> Points | None:
     """A variant's cases over a link; None: there are none with energy and value."""
     pairs = [
         (1e3 * out, value, was_passive(m))
@@ -132,12 +132,12 @@ def _points(outcomes: Sequence[Outcome], metric: str) -> Points | None:
     return Points(pairs, spread.median, spread.low, spread.high, _passive(outcomes), max(_out_mJ(outcomes)))
 
 
-def _out_mJ(outcomes: Sequence[Outcome]) -> list[float]:
+def _out_mJ(outcomes: Sequence[RunMeasures]) -> list[float]:
     """The most energy that came out [mJ], for each case in which it is known."""
     return [1e3 * out for one in outcomes if one.measures and (out := one.measures["energy_out_J"]) is not None]
 
 
-def _bound_mJ(outcomes: Sequence[Outcome]) -> float:
+def _bound_mJ(outcomes: Sequence[RunMeasures]) -> float:
     """d^2 [mJ], which is the same for all cases."""
     known = (one.measures for one in outcomes if one.measures)
     bounds = [

@@ -127,7 +127,7 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Worth:
     """The worth of a set of values. `objective`: infinite if cases failed. `terms`: without their weights."""
 
     objective: float
@@ -153,11 +153,11 @@ class Goal:
     terms: tuple[Term, ...]
     constraints: tuple[Constraint, ...]
 
-    def judge(self, cases: Sequence[Measures], measured: Measured, failed: int = 0) -> Verdict:
+    def judge(self, cases: Sequence[Measures], measured: Measured, failed: int = 0) -> Worth:
         """Return the worth of values that have these measures; `failed` cases have none."""
         terms = tuple(term.value(cases, measured) for term in self.terms)
         total = math.inf if failed else sum(term.weight * x for term, x in zip(self.terms, terms, strict=True))
-        return Verdict(total, terms, tuple(one.judge(cases, measured) for one in self.constraints), failed)
+        return Worth(total, terms, tuple(one.judge(cases, measured) for one in self.constraints), failed)
 
     @property
     def metrics(self) -> list[str]:

@@ -7,9 +7,9 @@ from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.metrics.measured import value_of
-from hapnet.ext.pictures.grid import USUAL, Axis, Cell, Grid, numeric
+from hapnet.ext.pictures.grid import USUAL, Cell, Grid, GridAxis, numeric
 from hapnet.ext.study.case import was_passive
-from hapnet.ext.study.journal import Journal, Row
+from hapnet.ext.study.journal import Journal, JournalRow
 from hapnet.ext.study.spec import LINK, SEED, value_words
 
 
@@ -65,15 +65,15 @@ def grid(
     return Grid(axes[x], None if y is None else axes[y], cells, metric, tuple(over))
 
 
-def _axis(name: str, rows: Iterable[Row], units: Mapping[str, str]) -> Axis:
+def _axis(name: str, rows: Iterable[JournalRow], units: Mapping[str, str]) -> GridAxis:
     """The axis `name`, with the values in these rows."""
     values = list({_key(value): value for value in (_value(row, name) for row in rows)}.values())
     if numeric(values):
         values.sort()
-    return Axis(name, units.get(name, ""), tuple(values), tuple(shown(name, value) for value in values))
+    return GridAxis(name, units.get(name, ""), tuple(values), tuple(shown(name, value) for value in values))
 
 
-def _chosen(axes: Mapping[str, Axis], x: str | None, y: str | None) -> tuple[str, str | None]:
+def _chosen(axes: Mapping[str, GridAxis], x: str | None, y: str | None) -> tuple[str, str | None]:
     """The axes to draw: those asked for, otherwise those with the most values; the seed only if nothing else varies."""
     if x is not None:
         if x == y:
@@ -86,7 +86,7 @@ def _chosen(axes: Mapping[str, Axis], x: str | None, y: str | None) -> tuple[str
     return most[0], most[1] if len(most) > 1 else None
 
 
-def _value(row: Row, name: str) -> Any:
+def _value(row: JournalRow, name: str) -> Any:
     return row.case.seed if name == SEED else row.case.values[name]
 
 

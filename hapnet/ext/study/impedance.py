@@ -21,7 +21,15 @@ from hapnet.checks import Array, Vector
 from hapnet.couplings.registry import coupling
 from hapnet.couplings.spec import scalar_stiffness
 from hapnet.errors import InvalidParameter
-from hapnet.ext.metrics.impedance import Curve, Line, Quartiles, harmonics_between, multisine, off_hz, transmitted
+from hapnet.ext.metrics.impedance import (
+    Curve,
+    ImpedanceAtFrequency,
+    Quartiles,
+    harmonics_between,
+    multisine,
+    off_hz,
+    transmitted,
+)
 from hapnet.ext.metrics.measured import quantile
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Operator, minimum_jerk
@@ -86,7 +94,7 @@ class Transmission:
         a rotation?
     """
 
-    lines: tuple[Line, ...]
+    lines: tuple[ImpedanceAtFrequency, ...]
     truth: tuple[complex, ...]
     off_3dB_hz: float | None
     turns: bool = False

@@ -47,7 +47,7 @@ _ROWS = (
 
 
 @dataclass(frozen=True)
-class Row:
+class JournalRow:
     """A case and its result; `done` is False if it was not run yet."""
 
     case: Case
@@ -122,13 +122,13 @@ class Journal:
         """The cases without a result, in their order."""
         return [row.case for row in self.rows() if not row.done]
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[JournalRow]:
         """All cases, in their order."""
         with _readable(self.path):
             for found in self._db.execute(f"{_ROWS} ORDER BY number"):
                 yield self._row(found)
 
-    def find(self, keys: Sequence[str]) -> list[Row]:
+    def find(self, keys: Sequence[str]) -> list[JournalRow]:
         """The cases with these keys, in this order. All must be there."""
         with _readable(self.path):
             return [self._row(self._db.execute(f"{_ROWS} WHERE key = ?", (key,)).fetchone()) for key in keys]
@@ -164,13 +164,13 @@ class Journal:
         before = self.versions.get(DISTRIBUTION)
         return None if before == versions()[DISTRIBUTION] else str(before)
 
-    def _row(self, found: Sequence[Any]) -> Row:
+    def _row(self, found: Sequence[Any]) -> JournalRow:
         number, varied, seed, key, done, measures, *rest = found
         values: Values = _is(dict, read_json(varied))
         if unset := tuple(name for name in self.varied if name not in values):
             values |= shown(unset, flat_of(self.fixed, values))
         case = Case(number, values, seed, key, unset)
-        return Row(case, bool(done), _measures(read_json(measures)) if done else {}, *rest)
+        return JournalRow(case, bool(done), _measures(read_json(measures)) if done else {}, *rest)
 
     def _same(self, cases: Sequence[Case]) -> None:
         if self.fingerprint == _fingerprint(cases):

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from hapnet.errors import InvalidParameter
-from hapnet.ext.study.compare import Case, Plan, Variant, hand, parted
-from hapnet.ext.study.sections import FULL, QUICK, Section
+from hapnet.ext.study.compare import ComparedRun, Plan, Variant, hand, parted
+from hapnet.ext.study.sections import FULL, QUICK, StudySection
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 from netem.presets import ALIASES, PRESETS
@@ -63,7 +63,7 @@ def plans(
     asked = [part for part in (couplings, links, traces or None, operators, seeds, deadbands) if part is not None]
     quick = replace(QUICK, operators=QUICK.operators[:1]) if asked else QUICK
 
-    def plan(section: Section, extra: tuple[Variant, ...] = ()) -> Plan:
+    def plan(section: StudySection, extra: tuple[Variant, ...] = ()) -> Plan:
         own = {name: value for name, value in section.changes.items() if params.get(name) == BASE.get(name)}
         return _checked(
             Plan(
@@ -147,7 +147,7 @@ def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str
     return links
 
 
-def drawn_case(plan: Plan, text: str | None) -> Case:
+def drawn_case(plan: Plan, text: str | None) -> ComparedRun:
     """The case that ``LINK[,OPERATOR[,SEED]]`` names, with the first variant."""
     from hapnet.assembly.links import link_profile
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from hapnet.ext.metrics.measured import value_of
 from hapnet.ext.study.case import Measures
-from hapnet.ext.study.goal import Verdict
-from hapnet.ext.study.journal import Journal, Row
+from hapnet.ext.study.goal import Worth
+from hapnet.ext.study.journal import Journal, JournalRow
 from hapnet.ext.study.search_space import propose
 from hapnet.ext.study.spec import Case, Values
 from hapnet.ext.study.tune_spec import TuneSpec
@@ -27,7 +27,7 @@ class Trial:
     """Values of what is searched, and the cases that were run with them."""
 
     values: Values
-    rows: tuple[Row, ...]
+    rows: tuple[JournalRow, ...]
 
     @property
     def measures(self) -> list[Measures]:
@@ -46,7 +46,7 @@ class Scores(NamedTuple):
     default: Trial
     found: Trial | None
 
-    def verdicts(self, spec: TuneSpec) -> tuple[Verdict, Verdict | None]:
+    def verdicts(self, spec: TuneSpec) -> tuple[Worth, Worth | None]:
         """The worth of both on these cases."""
         known = [one for one in self if one is not None]
         reported = judge(spec, known)
@@ -91,7 +91,7 @@ class Search:
             yield
             self._score = self._trial(self.trials[best].values, cases)
 
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self) -> list[Worth]:
         """Return the worth of each trial, by all that is known by now."""
         assert self.defaults is not None
         return judge(self.spec, [*self.trials, self.defaults[0]])[:-1]
@@ -137,7 +137,7 @@ def _default_is_tried(spec: TuneSpec) -> bool:
     return all(one.default in one for one in spec.space)
 
 
-def judge(spec: TuneSpec, trials: Sequence[Trial]) -> list[Verdict]:
+def judge(spec: TuneSpec, trials: Sequence[Trial]) -> list[Worth]:
     """Return the worth of trials over the same cases; each shows which cases have a value of a metric."""
     measured = {
         (metric, place)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from hapnet.errors import InvalidParameter, MissingLibrary
-from hapnet.ext.study.goal import Verdict
+from hapnet.ext.study.goal import Worth
 from hapnet.ext.study.spec import LINK, Values, entries, known, number
 from hapnet.param_values import check_allowed
 from hapnet.params import Params
@@ -89,7 +89,7 @@ def need_library() -> None:
 
 
 def propose(
-    space: Sequence[Searched], earlier: Sequence[tuple[Values, Verdict]], count: int, seed: Sequence[int], random: int
+    space: Sequence[Searched], earlier: Sequence[tuple[Values, Worth]], count: int, seed: Sequence[int], random: int
 ) -> list[Values]:
     """`count` sets of values to try next.
 

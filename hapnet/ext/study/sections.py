@@ -29,7 +29,7 @@ TAPS = tuple(_tap(start_m, peak_mps) for start_m in (0.0, -0.05, -0.1, -0.15) fo
 
 
 @dataclass(frozen=True)
-class Section:
+class StudySection:
     """A comparison of the full set, or the quick one.
 
     about : what it shows. changes : parameters of all its cases. The rest as `Plan`; links by name.
@@ -43,7 +43,7 @@ class Section:
     seeds: tuple[int, ...] = (0,)
 
 
-QUICK = Section(
+QUICK = StudySection(
     "every coupling for ten seconds",
     COUPLING_NAMES,
     ("ideal", "lan", "4g", "intercontinental"),
@@ -51,21 +51,21 @@ QUICK = Section(
 )
 
 
-def _moving(about: str, timeline: str) -> Section:
-    return Section(
+def _moving(about: str, timeline: str) -> StudySection:
+    return StudySection(
         about, _BOTH, ("4g", "intercontinental"), _FEW,
         {"scene": "moving", "duration_s": 30.0, "world.wall.timeline": timeline},
     )  # fmt: skip
 
 
-FULL: Mapping[str, Section] = {
-    "hands": Section("twenty hands that nothing was tuned on", COUPLING_NAMES, ("lan", "wifi", *_FAR[1:]), HANDS),
-    "minutes": Section(
+FULL: Mapping[str, StudySection] = {
+    "hands": StudySection("twenty hands that nothing was tuned on", COUPLING_NAMES, ("lan", "wifi", *_FAR[1:]), HANDS),
+    "minutes": StudySection(
         "five minutes: the first 10 s beside the last minute", _BOTH, ("lan", "wifi", *_FAR[1:]), HANDS,
         {"duration_s": 300.0},
     ),
-    "taps": Section("taps from afar, at 0.2 to 0.8 m/s", _BOTH, _FAR, TAPS, {"duration_s": 60.0}),
-    "stiffness": Section(
+    "taps": StudySection("taps from afar, at 0.2 to 0.8 m/s", _BOTH, _FAR, TAPS, {"duration_s": 60.0}),
+    "stiffness": StudySection(
         "device springs of 100, 300 and 700 N/m",
         tuple(f"{coupling}:device.stiffness={stiffness}" for stiffness in (100, 300, 700) for coupling in _BOTH),
         ("lan", "4g", "intercontinental"), HANDS, {"duration_s": 60.0},
@@ -83,8 +83,8 @@ FULL: Mapping[str, Section] = {
         "a wall that vanishes, and comes back",
         "at 4s: gone; at 7s: back; at 10s: gone; at 14s: back; at 17s: gone; at 19s: back; at 23s: gone; at 25s: back",
     ),
-    "solid": Section("a ball", _BOTH, ("4g", "intercontinental"), _FEW, {"scene": "sphere", "duration_s": 20.0}),
-    "friction": Section(
+    "solid": StudySection("a ball", _BOTH, ("4g", "intercontinental"), _FEW, {"scene": "sphere", "duration_s": 20.0}),
+    "friction": StudySection(
         "a rough plane", _BOTH, ("4g", "intercontinental"), _FEW,
         {"scene": "plane?friction=0.3", "duration_s": 20.0},
     ),

@@ -60,7 +60,7 @@ _IDEAL: dict[str, object] = {
 }  # fmt: skip
 
 
-class Case(NamedTuple):
+class StiffnessCase(NamedTuple):
     """For which the stiffest stable K is searched: coupling, servo rate [Hz], own damping b [Ns/m], encoders [m]."""
 
     coupling: str
@@ -81,7 +81,7 @@ class Case(NamedTuple):
         return f"{self.coupling}, {self.resolution_m * 1e6:g} µm" if self.resolution_m else f"{self.coupling}, exact"
 
 
-def cases(params: Params) -> list[Case]:
+def cases(params: Params) -> list[StiffnessCase]:
     """Both couplings, with and without encoders, over servo rates and own dampings; those of `params` are among them.
 
     An arm has the damping of its links only.
@@ -92,7 +92,7 @@ def cases(params: Params) -> list[Case]:
     dampings = {device.own_damping} if is_arm(params.hardware) else {*OWN_DAMPING, device.own_damping}
     bound(1.0, 1.0, device.damping)
     return [
-        Case(coupling, hz, b, resolution)
+        StiffnessCase(coupling, hz, b, resolution)
         for hz in sorted({*SERVO_HZ, device.servo_hz})
         for b in sorted(dampings)
         for coupling in COUPLINGS
@@ -138,7 +138,7 @@ def _rendered(recording: Recording, setup: Setup) -> float:
 # -- What is shown ----------------------------------------------------------------------------------------------------
 
 
-def as_dict(found: Mapping[Case, ZWidth], params: Params) -> dict[str, Any]:
+def as_dict(found: Mapping[StiffnessCase, ZWidth], params: Params) -> dict[str, Any]:
     """All of it for JSON [N/m]; `stable` is the stiffest K that is, `unstable` the smallest tried that is not."""
     return {
         "judged": JUDGED,
@@ -154,7 +154,7 @@ def as_dict(found: Mapping[Case, ZWidth], params: Params) -> dict[str, Any]:
     }
 
 
-def drawn(found: Mapping[Case, ZWidth], params: Params) -> Figure:
+def drawn(found: Mapping[StiffnessCase, ZWidth], params: Params) -> Figure:
     """The stiffest stable K over the device's own damping, beside the bound from theory."""
     B = params.device.damping
     assert isinstance(B, float), "else `cases` refuses it"

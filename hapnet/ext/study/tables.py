@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hapnet.ext.metrics import METRICS, Measures
-from hapnet.ext.study.compare import Group, Outcome, Plan
+from hapnet.ext.study.compare import Group, Plan, RunMeasures
 from hapnet.ext.study.tunings import tunings
 from hapnet.installing import versions
 from hapnet.recording.samples import plain
@@ -120,7 +120,7 @@ def note(plan: Plan) -> str:
     return _NOTE.format(operators=operators, seeds=seeds, interval=_INTERVAL.format(wide=WIDE))
 
 
-def failures(outcomes: Sequence[Outcome], most: int = 5) -> list[str]:
+def failures(outcomes: Sequence[RunMeasures], most: int = 5) -> list[str]:
     """A line for each of the first `most` failed cases, and one that counts the rest."""
     failed = [one for one in outcomes if one.error is not None]
     lines = [f"failed: {one.case}: {one.error}" for one in failed[:most]]
@@ -141,7 +141,7 @@ def definitions() -> Table:
     return table
 
 
-def as_dict(plan: Plan, outcomes: Sequence[Outcome], found: Sequence[Group]) -> dict[str, Any]:
+def as_dict(plan: Plan, outcomes: Sequence[RunMeasures], found: Sequence[Group]) -> dict[str, Any]:
     """Everything that two equal comparisons have in common: settings, units, tunings, groups and every case."""
     whole = {
         "settings": {

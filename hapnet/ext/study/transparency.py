@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from hapnet.ext.metrics.impedance import Curve
 from hapnet.ext.study import impedance
 from hapnet.ext.study.impedance import Transmission
-from hapnet.ext.study.stable_stiffness import Case, stiffest
+from hapnet.ext.study.stable_stiffness import StiffnessCase, stiffest
 from hapnet.ext.study.z_width import ZWidth, z_width
 from hapnet.params import RELAXED_HAND, Params
 
@@ -18,7 +18,7 @@ Z_SEEDS = (0,)
 HANDS: dict[str, dict[str, float]] = {"firm hand": {}, "relaxed hand": dict(RELAXED_HAND)}
 
 
-class Task(NamedTuple):
+class SearchTask(NamedTuple):
     """One run, with `hand` one bisection of the Z-width, or with `case` one of the stiffest stable K.
 
     motion : of a run, as `impedance.transmission` takes it.
@@ -29,11 +29,11 @@ class Task(NamedTuple):
     params: Params
     seed: int
     hand: str | None = None
-    case: Case | None = None
+    case: StiffnessCase | None = None
     motion: str = ""
 
 
-def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transmission | ZWidth]:
+def run(tasks: Sequence[SearchTask], progress: Callable[[float], None]) -> list[Transmission | ZWidth]:
     """Do these tasks, one after the other."""
     found: list[Transmission | ZWidth] = []
     for done, task in enumerate(tasks):
@@ -42,7 +42,7 @@ def run(tasks: Sequence[Task], progress: Callable[[float], None]) -> list[Transm
     return found
 
 
-def run_one(task: Task) -> Transmission | ZWidth:
+def run_one(task: SearchTask) -> Transmission | ZWidth:
     """Do this task."""
     if task.case is not None:
         return stiffest(task.case.of(task.params))

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hapnet.ext.metrics import METRICS
-from hapnet.ext.study.goal import Verdict
+from hapnet.ext.study.goal import Worth
 from hapnet.ext.study.search import Scores, Search, Trial
 from hapnet.ext.study.spec import Values, value_words
 from hapnet.ext.study.statistics import Spread, spreads
@@ -143,7 +143,7 @@ def _spread(spread: Spread | None, power: int) -> str:
     return f"{median}\n{q1}..{q3}"
 
 
-def _held(verdict: Verdict | None, i: int) -> str:
+def _held(verdict: Worth | None, i: int) -> str:
     if verdict is None:
         return "–"
     held = verdict.held[i]
@@ -156,7 +156,7 @@ def _part(spec: TuneSpec, scores: Scores) -> dict[str, Any]:
     return {whose: _reported(spec, trial, verdict) for whose, trial, verdict in both}
 
 
-def _reported(spec: TuneSpec, trial: Trial | None, verdict: Verdict | None) -> dict[str, Any] | None:
+def _reported(spec: TuneSpec, trial: Trial | None, verdict: Worth | None) -> dict[str, Any] | None:
     if trial is None or verdict is None:
         return None
     return {

@@ -40,7 +40,7 @@ Met = tuple[Vector, Secant, Vector]
 """A point of the tool, a solid near it, and where the point is at the step's start [m]."""
 
 
-class State:
+class BodyState:
     """Where a body is, so that it can begin again."""
 
     def __init__(self, body: RigidBody) -> None:
@@ -135,7 +135,7 @@ class ToolContacts(Surroundings):
         Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: the step was not found, and
         nothing has changed.
         """
-        state, planes = State(body), self._planes
+        state, planes = BodyState(body), self._planes
         start = self._pairs(body.x)
         planes.count = 0
         if not step(body, dt, push, ybar, planes):
@@ -193,7 +193,7 @@ class ToolContacts(Surroundings):
                 if secant.depth > 0.0:
                     secant.depth *= self.scale
 
-    def _step(self, body: RigidBody, state: State, dt: float, ybar: Vector, push: Vector, met: list[Met]) -> bool:
+    def _step(self, body: RigidBody, state: BodyState, dt: float, ybar: Vector, push: Vector, met: list[Met]) -> bool:
         """The step against these planes, first without friction, then with it."""
         planes = self._planes
         planes.count = len(met)

@@ -16,7 +16,7 @@ from hapnet.checks import MOST_PLANES, Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine_world import EngineWorld
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
-from hapnet.ext.engines.mujoco_model import MOST_LIFTS, Model, add_free_body, asked, load, raised
+from hapnet.ext.engines.mujoco_model import MOST_LIFTS, MujocoModel, add_free_body, asked, load, raised
 from hapnet.ext.engines.mujoco_planes import NearGeom, SpherePlanes
 from hapnet.ext.tools.contacts import rigid_plane
 from hapnet.ext.tools.tool import Tool
@@ -50,7 +50,7 @@ class MujocoToolEngine(MujocoEngine):
         self._home = np.zeros(3)
         super().__init__(scene, AXES)
 
-    def _load(self, scene: str, mass: float) -> Model:
+    def _load(self, scene: str, mass: float) -> MujocoModel:
         found = load(scene, DOF, mass, partial(_add_tool, self._tool, mass))
         self._place = int(found.model.jnt_qposadr[found.model.body_jntadr[found.body]])
         start = found.data.qpos[self._place : self._place + 7]
@@ -65,7 +65,7 @@ class MujocoToolEngine(MujocoEngine):
         self._home = np.array(start[:3])
         return found
 
-    def _planes_of(self, found: Model, everything: bool) -> SpherePlanes:
+    def _planes_of(self, found: MujocoModel, everything: bool) -> SpherePlanes:
         return ToolPlanes(found, everything=everything)
 
     def position(self) -> Vector:
@@ -117,7 +117,7 @@ class MujocoToolEngine(MujocoEngine):
 class ToolPlanes(SpherePlanes):
     """The planes where the tool touches, or nearly does: the engine's own contacts with it."""
 
-    def __init__(self, found: Model, *, everything: bool = False) -> None:
+    def __init__(self, found: MujocoModel, *, everything: bool = False) -> None:
         super().__init__(found, AXES, everything=everything)
 
     def around(self, position: Vector, reach_m: float) -> tuple[Plane, ...] | None:

@@ -14,7 +14,7 @@ from hapnet.ext.soft import soft_mesh
 from hapnet.ext.soft.soft_body import Body, Material
 from hapnet.ext.soft.soft_contacts import RESERVOIR_J, Skin, SoftContacts
 from hapnet.ext.soft.soft_linear import conjugate_gradients
-from hapnet.ext.soft.soft_touch import Touch
+from hapnet.ext.soft.soft_touch import ContactEquations
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.picture import SOFT
@@ -116,14 +116,14 @@ def test_the_ball_moves_as_its_own_equation_says() -> None:
 
 def test_without_the_elimination_energy_would_leak(monkeypatch: pytest.MonkeyPatch) -> None:
     """The ball is then as it was guessed, and the body is solved against that."""
-    whole = Touch._eliminate
+    whole = ContactEquations._eliminate
 
-    def eliminate(touch: Touch) -> None:
+    def eliminate(touch: ContactEquations) -> None:
         true, touch._compliance = touch._compliance, np.zeros((3, 3))
         whole(touch)
         touch._compliance = true
 
-    monkeypatch.setattr(Touch, "_eliminate", eliminate)
+    monkeypatch.setattr(ContactEquations, "_eliminate", eliminate)
     contacts, mass = block(tolerance=0.1), PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0,) * 3)
     errors = []
     for k in range(40):

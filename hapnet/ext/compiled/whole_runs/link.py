@@ -10,7 +10,7 @@ import numpy as np
 from hapnet.errors import BadMessage
 from hapnet.ext.compiled import link as links
 from hapnet.ext.compiled.endpoint import MOTION, PORT, POSITION, WAVE
-from hapnet.ext.compiled.link import AHEAD, ENERGY, LOST, STREAM, Message
+from hapnet.ext.compiled.link import AHEAD, ENERGY, LOST, STREAM, MessageSlot
 from hapnet.ext.compiled.memory import fill, plain
 from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
 from hapnet.ext.compiled.whole_runs.wire import put_proxy
@@ -27,14 +27,14 @@ from netem.draws import Fates
 from netem.line import RateLine
 
 LONG_AGO = -(2**62)
-COUNTERS = tuple(fields(links.Counters))
+COUNTERS = tuple(fields(links.LinkCounters))
 STATE = ("limit", "gap", "transparent", "is_up", "lined", "acts", "beside", "since_reorder")
 
 
 class CompiledLink:
     """One direction in the kernel, where it is `record`; link : the reference's."""
 
-    def __init__(self, record: links.Link, link: Link[Packet]) -> None:
+    def __init__(self, record: links.LinkRecord, link: Link[Packet]) -> None:
         self._link, self._record = link, record
         nothing = np.zeros(0)
         self._unused = Fates(nothing.astype(np.bool_), nothing.astype(np.bool_), nothing.astype(np.int64), nothing)
@@ -146,7 +146,7 @@ def _from(fates: Fates, first: int) -> Fates:
     return Fates(fates.lost[first:], fates.ahead[first:], fates.delay_ns[first:], fates.luck[first:])
 
 
-def _packet(message: Message, sender: Session, kind: int) -> Packet:
+def _packet(message: MessageSlot, sender: Session, kind: int) -> Packet:
     """The message as the reference has it on a link."""
     me, peer, n = sender.identity.incarnation, sender.peer, sender.identity.dof
     assert peer is not None

@@ -22,7 +22,7 @@ from hapnet.ext.solids.rigid import RigidScene
 from hapnet.plant.device import TICKS, SimulatedDevice
 from hapnet.plant.operator import hand_path
 from hapnet.plant.worlds.scene import Scene
-from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MotionSample, WorldSample
+from hapnet.recording.samples import VECTORS, Columns, DeviceSample, MemoryRecorder, MetricSample, WorldSample
 from hapnet.records.machine_code import NotCompiledError
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.events import DONE, IMPOSSIBLE, TICK
@@ -59,7 +59,7 @@ class CompiledRun:
         self._rng = simulation.world.rng.bit_generator
         self._rng_state, self._steps_used = self._rng.state, 0
         tuning = simulation.setup.tuning
-        self._kind: type[DeviceSample | MotionSample] = DeviceSample if side.write_motion is None else MotionSample
+        self._kind: type[DeviceSample | MetricSample] = DeviceSample if side.write_motion is None else MetricSample
         kind = coverage.kind_of(simulation.setup.params, simulation.setup.scene)
         assert kind is not None, "it is covered"
         self._record_kind = kinds.scenario(kind)
@@ -161,7 +161,7 @@ class CompiledRun:
             self._simulation.world.draw(time_ns, tuple(position), tuple(force))
 
 
-def _columns(rows: Any, count: int, n: int, kind: type[DeviceSample | MotionSample | WorldSample]) -> Columns:
+def _columns(rows: Any, count: int, n: int, kind: type[DeviceSample | MetricSample | WorldSample]) -> Columns:
     """The first rows, as columns of the recorder."""
     found = rows.structures[:count]
     return {name: (found[name][:, :n] if name in VECTORS else found[name]).copy() for name in kind._fields}

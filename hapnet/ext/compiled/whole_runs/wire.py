@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-from hapnet.control.coupling import Motion, Port, Proxy, Wave, level_of, vector_of
+from hapnet.control.coupling import PortSample, ProxySample, MotionSample, WaveSample, level_of, vector_of
 from hapnet.ext.compiled import endpoint as endpoints
 from hapnet.ext.compiled.endpoint import MOTION, PORT, POSITION, PROXY, WAVE
-from hapnet.ext.compiled.link import Message
+from hapnet.ext.compiled.link import MessageSlot
 from hapnet.ext.compiled.memory import fill, load, store
 from hapnet.ext.compiled.solids import FLOAT_BYTES
 from hapnet.mechanics.curvature import Bends
@@ -48,13 +48,13 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, sends: type[messages.Str
         fill(message.position, vector_of(sample))
         message.level = _or_none(level_of(sample))
         match sample:
-            case Proxy():
+            case ProxySample():
                 put_proxy(message, round(sample.aimed_s / NANO), sample.force, sample.planes, sample.reach_m)
-            case Motion(_, velocity):
+            case MotionSample(_, velocity):
                 fill(message.more, velocity)
-            case Port(_, energy):
+            case PortSample(_, energy):
                 message.amount = round(energy / NANO)
-            case Wave(_, span, total, total_s):
+            case WaveSample(_, span, total, total_s):
                 fill(message.more, total)
                 message.amount, message.elapsed_ns = round(span / NANO), round(total_s / NANO)
     record.waiting = len(arrived)
@@ -78,7 +78,9 @@ def _or_none(reported: float | None) -> float:
     return -1.0 if reported is None else reported
 
 
-def put_proxy(message: Message, aimed_ns: int, force: tuple[float, ...], planes: Any, reach_m: float | None) -> None:
+def put_proxy(
+    message: MessageSlot, aimed_ns: int, force: tuple[float, ...], planes: Any, reach_m: float | None
+) -> None:
     """A proxy's content besides position and level; planes : as `Plane`, or as many fields of it as there are."""
     message.reach_m = _or_none(reach_m)
     message.aimed_ns = aimed_ns

@@ -10,7 +10,7 @@ from hapnet.control import prediction
 from hapnet.control.coupling import CouplingSample, vector_of
 from hapnet.control.law import WorldEnd
 from hapnet.control.prediction import MotionPredictor
-from hapnet.control.samples import Port
+from hapnet.control.samples import PortSample
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot, length
 
@@ -150,7 +150,7 @@ class TdpaWorld(WorldEnd):
     whole: OfAxes
     ahead: OfAxes
 
-    sends = Port
+    sends = PortSample
 
     def __init__(self, tuning: Tuning, position: Vector, predictor: MotionPredictor | None = None) -> None:
         super().__init__(position)

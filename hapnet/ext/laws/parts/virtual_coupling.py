@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Motion, Port, Position, Proxy, Wave
+from hapnet.control.coupling import CouplingSample, PortSample, PositionSample, ProxySample, MotionSample, WaveSample
 from hapnet.control.law import DeviceEnd
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
@@ -63,7 +63,9 @@ class VirtualCoupling(DeviceEnd):
 
     def receive(self, sample: CouplingSample) -> None:
         """A position arrived [m]."""
-        assert not isinstance(sample, Position | Motion | Port | Wave | Proxy), "the world sends bare positions here"
+        assert not isinstance(sample, PositionSample | MotionSample | PortSample | WaveSample | ProxySample), (
+            "the world sends bare positions here"
+        )
         self.y[:] = sample
 
     @equation

@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import cast
 
 from hapnet.checks import Vector
-from hapnet.control.samples import Wave
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, take_from
+from hapnet.control.samples import WaveSample
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, WaveReceiver, take_from
 from hapnet.records.record import Floats, OfAxes, Record, compiled_as, equation
 
 
@@ -34,17 +34,17 @@ class WaveFilter(Record):
     wave: OfAxes
     arrived: OfAxes
 
-    def __init__(self, line: Line, dof: int, time: float) -> None:
+    def __init__(self, line: WaveReceiver, dof: int, time: float) -> None:
         self.line = cast(Record, line)  # plain Python takes any line
         self.n, self.tau = dof, time
         self.wave, self.arrived = [0.0] * dof, [0.0] * dof
 
     def clear(self) -> None:
-        cast(Line, self.line).clear()
+        cast(WaveReceiver, self.line).clear()
         self.wave[:] = [0.0] * self.n
 
-    def push(self, wave: Wave) -> None:
-        cast(Line, self.line).push(wave)
+    def push(self, wave: WaveSample) -> None:
+        cast(WaveReceiver, self.line).push(wave)
 
     def take(self, dt: float) -> Vector:
         draw(self, dt)
@@ -57,7 +57,7 @@ def _through(line: IntegralLine, dt: float, out: Floats) -> None:
 
 @compiled_as(_through)
 def _take(line: Record, dt: float, out: Floats) -> None:
-    out[:] = cast(Line, line).take(dt)
+    out[:] = cast(WaveReceiver, line).take(dt)
 
 
 @equation

@@ -21,7 +21,7 @@ from typing import Protocol, cast
 
 from hapnet.checks import Vector
 from hapnet.control.law import UNTOLD
-from hapnet.control.samples import Wave
+from hapnet.control.samples import WaveSample
 from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
 
@@ -29,10 +29,10 @@ MINIMUM = 1e-9
 """Displacement this small counts as recovered [sqrt(W) s]."""
 
 
-class Line(Protocol):
+class WaveReceiver(Protocol):
     """The receiving end of one direction of a wave line. It may delay and lose waves, but it adds no energy."""
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         """A wave arrived."""
 
     def take(self, dt: float) -> Vector:
@@ -44,12 +44,12 @@ class Line(Protocol):
 
 def push_on(line: Record, value: Reals, span: float) -> None:
     """A wave arrived; compiled as the `put` of the kind's line."""
-    cast(Line, line).push(Wave(tuple(value), span))
+    cast(WaveReceiver, line).push(WaveSample(tuple(value), span))
 
 
 def take_from(line: Record, dt: float, out: Floats) -> None:
     """The mean wave over the next `dt` seconds; compiled as the `draw` of the kind's line."""
-    out[:] = cast(Line, line).take(dt)
+    out[:] = cast(WaveReceiver, line).take(dt)
 
 
 class IntegralLine(Record):
@@ -69,22 +69,22 @@ class IntegralLine(Record):
     newest_s: float
     mean: OfAxes
 
-    def __init__(self, line: Line, *, believes: bool = True) -> None:
+    def __init__(self, line: WaveReceiver, *, believes: bool = True) -> None:
         super().__init__()
         self.line = cast(Record, line)  # plain Python takes any line
         self.believes = int(believes)
 
     def clear(self) -> None:
-        cast(Line, self.line).clear()
+        cast(WaveReceiver, self.line).clear()
         self.is_newest = 0
 
-    def push(self, wave: Wave) -> None:
+    def push(self, wave: WaveSample) -> None:
         if len(self.mean) != (n := len(wave.value)):
             self.mean, self.newest = [0.0] * n, [0.0] * n
         put(self, wave.value, wave.total, wave.span, wave.total_s if wave.total else UNTOLD)
 
     def take(self, dt: float) -> Vector:
-        return cast(Line, self.line).take(dt)
+        return cast(WaveReceiver, self.line).take(dt)
 
 
 @equation
@@ -132,7 +132,7 @@ class Recovery(Record):
     def clear(self) -> None:
         self.owed, self.spare = [0.0] * self.n, [0.0] * self.n
 
-    def lose(self, wave: Wave) -> None:
+    def lose(self, wave: WaveSample) -> None:
         """The queue has dropped this wave."""
         lose(self, wave.value, wave.span)
 

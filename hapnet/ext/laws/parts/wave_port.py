@@ -17,11 +17,11 @@ from math import sqrt
 from typing import Any, cast
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, Wave
+from hapnet.control.coupling import CouplingSample, WaveSample
 from hapnet.control.law import DeviceEnd, End, WorldEnd
 from hapnet.ext.laws.parts import wave_filter, wave_integral
 from hapnet.ext.laws.parts.wave_filter import WaveFilter
-from hapnet.ext.laws.parts.wave_integral import IntegralLine, Line, push_on, take_from
+from hapnet.ext.laws.parts.wave_integral import IntegralLine, WaveReceiver, push_on, take_from
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation, fields
 from hapnet.records.vectors import copy
 
@@ -33,16 +33,16 @@ class _Port(End):
     b: float
     root: float
 
-    sends = Wave
+    sends = WaveSample
 
-    def __init__(self, impedance: float, position: Vector, line: Line) -> None:
+    def __init__(self, impedance: float, position: Vector, line: WaveReceiver) -> None:
         super().__init__(position)
         self.line = cast(Record, line)  # plain Python takes any line
         self.b, self.root = impedance, sqrt(2.0 * impedance)
 
     def receive(self, sample: CouplingSample) -> None:
-        assert isinstance(sample, Wave)
-        cast(Line, self.line).push(sample)
+        assert isinstance(sample, WaveSample)
+        cast(WaveReceiver, self.line).push(sample)
 
     @classmethod
     def lines(cls) -> dict[Callable[..., Any], Callable[..., Any]]:
@@ -77,12 +77,12 @@ class WaveDevice(_Port, DeviceEnd):
     energies: OfAxes
     span: float
 
-    def __init__(self, impedance: float, position: Vector, line: Line) -> None:
+    def __init__(self, impedance: float, position: Vector, line: WaveReceiver) -> None:
         super().__init__(impedance, position, line)
         self.on_peer_changed()
 
     def on_peer_changed(self) -> None:
-        cast(Line, self.line).clear()
+        cast(WaveReceiver, self.line).clear()
         self.rendered, self.unsent, self.energies = ([0.0] * self.n for _ in range(3))
         self.rendered_s, self.span = 1.0, 0.0
 
@@ -104,7 +104,7 @@ class WaveDevice(_Port, DeviceEnd):
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         _account(self, dt, x, held)
-        cast(Line, self.line).take(dt)
+        cast(WaveReceiver, self.line).take(dt)
         self.rendered[:] = [0.0] * self.n
 
     @equation
@@ -164,14 +164,16 @@ class WaveWorld(_Port, WorldEnd):
     out: OfAxes
     out_s: float
 
-    def __init__(self, impedance: float, stiffness: float, damping: float, position: Vector, line: Line) -> None:
+    def __init__(
+        self, impedance: float, stiffness: float, damping: float, position: Vector, line: WaveReceiver
+    ) -> None:
         super().__init__(impedance, position, line)
         self.K, self.B = stiffness, damping
         self.x = list(position)
         self.on_peer_changed()
 
     def on_peer_changed(self) -> None:
-        cast(Line, self.line).clear()
+        cast(WaveReceiver, self.line).clear()
         self.u, self.out = [0.0] * self.n, [0.0] * self.n
         self.out_s = 0.0
 
@@ -218,7 +220,7 @@ def _filtered(line: WaveFilter, dt: float, out: Floats) -> None:
 
 @compiled_as(_filtered)
 def _take_filtered(line: Record, dt: float, out: Floats) -> None:
-    out[:] = cast(Line, line).take(dt)
+    out[:] = cast(WaveReceiver, line).take(dt)
 
 
 def _whole(line: IntegralLine, dt: float, out: Floats) -> None:
@@ -227,4 +229,4 @@ def _whole(line: IntegralLine, dt: float, out: Floats) -> None:
 
 @compiled_as(_whole)
 def _take_whole(line: Record, dt: float, out: Floats) -> None:
-    out[:] = cast(Line, line).take(dt)
+    out[:] = cast(WaveReceiver, line).take(dt)

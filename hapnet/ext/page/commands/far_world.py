@@ -97,7 +97,7 @@ def play(params: Params, far: FarWorld, page: PageOptions) -> int:
         params = fitting(params, world)
         words.print(f"the world: {world.about.get('scene')}, coupled by {params.coupling}", markup=False)
         history = History(joins=False)
-        hand = Hand(params, far, history, closing)
+        hand = MouseHand(params, far, history, closing)
         served = closing.enter_context(serve(history, hand, host=page.host, port=page.port))
         words.print(f"open {served.url} and drag the handle; Ctrl-C ends")
         if page.browser:
@@ -136,7 +136,7 @@ def fitting(params: Params, world: Status) -> Params:
     return params.set({"scene": "free", **changes}, COMMAND)
 
 
-class Hand:
+class MouseHand:
     """The hand's side: a `hapnet device` whose hand is the mouse; the page's `Controls` of it.
 
     Its words, the verdict and the files at its end are its own, on this terminal.

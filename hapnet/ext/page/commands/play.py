@@ -82,7 +82,7 @@ def _play_here(
 
     from hapnet.assembly.build import prepare
     from hapnet.commands.run import check_sides
-    from hapnet.ext.page.commands.stage import SESSION, Stage, run
+    from hapnet.ext.page.commands.stage import SESSION, PairSequence, run
     from hapnet.ext.page.commands.view import show
     from hapnet.ext.page.history import History
     from hapnet.ext.page.server import serve
@@ -95,7 +95,7 @@ def _play_here(
     output.show_warnings(words, setup.warnings)
     history = History(follows=False)
     address = free_address()
-    stage = Stage(chosen, seed, out, address, words, history, realtime=realtime)
+    stage = PairSequence(chosen, seed, out, address, words, history, realtime=realtime)
     watcher = Watcher(ZenohSettings(connect=(address,)), history.take, session=SESSION, name="device")
     with contextlib.ExitStack() as closing:
         served = closing.enter_context(serve(history, stage, host=page.host, port=page.port))

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 SESSION = "play"
 
 
-class Stage:
+class PairSequence:
     """Pairs of processes, one after another, under the page's `Controls`.
 
     Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair,
@@ -279,7 +279,7 @@ class Stage:
         self._words.print(f"{role}: {text}", style="yellow", markup=False)
 
 
-async def run(stage: Stage) -> int:
+async def run(stage: PairSequence) -> int:
     """Run `stage` until a signal ends it; returns the exit code."""
     stop = asyncio.Event()
     caught: list[signal.Signals] = []

@@ -24,7 +24,7 @@ from netem.groups import Without
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hapnet.ext.study.compare import Case, Outcome, Plan
+    from hapnet.ext.study.compare import ComparedRun, Plan, RunMeasures
     from hapnet.ext.study.comparison import Comparison
     from hapnet.ext.study.spec import Case as SpecCase
 
@@ -189,7 +189,7 @@ def compare(
 def _compare(
     console: Console,
     plan: Plan,
-    drawn: Case,
+    drawn: ComparedRun,
     directory: Path,
     title: str,
     given: CompareOptions,
@@ -279,11 +279,11 @@ def _report_time(
     console: Console, plans: Mapping[str, Plan], cases: Mapping[str, Sequence[SpecCase]], workers: int
 ) -> None:
     """Print how long these cases take, by the first seconds of a few of each plan."""
-    from hapnet.ext.study.commands.studies import Kind, estimate
+    from hapnet.ext.study.commands.studies import PartKind, estimate
     from hapnet.ext.study.spec import params_of
     from hapnet.ext.study.task import run_case
 
-    kinds: list[Kind[tuple[Plan, SpecCase]]] = []
+    kinds: list[PartKind[tuple[Plan, SpecCase]]] = []
     failed: list[str] = []
 
     def params(part: tuple[Plan, SpecCase]) -> Params:
@@ -299,14 +299,14 @@ def _report_time(
         parts = [(plan, case) for case in cases[name]]
         longer = max(1.0, plan.params.duration_s / _SHORT_S)
         shared = (len(plan.links) + 1) / (2 * len(plan.links))  # one reference run for all links, not one for each
-        kinds.append(Kind(f"case{' of ' * bool(name)}{name}", parts, len(parts), longer * shared))
+        kinds.append(PartKind(f"case{' of ' * bool(name)}{name}", parts, len(parts), longer * shared))
     estimate(console, run, kinds, workers)
     if failed:
         output.show_warnings(console, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
 
 
 def _write(
-    directory: Path, title: str, found: Comparison, drawn: Case, whole: dict[str, Any], written: output.Written
+    directory: Path, title: str, found: Comparison, drawn: ComparedRun, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
     """Write compare.json, compare.csv, compare.md and the figures; returns a text with what was written."""
     from hapnet.ext.pictures.style import save, save_figure
@@ -333,7 +333,7 @@ def _write(
     return there
 
 
-def _same(case: Case, outcomes: Iterable[Outcome]) -> list[Case]:
+def _same(case: ComparedRun, outcomes: Iterable[RunMeasures]) -> list[ComparedRun]:
     """This case with every variant for which it did not fail."""
     wanted = (case.link, case.operator, case.seed)
     return [one.case for one in outcomes

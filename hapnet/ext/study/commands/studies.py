@@ -130,7 +130,7 @@ def check_cases(console: Console, spec: Spec, cases: Sequence[Case]) -> list[Cas
 
 
 @dataclass(frozen=True)
-class Kind(Generic[Part]):
+class PartKind(Generic[Part]):
     """Parts of a study that take alike.
 
     name : of one. some : of them. count : how many there are. times : one takes so many times what `run` takes with it,
@@ -153,13 +153,17 @@ def estimate_cases(
         if (error := run_case(fixed, case).error) is not None:
             failed.append(error)
 
-    estimate(console, run, [Kind("case", cases, count)], workers, dask)
+    estimate(console, run, [PartKind("case", cases, count)], workers, dask)
     if failed:
         output.show_warnings(console, (f"the estimate may be wrong, as cases failed; the first: {failed[0]}",))
 
 
 def estimate(
-    console: Console, run: Callable[[Part], object], kinds: Sequence[Kind[Part]], workers: int, dask: str | None = None
+    console: Console,
+    run: Callable[[Part], object],
+    kinds: Sequence[PartKind[Part]],
+    workers: int,
+    dask: str | None = None,
 ) -> None:
     """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
     reported, sum_s, parts = [], 0.0, 0

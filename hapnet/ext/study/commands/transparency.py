@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hapnet.ext.study.stable_stiffness import Case
-    from hapnet.ext.study.transparency import Curves, Task
+    from hapnet.ext.study.stable_stiffness import StiffnessCase
+    from hapnet.ext.study.transparency import Curves, SearchTask
     from hapnet.ext.study.z_width import ZWidth
 
 LINKS = ("lan", "4g")
@@ -109,7 +109,7 @@ def transparency(
     from hapnet.ext.study.commands.studies import names_of
     from hapnet.ext.study.impedance import Transmission, curve
     from hapnet.ext.study.plans import links_of
-    from hapnet.ext.study.transparency import Task
+    from hapnet.ext.study.transparency import SearchTask
     from hapnet.processes.pool import dealt, usable_cores
 
     motions = _motions(options, chosen)
@@ -126,14 +126,16 @@ def transparency(
             raise InvalidParameter(name, chosen.get(name), "left out: the motion that is measured is always the same")
     links, seeds = links_of(list(options.link or LINKS), ()), seed_range(options.seeds)
     tasks = [
-        Task(name, link, chosen.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand, motion=motion)
+        SearchTask(
+            name, link, chosen.set({"coupling": name, "link.up": up, "link.down": down}), seed, hand, motion=motion
+        )
         for name in dict.fromkeys(names)
         for link, (up, down) in links.items()
         for motion in motions
         for seed, hand in [*((seed, None) for seed in seeds), *((0, hand) for hand in _hands(options))]
     ]
     cases = stable_stiffness.cases(chosen) if options.z_width else []
-    tasks += [Task(case.coupling, "", chosen, 0, case=case) for case in cases]
+    tasks += [SearchTask(case.coupling, "", chosen, 0, case=case) for case in cases]
     words = output.console(json_to)
     if options.dry_run:
         _show(words, tasks, options.workers)
@@ -145,7 +147,7 @@ def transparency(
         bar.stage("drawing")
         curves: Curves = {}
         widths: dict[tuple[str, str, str], ZWidth] = {}
-        springs: dict[Case, ZWidth] = {}
+        springs: dict[StiffnessCase, ZWidth] = {}
         for task, result in zip(tasks, found, strict=True):
             if task.case is not None:
                 assert not isinstance(result, Transmission)
@@ -185,10 +187,10 @@ def transparency(
     return 0
 
 
-def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
+def _show(console: Console, tasks: Sequence[SearchTask], workers: int) -> None:
     """Say what would be measured, and how long it takes."""
     from hapnet.ext.study import transparency
-    from hapnet.ext.study.commands.studies import Kind, estimate
+    from hapnet.ext.study.commands.studies import PartKind, estimate
 
     runs = [task for task in tasks if task.hand is None and task.case is None]
     walls = [task for task in tasks if task.hand is not None]
@@ -199,7 +201,7 @@ def _show(console: Console, tasks: Sequence[Task], workers: int) -> None:
     if springs:
         console.print(f"{len(springs)} searches for the stiffest stable spring of the device")
     named = [("run", runs), ("search of a wall", walls), ("search of a spring", springs)]
-    kinds = [Kind(name, some, len(some)) for name, some in named if some]
+    kinds = [PartKind(name, some, len(some)) for name, some in named if some]
     estimate(console, transparency.run_one, kinds, workers)
 
 
@@ -254,7 +256,7 @@ _HELD = (
 )
 
 
-def _springs(found: dict[Case, ZWidth], params: Params) -> Table:
+def _springs(found: dict[StiffnessCase, ZWidth], params: Params) -> Table:
     from rich.table import Table
 
     from hapnet.ext.study.stable_stiffness import bound
