@@ -78,8 +78,8 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
     except RecursionError:
         raise ValueError(f"nested more than {DEEPEST} deep") from None
     except tomllib.TOMLDecodeError as error:  # it may quote a name of thousands of parts; its end says where
-        said = str(error)
-        raise ValueError(said if len(said) <= 200 else f"{said[:100]} ... {said[-80:]}") from None
+        message = str(error)
+        raise ValueError(message if len(message) <= 200 else f"{message[:100]} ... {message[-80:]}") from None
 
 
 def read_json(text: str | bytes) -> Any:

@@ -51,8 +51,8 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
     Raises InvalidParameter: `name` has no colon, or the import failed; it names `parameter`, and says what is
     `allowed`, or which of the `known` names may be meant. The same where a file has named it: see `permitting`.
     """
-    if name in _lent:
-        return _lent[name]
+    if name in _shared_parts:
+        return _shared_parts[name]
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
         raise InvalidParameter(parameter, name, allowed, known)
@@ -120,12 +120,12 @@ def _all_published() -> tuple[tuple[str, str], ...]:
 LENT = "object:"
 """What the name of a lent part begins with: no other process knows it."""
 
-_lent: dict[str, object] = {}
+_shared_parts: dict[str, object] = {}
 _numbers = count(1)
 
 
 @contextmanager
-def lent(part: object, called: str) -> Iterator[str]:
+def shared_with_children(part: object, called: str) -> Iterator[str]:
     """A name that `load` takes for `part`: ``module:Name`` where it can be imported under that.
 
     Otherwise there is such a name inside this context only, with the word `called` in it.
@@ -135,11 +135,11 @@ def lent(part: object, called: str) -> Iterator[str]:
         yield f"{module}:{name}"
         return
     own = f"{LENT}{called}-{next(_numbers)}"
-    _lent[own] = part
+    _shared_parts[own] = part
     try:
         yield own
     finally:
-        del _lent[own]
+        del _shared_parts[own]
 
 
 def failure(error: BaseException) -> str:

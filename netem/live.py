@@ -113,8 +113,8 @@ _ROWS: Mapping[str, Callable[[LinkStats], str]] = {
 
 
 def _direction(stats: LinkStats) -> str:
-    gone = stats.lost + stats.lost_down + stats.dropped_limit
-    share = f"{100 * gone / stats.offered:.2f} %" if stats.offered else "-"
+    not_delivered = stats.lost + stats.lost_down + stats.dropped_limit
+    share = f"{100 * not_delivered / stats.offered:.2f} %" if stats.offered else "-"
     return f"in {stats.offered} out {stats.delivered} lost {share} p50 {_ms(stats.delay_p50_ms)}"
 
 

@@ -48,11 +48,11 @@ def save(survey: Survey, interval_ns: int, path: str) -> None:
 def _over_time(axes: Axes, survey: Survey, interval_ns: int) -> None:
     delays = survey.delays_ms[:_POINTS]
     sent_s = np.arange(len(delays)) * interval_ns * 1e-9
-    gone = np.isnan(delays)
+    missing = np.isnan(delays)
     axes.plot(sent_s, delays, ".", color=_DELAY, markersize=2, label="delivered")
-    if gone.any():
-        top = np.ones(int(gone.sum()))
-        (marks,) = axes.plot(sent_s[gone], top, "|", color=_LOSS, transform=axes.get_xaxis_transform())
+    if missing.any():
+        top = np.ones(int(missing.sum()))
+        (marks,) = axes.plot(sent_s[missing], top, "|", color=_LOSS, transform=axes.get_xaxis_transform())
         marks.set(markersize=7, label="not delivered", clip_on=False)
     axes.set(xlabel="sent at [s]", ylabel="delay [ms]")
     axes.set_title(f"the first {len(delays)} of {survey.stats.offered}", loc="left", pad=_PAD)

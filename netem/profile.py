@@ -172,14 +172,14 @@ def compose(
         profile = LinkProfile.parse(text)
     else:
         profile = LinkProfile.preset(preset) if preset is not None else base or LinkProfile()
-    said = _read(text or "")[1]
-    said |= ({"jitter"} if "delay" in said else set()) | ({"reorder"} if "gap" in said else set())
+    named = _read(text or "")[1]
+    named |= ({"jitter"} if "delay" in named else set()) | ({"reorder"} if "gap" in named else set())
     fields: dict[str, object] = {}
     given = {"delay": delay, "jitter": jitter, "loss": loss, "resend": resend, "reorder": reorder, "rate": rate}
     for name, value in given.items():
         if value is None:
             continue
-        if name in said and not (name == "jitter" and profile.jitter_ns == 0):
+        if name in named and not (name == "jitter" and profile.jitter_ns == 0):
             raise ProfileError(name, value, f"either this option or {name} in the words, not both")
         cursor = Words(value)
         fields |= _OPTIONS[name](cursor)

@@ -185,11 +185,11 @@ class Counters:
 
     def snapshot(self, profile: str, in_flight: int) -> LinkStats:
         """The link's statistics so far."""
-        gone = self.lost + self.lost_down + self.dropped_limit
+        not_delivered = self.lost + self.lost_down + self.dropped_limit
         return LinkStats(
             profile=profile,
             offered=self.offered,
-            delivered=self.offered - gone - in_flight,
+            delivered=self.offered - not_delivered - in_flight,
             lost=self.lost,
             loss_bursts=self.loss_bursts,
             resent=self.resent,

@@ -74,15 +74,15 @@ def _note(arrived: list[tuple[int, int]], delays: NDArray[np.int64], interval_ns
 
 
 def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
-    gone = delays < 0
-    arrived_ms = delays[~gone].astype(np.float64) * 1e-6
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], gone, [False])).astype(np.int8)))
+    lost = delays < 0
+    arrived_ms = delays[~lost].astype(np.float64) * 1e-6
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], lost, [False])).astype(np.int8)))
     bursts = edges[1::2] - edges[::2]
     varies = len(arrived_ms) > 0 and bool(np.ptp(arrived_ms) > 0)
     counts, limits = np.histogram(arrived_ms, bins=bins) if varies else (np.zeros(0), np.zeros(0))
     return Survey(
         stats=stats,
-        delays_ms=np.where(gone, np.nan, delays * 1e-6),
+        delays_ms=np.where(lost, np.nan, delays * 1e-6),
         delay_correlation=lag_1_correlation(arrived_ms),
         max_loss=int(bursts.max(initial=0)),
         mean_loss_burst=float(bursts.mean()) if len(bursts) else None,

@@ -25,7 +25,7 @@ from hapnet.control.held_steps import FollowerServo, HeldSteps, reflected
 from hapnet.control.set_position_servo import Harvest
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.registry import deadband
-from hapnet.couplings.rendering import untold_share
+from hapnet.couplings.rendering import share_without_planes
 from hapnet.couplings.set_position import servo_of
 from hapnet.couplings.spec import CouplingSpec, CouplingStart
 from hapnet.couplings.stiffness import Felt, felt
@@ -209,7 +209,7 @@ def virtual_mass(setup: Setup) -> Mass:
         mass: Mass | None = scene.proxy(world.mass, world.damping, world.stiffness)
         if mass is None:
             mass = PassiveIntegrator(world.mass, world.damping, world.stiffness, scene.start)
-    mass.adopt(scene.contacts)
+    mass.set_contacts(scene.contacts)
     return mass
 
 
@@ -244,8 +244,8 @@ def follower_servo(setup: Setup, position: Vector, empty: bool) -> FollowerServo
     at_robot = dataclasses.replace(params, device=servo_of(params))
     servo = _end(setup, make, DeviceCoupling, CouplingStart(at_robot, setup.tuning, position, energy, 0.0, "measured"))
     if params.follower.feedback == "force":
-        share = 1.0 if servo.reporter is None else untold_share(params)
-        servo.said = reflected(tuple([share * one for one in setup.follower.leaders_stiffness(params, setup.dof)]))
+        share = 1.0 if servo.reporter is None else share_without_planes(params)
+        servo.feedback = reflected(tuple([share * one for one in setup.follower.leaders_stiffness(params, setup.dof)]))
     return servo
 
 

@@ -98,7 +98,7 @@ def _rendering(params: Params) -> Choice:
     allowed = f"auto or paper with the coupling {params.coupling}: it sends {sent}, so it has no set-position to choose"
     asked = params.rendering
     refuse((Refusal(asked == "hapnet" and not spec.takes_positions, "rendering", asked, allowed),))
-    return Choice({"rendering": "hapnet"} if asked == "auto" and spec.world_tells else {}, RULE)
+    return Choice({"rendering": "hapnet"} if asked == "auto" and spec.sends_planes else {}, RULE)
 
 
 _SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}

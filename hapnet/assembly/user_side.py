@@ -23,9 +23,9 @@ def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
     params = setup.params
     device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
     with closed_if_refused(device):
-        said_by = "device.stiffness_range" if getattr(device.device, "stiffness_range", None) is None else ""
+        declared_by = "device.stiffness_range" if getattr(device.device, "stiffness_range", None) is None else ""
         unit = within(setup.units, "N/m")
-        device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, unit, said_by)
+        device.declared.check_stiffness("device.stiffness", params.device.stiffness, setup.dof, unit, declared_by)
         device.check_damping("device.damping", params.device.damping)
         device.check_set(params)
         own = device.declares(params.device)

@@ -2,7 +2,8 @@
 
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}``,
 ``{"do": "record", "path": "..." or null}``, ``{"do": "let_go", "why": "..."}`` and
-``{"do": "stop_force", "why": "..."}``; ``{"do": "hurry"}`` before it is asked to stop. The network carries no commands:
+``{"do": "stop_force", "why": "..."}``; ``{"do": "leave_at_once"}`` before it is asked to stop. The
+network carries no commands:
 only the process that has started a side can command it.
 
 A new command needs a case here and a method of `RealtimeSide`. A button for it needs a method of `Controls`
@@ -50,7 +51,7 @@ def _do(side: RealtimeSide, command: dict[str, Any]) -> None:
             side.stop_force(str(command["why"]))
         case "let_go":
             side.let_go(str(command["why"]))
-        case "hurry":
-            side.hurry()
+        case "leave_at_once":
+            side.leave_at_once()
         case other:
             raise ValueError(other)

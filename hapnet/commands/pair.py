@@ -215,13 +215,13 @@ class Pair:
         errors = asyncio.create_task(child.stderr.read())
         async for line, notice in _notices(child):
             self._on_notice(role, line, notice)
-        said = (await errors).decode(errors="replace").strip().splitlines()
+        lines = (await errors).decode(errors="replace").strip().splitlines()
         code = await child.wait()
-        self.errors[role] = [line.removeprefix("hapnet: ") for line in said if line.startswith("hapnet: ")]
+        self.errors[role] = [line.removeprefix("hapnet: ") for line in lines if line.startswith("hapnet: ")]
         with contextlib.suppress(json.JSONDecodeError):
             self.parts[role] = json.loads(await self._reports[role])
         if code not in (0, INCOMPLETE) and not self._reported and self.failure is None:
-            own = (self.errors[role] or said) if 0 < code < 128 else []
+            own = (self.errors[role] or lines) if 0 < code < 128 else []
             self.refused = bool(own) and not own[-1].startswith(NOT_STARTED)
             self.failed[role] = own[-1] if own else how_it_ended(code)
             self.failure = own[-1] if own else f"the {role} process {how_it_ended(code)}"

@@ -107,8 +107,8 @@ def run(
         with held_back(caught):
             for role, text in repeats.rest():
                 words.print(f"{role}: {text}", markup=False)
-            for said in pair.errors.values():
-                written.missing += [line for line in said if line != pair.failure]
+            for lines in pair.errors.values():
+                written.missing += [line for line in lines if line != pair.failure]
             reported = {role: cast("Summary", part) for role, part in pair.parts.items()}
             recorded: dict[str, Path] = {role: file for role in SIDES if (file := pair.recording(role)).exists()}
             began = bool(recorded) or len(reported) == 2

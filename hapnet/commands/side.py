@@ -181,7 +181,7 @@ async def _run(
     side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals], page_parent: int
 ) -> Summary:
     stop = asyncio.Event()
-    reported = catch(stop, caught, again=side.hurry)
+    reported = catch(stop, caught, again=side.leave_at_once)
     if sys.platform != "win32":
         handle_on_loop(signal.SIGUSR1, side.stop_force, "SIGUSR1")
     run = int(os.environ.pop(PARENT, "0"))  # not getppid(): who has been killed by now is no longer our parent

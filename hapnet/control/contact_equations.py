@@ -130,7 +130,7 @@ class ContactState(Record):
         """Find the shift that the answer asks for."""
         raise NotImplementedError
 
-    def adopt(self, n: int, count: int) -> None:
+    def use_planes(self, n: int, count: int) -> None:
         """Use the planes of a new answer from now on; count : of its planes, with those that are remembered."""
         raise NotImplementedError
 
@@ -166,11 +166,11 @@ def _take(model: ContactState, n: int, x: Reals) -> None:
     if count >= 0 and model.remembers and answer.reach_m >= 0.0:
         for j in range(model.count):
             one = model.planes[j]
-            is_gone = withdrawn(one, answer.planes, answer.count, n, answer.position, answer.reach_m)
-            if count < PLANES and not is_gone:
+            is_withdrawn = withdrawn(one, answer.planes, answer.count, n, answer.position, answer.reach_m)
+            if count < PLANES and not is_withdrawn:
                 keep(answer, one, n, count)
                 count += 1
-    adopt(model, n, count)
+    use_planes(model, n, count)
     look(model, n, x)
     if not equal(n, model.s, answer.before):
         for i in range(n):
@@ -218,16 +218,16 @@ def keep(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
     planes.append(one)
 
 
-def _compiled_adopt(model: ContactState, n: int, count: int) -> None:
+def _compiled_use_planes(model: ContactState, n: int, count: int) -> None:
     for k in range(count):
         copy_flat(model.answer.planes[k], n, model.planes[k])
     model.count = count
 
 
-@compiled_as(_compiled_adopt)
-def adopt(model: ContactState, n: int, count: int) -> None:
+@compiled_as(_compiled_use_planes)
+def use_planes(model: ContactState, n: int, count: int) -> None:
     """As the method."""
-    model.adopt(n, count)
+    model.use_planes(n, count)
 
 
 @equation

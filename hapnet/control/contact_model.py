@@ -62,7 +62,7 @@ class ContactModel(ContactState):
         the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
     yields_below : level of the world's reservoir below which the lead yields, so that the hand pays for what the
         world's walls dissipate; 0: never. remembers : whether planes that are no longer sent stay known.
-    untold_share : the share of the spring's stiffness with which a world without planes is felt.
+    share_without_planes : the share of the spring's stiffness with which a world without planes is felt.
     self_motion : computes y for a world that cannot send planes. added : damps the oscillations that remain.
     """
 
@@ -79,7 +79,7 @@ class ContactModel(ContactState):
         shift_s: float = _DEFAULTS.shift_s,
         yields_below: float = _DEFAULTS.yields_below,
         remembers: bool = _DEFAULTS.remembers,
-        untold_share: float = 1.0,
+        share_without_planes: float = 1.0,
     ) -> None:
         self.in_use = 1
         self.compliance, self.lead = [list(row) for row in compliance], [list(row) for row in lead]
@@ -93,7 +93,7 @@ class ContactModel(ContactState):
         self.shift_s = checks.positive("shift_s", shift_s)
         self.yields_below = checks.non_negative("yields_below", yields_below)
         self.remembers = int(remembers)
-        self._untold_share = checks.positive("untold_share", untold_share)
+        self._share_without_planes = checks.positive("share_without_planes", share_without_planes)
         self.forces = [0.0] * PLANES
         self.answer = Answer()
         self._by_grain: Vector = (0.0,) * len(position)
@@ -177,7 +177,7 @@ class ContactModel(ContactState):
         """Find the shift with which the contact planes agree with the proxy's own position and force."""
         compare_surfaces(self, n)
 
-    def adopt(self, n: int, count: int) -> None:
+    def use_planes(self, n: int, count: int) -> None:
         """The answer's planes, and those that are remembered, are known from now on."""
         answer = self.answer
         self._know(answer.planes if count >= 0 else None)
@@ -188,7 +188,7 @@ class ContactModel(ContactState):
 
     def _softened(self, x: Vector, y: Vector) -> Vector:
         """y for a world that cannot send planes: its answer is late, and a stiff spring to it would ring."""
-        share = self._untold_share
+        share = self._share_without_planes
         return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
 
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
@@ -201,7 +201,7 @@ class ContactModel(ContactState):
                 self._by_grain = act(self, n, x, y)
             return
         self.rubbing.place[:] = x
-        lead = tuple([part / self._untold_share for part in self.leading])
+        lead = tuple([part / self._share_without_planes for part in self.leading])
         y[:] = self._softened(x, self._self_motion.step(dt, x, lead))
         fade(self, n, dt, y)
         damped = self.added.step(dt, x, tuple(y), self.age, 1.0, swings=True)

@@ -9,7 +9,6 @@ from hapnet.control import friction_cone
 from hapnet.control.contact_equations import (
     Answer,
     ContactState,
-    adopt,
     compare,
     compare_with,
     finish,
@@ -19,6 +18,7 @@ from hapnet.control.contact_equations import (
     parallel,
     respond,
     rest,
+    use_planes,
 )
 from hapnet.control.contact_plane import ContactPlane, copy_bent, depth, see_from
 from hapnet.control.friction_cone import ROUNDS
@@ -98,8 +98,8 @@ def keep_surface(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
 
 
 @equation
-def adopt_surfaces(model: ContactState, n: int, count: int) -> None:
-    """As `adopt`, in compiled code."""
+def use_surface_planes(model: ContactState, n: int, count: int) -> None:
+    """As `use_planes`, in compiled code."""
     answer, model.bends, model.count = model.answer, 0, count
     for k in range(count):
         copy_bent(answer.planes[k], n, model.planes[k])
@@ -123,6 +123,6 @@ def meet_planes(model: ContactState, n: int) -> None:
 
 IN_PLACE_OF_FLAT_ONES: dict[Callable[..., Any], Callable[..., Any]] = {
     look: look_at_surfaces, respond: respond_among_surfaces, compare: compare_surfaces, keep: keep_surface,
-    adopt: adopt_surfaces,
+    use_planes: use_surface_planes,
 }  # fmt: skip
 """What is compiled where planes may bend or rub."""

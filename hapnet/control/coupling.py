@@ -23,10 +23,10 @@ from hapnet.control.law import HeldForce, LawAccount, begin_tick, sends, tick
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import (
     CouplingSample as CouplingSample,
+    MotionSample as MotionSample,
     PortSample as PortSample,
     PositionSample as PositionSample,
     ProxySample as ProxySample,
-    MotionSample as MotionSample,
     WaveSample as WaveSample,
     level_of as level_of,
     vector_of as vector_of,

@@ -29,10 +29,10 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import (
     TICK_SLACK_S,
     CouplingSample,
+    MotionSample,
     PortSample,
     PositionSample,
     ProxySample,
-    MotionSample,
     WaveSample,
     vector_of,
 )

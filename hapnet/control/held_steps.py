@@ -23,7 +23,7 @@ from hapnet.records.vectors import added, inner
 REST_S = 0.2
 """A robot that is released holds its set-position for so long first [s]: without a force it would only drift on."""
 
-Said = Callable[[Vector, Vector, Vector], Vector]
+Feedback = Callable[[Vector, Vector, Vector], Vector]
 """The position to send [m], of the follower's position, the set-position that it follows [m], and the force of its
 surroundings on it [N]."""
 
@@ -33,7 +33,7 @@ def position(x: Vector, target: Vector, force: Vector) -> Vector:
     return x
 
 
-def reflected(stiffness: Vector) -> Said:
+def reflected(stiffness: Vector) -> Feedback:
     """Position-force: the leader's spring renders the force on the follower. stiffness : its K along each axis [N/m].
 
     With y = x_d + f/K, and x_d the leader's position that the follower follows, the spring's force is f where the
@@ -53,14 +53,14 @@ class FollowerServo(SampledServo):
 
     Attributes
     ----------
-    said : see `LawMessage`. released : its leader has let go, so it renders no force once it has come to rest.
+    feedback : see `LawMessage`. released : its leader has let go, so it renders no force once it has come to rest.
     sensed : the force of its surroundings on it, as whoever moves the robot knows it [N].
     """
 
     def __init__(self, reporter: Teller | None, **servo: Any) -> None:
         super().__init__(**servo)
         self.reporter = reporter
-        self.said: Said = position
+        self.feedback: Feedback = position
         self.released: bool = False
         self._rested_s = 0.0
         self.sensed: Vector = (0.0,) * self.n
@@ -72,10 +72,10 @@ class FollowerServo(SampledServo):
         done = super().tick(dt, x, v, release=release or self._rested_s > REST_S)
         if done is None or done.sample is None:
             return done
-        level, said = self.coupling.level, self.said(x, self.coupling.target, self.sensed)
+        level, feedback = self.coupling.level, self.feedback(x, self.coupling.target, self.sensed)
         if self.reporter is not None:
-            return Update(self.reporter.proxy(said, level), done.shuffled)
-        return Update(said if level is None else PositionSample(said, level), done.shuffled)
+            return Update(self.reporter.proxy(feedback, level), done.shuffled)
+        return Update(feedback if level is None else PositionSample(feedback, level), done.shuffled)
 
 
 class HeldSteps(SetPositionSteps):

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
-from hapnet.control.samples import CouplingSample, PortSample, MotionSample, WaveSample, vector_of
+from hapnet.control.samples import CouplingSample, MotionSample, PortSample, WaveSample, vector_of
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot
 
@@ -32,11 +32,11 @@ class LawMessage(Record):
 
 
 class End(Record):
-    """One end of a law; n : the number of axes. y : its set-position [m]. said : what it sends next."""
+    """One end of a law; n : the number of axes. y : its set-position [m]. outgoing : what it sends next."""
 
     n: int
     y: OfAxes
-    said: LawMessage
+    outgoing: LawMessage
 
     sends: ClassVar[type[MotionSample] | type[PortSample] | type[WaveSample] | None] = None
     """None: bare positions."""
@@ -44,7 +44,7 @@ class End(Record):
     def __init__(self, position: Vector) -> None:
         super().__init__()
         self.n, self.y = len(position), list(position)
-        self.said.value, self.said.more = [0.0] * self.n, [0.0] * self.n
+        self.outgoing.value, self.outgoing.more = [0.0] * self.n, [0.0] * self.n
 
     @property
     def set_position(self) -> Vector:
@@ -69,13 +69,13 @@ class End(Record):
         raise NotImplementedError
 
     def _sample(self) -> CouplingSample:
-        said = self.said
-        value = tuple(said.value)
+        outgoing = self.outgoing
+        value = tuple(outgoing.value)
         if self.sends is MotionSample:
-            return MotionSample(value, tuple(said.more))
+            return MotionSample(value, tuple(outgoing.more))
         if self.sends is PortSample:
-            return PortSample(value, said.amount)
-        return WaveSample(value, said.amount) if self.sends is WaveSample else value
+            return PortSample(value, outgoing.amount)
+        return WaveSample(value, outgoing.amount) if self.sends is WaveSample else value
 
     @classmethod
     def lines(cls) -> dict[Callable[..., Any], Callable[..., Any]]:
@@ -107,7 +107,7 @@ class DeviceEnd(End):
         raise NotImplementedError
 
     def say(self, x: Reals, v: Reals) -> None:
-        """`next_sample`, into `said`."""
+        """`next_sample`, into `outgoing`."""
         raise NotImplementedError
 
 
@@ -147,7 +147,7 @@ class WorldEnd(End):
         return self._sample()
 
     def say(self) -> None:
-        """`next_sample`, into `said`."""
+        """`next_sample`, into `outgoing`."""
         raise NotImplementedError
 
 

@@ -117,11 +117,11 @@ def at_device(start: CouplingStart[RenderingTuning]) -> ContactModel | None:
         shift_s=model.shift_s,
         yields_below=model.yields_below,
         remembers=model.remembers,
-        untold_share=untold_share(start.params),
+        share_without_planes=share_without_planes(start.params),
     )
 
 
-def untold_share(params: Params) -> float:
+def share_without_planes(params: Params) -> float:
     """The share of the device's stiffness with which a world that cannot send planes is felt."""
     return min(1.0, PAPERS / largest(params.device.stiffness))
 

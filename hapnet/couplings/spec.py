@@ -89,7 +89,7 @@ class CouplingSpec(Generic[T]):
         class; None: it has none. section : of `Params`, in which they are; "": it has the law's name.
     shared : fields of the tuning that must have the same value at both ends.
     device_sends, world_sends : the messages that carry the ends' samples.
-    world_tells : does the world send its proxy with the planes around it, and do the stages stand before the law, if
+    sends_planes : does the world send its proxy with the planes around it, and do the stages stand before the law, if
         the rendering is left to it?
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
     limited : whether it limits the set-position's step, and the force to what the account covers under a
@@ -121,7 +121,7 @@ class CouplingSpec(Generic[T]):
     shared: tuple[str, ...] = ()
     device_sends: type[Stream] = Position
     world_sends: type[Stream] = Position
-    world_tells: bool = False
+    sends_planes: bool = False
     set_positions: frozenset[str] = frozenset()
     limited: bool = False
     scaled: bool = False
@@ -164,7 +164,7 @@ class CouplingSpec(Generic[T]):
 
     def staged(self, params: Params) -> bool:
         """Whether the stages stand before the law."""
-        return params.rendering == "hapnet" or (params.rendering == "auto" and self.world_tells)
+        return params.rendering == "hapnet" or (params.rendering == "auto" and self.sends_planes)
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
         """The tuning read from a summary or a recording; None if a field without a default is missing, or unknown."""

@@ -146,14 +146,14 @@ class Mass(Protocol):
         """Work put in at its port so far [J]: what the ledger has counted there, if it does not know better."""
         return counted_J
 
-    def adopt(self, contacts: Surroundings) -> None:
+    def set_contacts(self, contacts: Surroundings) -> None:
         """Check its surroundings. Raises InvalidParameter."""
         return
 
     def place(self, position: Vector) -> None:
         """Start at rest there (n,) [m]. Raises InvalidParameter."""
 
-    def afford(self, energy_J: float) -> None:
+    def limit_energy(self, energy_J: float) -> None:
         """Limit the next step's energy to the reservoir's [J]: a coupling whose force is held takes no more than that
         and its spring's energy. One that is solved together with the step cannot take more.
         """

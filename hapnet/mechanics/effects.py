@@ -49,10 +49,10 @@ class Grain(NamedTuple):
     def at(self, place: Sequence[float]) -> float:
         """The height at a place (n,) [m], straight between samples."""
         shape = self.shape
-        way: float = inner(self.wave, place) % 1.0 * len(shape)
-        i = min(int(way), len(shape) - 1)
+        phase: float = inner(self.wave, place) % 1.0 * len(shape)
+        i = min(int(phase), len(shape) - 1)
         low, high = _signed(shape[i]), _signed(shape[(i + 1) % len(shape)])
-        return self.height_m / GRAIN_FULL * (low + (way - i) * (high - low))
+        return self.height_m / GRAIN_FULL * (low + (phase - i) * (high - low))
 
 
 class Effects(NamedTuple):
@@ -71,11 +71,11 @@ class Effects(NamedTuple):
     grain: Grain | None = None
 
     @classmethod
-    def of(cls, told: Sequence[Any] | None) -> Effects | None:
+    def of(cls, values: Sequence[Any] | None) -> Effects | None:
         """From what a message has."""
-        if told is None:
+        if values is None:
             return None
-        made = cls(*told)
+        made = cls(*values)
         return made if made.grain is None else made._replace(grain=Grain(*made.grain))
 
     def cut(self, n: int) -> Effects:

@@ -76,8 +76,8 @@ class Plane(NamedTuple):
         )  # fmt: skip
         return tuple(
             [
-                cls(*(*plane, tuple([Curvature(*bend) for bend in bent]), mu, Effects.of(told)))
-                for plane, bent, mu, told in each
+                cls(*(*plane, tuple([Curvature(*bend) for bend in bent]), mu, Effects.of(values)))
+                for plane, bent, mu, values in each
             ]
         )
 
@@ -132,16 +132,16 @@ def _checked(plane: Plane, dof: int) -> Plane:
     return Plane(normal, offset, stiffness, damping, velocity, bends, friction, _effects(plane.effects, dof))
 
 
-def _effects(told: Sequence[Any] | None, dof: int) -> Effects | None:
-    if told is None:
+def _effects(values: Sequence[Any] | None, dof: int) -> Effects | None:
+    if values is None:
         return None
     try:
-        viscosity, sticking, snap_N, snap_m, grain = told
+        viscosity, sticking, snap_N, snap_m, grain = values
         plain = None if grain is None else Grain(tuple(map(float, grain[0])), float(grain[1]), bytes(grain[2]))
         made = Effects(float(viscosity), float(sticking), float(snap_N), float(snap_m), plain)
         wrong = wrong_effects(made, dof)
     except (TypeError, ValueError, IndexError):
-        raise InvalidParameter("a plane's effects", told, "an Effects") from None
+        raise InvalidParameter("a plane's effects", values, "an Effects") from None
     if wrong:
-        raise InvalidParameter("a plane's effects", told, f"those of a surface ({wrong})")
+        raise InvalidParameter("a plane's effects", values, f"those of a surface ({wrong})")
     return made

@@ -124,7 +124,7 @@ class PassiveIntegrator(Record, Mass):
         _multiply(self, self.K, self.error, self.product)
         return 0.5 * dot(self.n, self.error, self.product)
 
-    def adopt(self, contacts: Surroundings | None) -> None:
+    def set_contacts(self, contacts: Surroundings | None) -> None:
         """Check `contacts` against this mass, as `step` does when it first gets them. Call this to fail early.
 
         Raises InvalidParameter if the dimension differs, the mass is inside a wall (that creates energy), or the
@@ -169,7 +169,7 @@ class PassiveIntegrator(Record, Mass):
         """
         ybar = self._input("set_position", set_position)
         if contacts is not self._contacts:
-            self.adopt(contacts)
+            self.set_contacts(contacts)
         if self.factored_dt != dt or self.factored_drag != OWN:
             self._factor(dt)
         extra = None if force is None else self._input("force", force)
@@ -200,7 +200,7 @@ class PassiveIntegrator(Record, Mass):
         if not 0.0 <= drag < inf:
             raise InvalidParameter("drag", drag, "0 Ns/m or above")
         if contacts is not self._contacts:
-            self.adopt(contacts)
+            self.set_contacts(contacts)
         if contacts is not None and contacts is not self._pushed_on:
             self._require_separate(contacts, 1.0)
             self._pushed_on = contacts

@@ -65,16 +65,18 @@ class OperatingRange:
             f"it reads {far:.4g} m from its origin{where}, its workspace ends at {most:g} m{in_millimetres(far, most)}"
         )
 
-    def check_stiffness(self, name: str, stiffness: ArrayLike, dof: int, unit: str = "N/m", said_by: str = "") -> None:
+    def check_stiffness(
+        self, name: str, stiffness: ArrayLike, dof: int, unit: str = "N/m", declared_by: str = ""
+    ) -> None:
         """Raise InvalidParameter if K [N/m] is softer or stiffer than declared, in any direction.
 
-        unit : of K. said_by : the parameter that declares it; empty: the device itself does.
+        unit : of K. declared_by : the parameter that declares it; empty: the device itself does.
         """
         values = np.linalg.eigvalsh(checks.spd(name, stiffness, dof))
         minimum, most = self.stiffness
         if values[0] < minimum * (1.0 - 1e-9) or values[-1] > most * (1.0 + 1e-9):
             renders = f"{minimum:g} to {most:g} {unit} in every direction, as the device renders"
-            raise InvalidParameter(name, stiffness, f"{renders} ({said_by})" if said_by else renders)
+            raise InvalidParameter(name, stiffness, f"{renders} ({declared_by})" if declared_by else renders)
 
 
 NamedValue = tuple[str, object]

@@ -15,7 +15,7 @@ from hapnet import checks
 from hapnet.assembly import device_class
 from hapnet.assembly.build import prepare
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import lent
+from hapnet.loading import shared_with_children
 from hapnet.params import Params, as_params
 from hapnet.plant.device import Device
 from hapnet.plant.worlds.protocol import World, is_world
@@ -188,9 +188,9 @@ async def _running(call: _Call) -> AsyncIterator[SideTask]:
             await task.open()
             yield task
         except BaseException:
-            await task.leave(hurry=True)
+            await task.leave(leave_at_once=True)
             raise
-        await task.leave(hurry=False)
+        await task.leave(leave_at_once=False)
         if task.failure is not None:
             raise task.failure
 
@@ -308,10 +308,10 @@ def _named(names: ExitStack, name: str, part: object, allowed: str, is_made: Cal
     if isinstance(part, str):
         return part
     if is_made(part):
-        return names.enter_context(lent(_Made(part), type(part).__name__))
+        return names.enter_context(shared_with_children(_Made(part), type(part).__name__))
     if not callable(part):
         raise InvalidParameter(name, part, allowed)
-    return names.enter_context(lent(part, getattr(part, "__name__", type(part).__name__)))
+    return names.enter_context(shared_with_children(part, getattr(part, "__name__", type(part).__name__)))
 
 
 class _Made:

@@ -36,7 +36,7 @@ class Notifier:
         self._drops = Drops()
         self._waiting = ""
         self._reported_ns: deque[int] = deque(maxlen=MOST_REPORTED)
-        self._untold = 0
+        self._not_shown = 0
         self._met_ns: int | None = None
         self._refusal = ""
         self._refused_ns: int | None = None
@@ -83,12 +83,12 @@ class Notifier:
                 return None
             self._refused_ns = now_ns
         if len(self._reported_ns) == MOST_REPORTED and now_ns - self._reported_ns[0] < REPORT_EVERY_NS:
-            self._untold += 1
+            self._not_shown += 1
             return None
         self._reported_ns.append(now_ns)
-        if self._untold:
-            notice = replace(notice, text=f"{notice.text} ({self._untold} events before this one were not shown)")
-            self._untold = 0
+        if self._not_shown:
+            notice = replace(notice, text=f"{notice.text} ({self._not_shown} events before this one were not shown)")
+            self._not_shown = 0
         self._notify(notice)
         return notice
 
@@ -103,10 +103,10 @@ class Notifier:
             self._link_lost_ns = now_ns
             self._notify(Notice("link", f"the connection to the {self._other} is lost", now_ns, "warning"))
         elif up and self._link_lost_ns is not None:
-            gone_s = (now_ns - self._link_lost_ns) * NANO
+            silent_s = (now_ns - self._link_lost_ns) * NANO
             self._link_lost_ns = None
             self._notify(
-                Notice("link", f"the connection is back after {gone_s:.2f} s", now_ns, values={"gone_s": gone_s})
+                Notice("link", f"the connection is back after {silent_s:.2f} s", now_ns, values={"gone_s": silent_s})
             )
 
     def keys(self, now_ns: int, silent: Sequence[str]) -> None:

@@ -289,11 +289,11 @@ class RealtimeSide:
         """Note why this side is asked to end before its time; who does so also sets `stop`."""
         self._figures.failed = why
 
-    def forgo(self) -> None:
+    def skip_settling(self) -> None:
         """Leave without waiting for the energy in flight: it is lost, which is safe. The peer is notified."""
         self._lingers = False
 
-    def hurry(self) -> None:
+    def leave_at_once(self) -> None:
         """Leave at once; the peer may not hear of it."""
         self._hurried = True
 

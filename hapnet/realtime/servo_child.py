@@ -96,7 +96,7 @@ class ServoChild:
                 self._shuffled = surplus
                 self._unsent += message is not None
         while (signal := self._control.reported()) is not None:
-            self._pipe.offer("told", *signal)
+            self._pipe.offer("signal", *signal)
         if not self._began and side.origin_ns is not None:
             self._began = self._pipe.offer("began", side.origin_ns)
             self.servo.count_anew()

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgpack
 
-from hapnet.control.coupling import CouplingSample, PortSample, PositionSample, ProxySample, MotionSample, WaveSample
+from hapnet.control.coupling import CouplingSample, MotionSample, PortSample, PositionSample, ProxySample, WaveSample
 from hapnet.mechanics.plane import Plane
 
 MAX_FRAME = 1 << 17

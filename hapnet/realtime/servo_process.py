@@ -266,7 +266,7 @@ class ServoProcess:
             case ("samples", samples):
                 for sample in samples:
                     callbacks.write(DeviceSample(*sample))
-            case ("told", name, value):
+            case ("signal", name, value):
                 self._reported.append((name, value))
                 callbacks.wake()
             case ("posture", sample):

@@ -118,8 +118,8 @@ class PeerAbsence:
         """End a side with `--once` whose peer is gone. `partners`: how many play the other side, by Zenoh's count."""
         since_ns = self._silent_since_ns
         if self._once and since_ns is not None and not partners and now_ns - since_ns > GONE_NS:
-            gone_s = (now_ns - since_ns) * NANO
-            self._part(now_ns, f"ends: nothing from its {self._other} for {gone_s:.0f} s, and nobody there")
+            silent_s = (now_ns - since_ns) * NANO
+            self._part(now_ns, f"ends: nothing from its {self._other} for {silent_s:.0f} s, and nobody there")
 
     def _part(self, now_ns: int, text: str) -> None:
         self._once = False

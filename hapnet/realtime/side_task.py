@@ -96,23 +96,23 @@ class SideTask:
             raise self.failure
         return self._task.result()
 
-    async def leave(self, *, hurry: bool) -> None:
+    async def leave(self, *, leave_at_once: bool) -> None:
         """End the side; returns when nothing of it is left. Cancelled meanwhile, it ends at once, and raises that then.
 
-        hurry : do not wait for the energy in flight.
+        leave_at_once : do not wait for the energy in flight.
         """
         self._stop.set()
-        if hurry:
-            self._hurry()
-        await until_done(self._task, cancelled=self._hurry)
+        if leave_at_once:
+            self._leave_sooner()
+        await until_done(self._task, cancelled=self._leave_sooner)
 
-    def _hurry(self) -> None:
+    def _leave_sooner(self) -> None:
         """Do not wait for the energy in flight; the second time, do not notify the peer either."""
         if self._made is None:
             return
         if self._hurried:
-            self._made.hurry()
-        self._made.forgo()
+            self._made.leave_at_once()
+        self._made.skip_settling()
         self._hurried = True
 
     async def _run(self) -> Summary:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hapnet.control.coupling import CouplingSample, PortSample, PositionSample, ProxySample, MotionSample, WaveSample
+from hapnet.control.coupling import CouplingSample, MotionSample, PortSample, PositionSample, ProxySample, WaveSample
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
 from hapnet.records.record import equation

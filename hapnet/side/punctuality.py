@@ -80,8 +80,8 @@ class Punctuality:
             self._row += 1
             self._row_ns += since_ns
             return [self._stalled(now_ns)] if self._row == 1 or now_ns - self._reported_ns >= REPEAT_NS else ()
-        untold = self._row > self._reported_row
-        reports = [self._stalled(now_ns)] if untold else ()
+        unreported = self._row > self._reported_row
+        reports = [self._stalled(now_ns)] if unreported else ()
         self._row = self._row_ns = self._reported_row = 0
         return reports
 

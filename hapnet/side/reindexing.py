@@ -11,10 +11,10 @@ from typing import Any
 from hapnet.control.coupling import (
     CouplingSample,
     CouplingState,
+    MotionSample,
     PortSample,
     PositionSample,
     ProxySample,
-    MotionSample,
     WaveSample,
     vector_of,
 )

@@ -123,7 +123,7 @@ class WorldSide:
 
     def advance(self, dt: float) -> None:
         """Move the mass through a step of `dt` seconds."""
-        self.mass.afford(self.coupling.account)
+        self.mass.limit_energy(self.coupling.account)
         self.moved = self._world.advance(self.mass, dt, self.scene.contacts)
 
     def settle(self) -> None:

@@ -111,7 +111,7 @@ def found(cause: str, **values: object) -> Finding:
 _CONTRADICTIONS = {
     "acknowledged": "{} of its energy messages acknowledged energy that was never announced",
     "credited": "{} of its energy messages reported less energy than was credited before",
-    "tellers": "{} of its energy messages cannot all be of one sender",
+    "senders": "{} of its energy messages cannot all be of one sender",
     "keys": "more than one key was offered",
     "seals": "{} messages were not sealed with the key of the pair",
 }

@@ -1,6 +1,6 @@
 """A side's half of a summary as values that it reports to its peer, and both halves as one summary.
 
-A report is a claim of the peer: `told` in the summary says whose it is and when it came, and the verdict names it.
+A report is a claim of the peer: `peer_report` in the summary says whose it is and when it came; the verdict names it.
 `hapnet/wire/README.md` lists the values under "Accounts".
 """
 
@@ -23,7 +23,7 @@ _PART = (
     "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
     "servo.overruns", "servo.longest_ms", "servo.without_force_s", "servo.withheld_s", "servo.ticks", "servo.skipped",
     "stopped.after_s", "stopped.why", "stopped.asked",
-    "contradictions.tellers", "contradictions.credited", "contradictions.acknowledged",
+    "contradictions.senders", "contradictions.credited", "contradictions.acknowledged",
     "contradictions.keys", "contradictions.seals", "peer.proof", "failed",
     "environment.env_diverged", "environment.env_slack_J", "environment.env_supplied_J", "environment.env_stored_J",
     "environment.env_given_J", "environment.env_paid_J", "environment.env_undone", "environment.env_undone_J",
@@ -87,7 +87,7 @@ def joined(own: Summary, role: Role, claim: Claim) -> Summary:
     for name in _MOTION[role]:
         both["motion"][name] = own["motion"][name]  # type: ignore[literal-required]
     both["duration_s"], both["tuning"], both["wall_clock"] = own["duration_s"], own["tuning"], own["wall_clock"]
-    both["told"] = {"side": other, "as_of_s": claim.as_of_s, "final": claim.final, "whole": claim.whole}
+    both["peer_report"] = {"side": other, "as_of_s": claim.as_of_s, "final": claim.final, "whole": claim.whole}
     return judged(both)
 
 

@@ -244,7 +244,7 @@ def combine(
         "coupling": coupling,
         "tuning": dict(tuning or {}),
         "torn": list(torn),
-        "told": None,
+        "peer_report": None,
         "versions": versions(),
         "wall_clock": {},
     }))  # fmt: skip

@@ -179,7 +179,7 @@ class DriverPart(TypedDict):
 class Contradictions(TypedDict):
     """How many messages in the peer's name contradicted what is known of the peer: see `hapnet.wire.sums`."""
 
-    tellers: Count
+    senders: Count
     credited: Count
     acknowledged: Count
     keys: Count
@@ -355,7 +355,7 @@ class Summary(TypedDict):
     wall_clock: dict[str, Any]
     replay: NotRequired[dict[str, Any]]
     reconstructed: NotRequired[bool | None]
-    told: Reported | None
+    peer_report: Reported | None
 
 
 def known(value: object) -> float | None:
@@ -378,6 +378,10 @@ def read(tree: object) -> Summary:
     return cast(Summary, _reader_of(Summary)(tree))
 
 
+_FORMERLY = {"peer_report": "told", "senders": "tellers"}
+"""Keys that recordings before 0.2 have under another name."""
+
+
 @cache
 def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
     """Returns a function that turns anything into this typed dictionary."""
@@ -385,7 +389,7 @@ def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
 
     def reader(tree: object) -> dict[str, Any]:
         entries: Mapping[Any, Any] = tree if isinstance(tree, dict | Mapping) else {}
-        return {name: reader(entries.get(name)) for name, reader in readers}
+        return {name: reader(entries.get(name, entries.get(_FORMERLY.get(name)))) for name, reader in readers}
 
     return reader
 

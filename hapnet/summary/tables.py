@@ -161,10 +161,10 @@ class Table:
 
 def sides(summary: Summary) -> Table:
     """A table of each side's figures of itself."""
-    untold = set() if has_reservoirs(summary["coupling"]) else set(_OF_RESERVOIRS)
+    hidden = set() if has_reservoirs(summary["coupling"]) else set(_OF_RESERVOIRS)
     if jointly_passive(str(summary["coupling"])):
-        untold |= _OF_ONE_PORT
-    rows = tuple(row for row in _SIDES if row.label not in untold)
+        hidden |= _OF_ONE_PORT
+    rows = tuple(row for row in _SIDES if row.label not in hidden)
     return Table("sides", SIDES, [*_rows(rows, [summary[side] for side in SIDES], summary["units"])])
 
 
@@ -288,15 +288,15 @@ def _verdict_text(tree: object) -> Text:
 def _path_words(found: PathSummary) -> str:
     """The round trip, and what each direction lost; the emulated links included."""
     median, late = found["round_trip_p50_ms"], found["round_trip_p99_ms"]
-    said = [] if median is None else [f"round trip {number(median)} ms"]
-    if said and late is not None:
-        said[0] += f" (99 %: {number(late)})"
-    said += [
+    parts = [] if median is None else [f"round trip {number(median)} ms"]
+    if parts and late is not None:
+        parts[0] += f" (99 %: {number(late)})"
+    parts += [
         f"{lost} % lost {direction}"
         for direction, lost in zip(DIRECTIONS, _lost(found), strict=True)
         if lost is not None
     ]
-    return ", ".join(said) or "not known"
+    return ", ".join(parts) or "not known"
 
 
 def _lost(found: PathSummary) -> list[str | None]:

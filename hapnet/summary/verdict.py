@@ -61,11 +61,11 @@ def judge(tree: object) -> VerdictSummary:
         if findings:
             reasons = dict.fromkeys([*(one.text for one in findings), *gave])
             return {"passive": passive, "reason": "; ".join(reasons)}
-    said = [_kept(summary)]
+    words = [_kept(summary)]
     for side, part in _parts(summary):
         if part["force"] == "commanded":
-            said.append(f"as commanded: the {_WHO[side]} does not report what it applied")
-    return {"passive": True, "reason": "; ".join([*said, *gave])}
+            words.append(f"as commanded: the {_WHO[side]} does not report what it applied")
+    return {"passive": True, "reason": "; ".join([*words, *gave])}
 
 
 def broken(
@@ -200,7 +200,7 @@ def _against(summary: Summary) -> Iterator[Finding]:
     for direction, sender, receiver in _FLOWS:
         flow = summary["energy"][direction]
         beyond, certain = excess_nJ(flow), flow["abandoned_nJ"] is not None and flow["abandoned_nJ"] < 0
-        reported = summary["told"]
+        reported = summary["peer_report"]
         if reported is not None and reported["side"] == sender and not reported["final"]:
             continue  # it may have sent more since
         if beyond and sender not in torn and (certain or not _restarted(summary)):
@@ -256,7 +256,7 @@ def _givers(summary: Summary) -> Iterator[str]:
 
 def _reporter(summary: Summary) -> Iterator[str]:
     """Whose account is only a claim: that of a process elsewhere."""
-    if (reported := summary["told"]) is not None:
+    if (reported := summary["peer_report"]) is not None:
         for side in SIDES:
             if side == reported["side"] and _half(summary, side) is not None:
                 yield f"the {side}'s account as it reported it"
@@ -264,7 +264,7 @@ def _reporter(summary: Summary) -> Iterator[str]:
 
 def _cut_off(summary: Summary) -> Iterator[Finding]:
     """From when on the account of a process elsewhere is missing."""
-    if (reported := summary["told"]) is not None and not reported["whole"]:
+    if (reported := summary["peer_report"]) is not None and not reported["whole"]:
         when = "" if reported["as_of_s"] is None else f", {reported['as_of_s']:.1f} s after pairing"
         yield found("peer lost", side=reported["side"], when=when)
 
@@ -388,8 +388,8 @@ def _kept(summary: Summary) -> str:
     if out is None and margin is not None and bound is not None:
         out = max(0.0, bound - margin)
     of = "" if bound is None else f" of d² = {_milli(bound)}"
-    said = f"margin at least {_milli(margin)} mJ" if out is None else f"at most {_milli(out)}{of} mJ ever came out"
+    words = f"margin at least {_milli(margin)} mJ" if out is None else f"at most {_milli(out)}{of} mJ ever came out"
     if end is None:
-        return said
+        return words
     after = "" if later is None else f", at least {_milli(later)} after {START_S:g} s"
-    return f"{said}; margin {_milli(end)} mJ at the end{after}"
+    return f"{words}; margin {_milli(end)} mJ at the end{after}"

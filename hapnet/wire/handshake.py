@@ -47,7 +47,7 @@ REPORT_SPACING_NS = 100_000_000  # minimum time between two reports that somebod
 MAX_PEERS = 4096
 
 
-class MessageData(NamedTuple):
+class MessageContent(NamedTuple):
     """The data of the message that caused the actions. What a message does not have keeps its default."""
 
     sender: int
@@ -116,9 +116,9 @@ class Handshake:
         """
         if not self._is_peer(sender):
             self._observe(now_ns)
-            self._act(self._never_a_peer(sender) or Input.DATA, MessageData(sender), now_ns)
+            self._act(self._never_a_peer(sender) or Input.DATA, MessageContent(sender), now_ns)
         elif addressee not in (None, self.identity.incarnation):
-            self._act(Input.MISADDRESSED, MessageData(sender, addressee or 0), now_ns)
+            self._act(Input.MISADDRESSED, MessageContent(sender, addressee or 0), now_ns)
 
     def other_version(self, error: OtherVersion, now_ns: int) -> tuple[Event, ...]:
         """Process a frame of another version: a hello is refused with a reason, all else is ignored."""
@@ -127,7 +127,7 @@ class Handshake:
             return ()
         self._observe(now_ns)
         happened = Input.FORGED_HELLO if self._is_peer(sender) else Input.UNFIT_HELLO
-        return self._act(happened, MessageData(sender, reason=error.detail), now_ns)
+        return self._act(happened, MessageContent(sender, reason=error.detail), now_ns)
 
     def close(self, now_ns: int, acked_nJ: int, reason: str) -> None:
         """Say bye a few times, and nothing else from now on.
@@ -151,75 +151,77 @@ class Handshake:
 
     # -- which input a message is: nothing here changes anything ---------------------------------------------------
 
-    def _classify(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Input, MessageData]:
+    def _classify(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Input, MessageContent]:
         sender = message.incarnation
         match message:
             case Hello():
                 identity = _identity(message)
                 reason = misfit(self.identity, identity) or self.keys.misfit(message.name, message.more)
-                said = MessageData(sender, number=message.number, identity=identity, reason=reason, more=message.more)
-                return self._classify_hello(said, now_ns, data)
+                content = MessageContent(
+                    sender, number=message.number, identity=identity, reason=reason, more=message.more
+                )
+                return self._classify_hello(content, now_ns, data)
             case Welcome():
                 identity = _identity(message)
                 reason = misfit(self.identity, identity) or self.keys.misfit(message.name, message.more)
                 reason = reason or self._no_more_peers()
-                said = MessageData(sender, message.addressee, message.number, identity, reason, message.more)
-                return self._classify_welcome(said, now_ns, data)
+                content = MessageContent(sender, message.addressee, message.number, identity, reason, message.more)
+                return self._classify_welcome(content, now_ns, data)
             case Refuse():
-                said = MessageData(sender, message.addressee, reason=message.reason, more=message.more)
-                return self._classify_refusal(said, now_ns, data), said
+                content = MessageContent(sender, message.addressee, reason=message.reason, more=message.more)
+                return self._classify_refusal(content, now_ns, data), content
             case Bye():
-                return self._classify_bye(sender), MessageData(sender, reason=message.reason)
+                return self._classify_bye(sender), MessageContent(sender, reason=message.reason)
 
-    def _classify_hello(self, said: MessageData, now_ns: int, data: bytes) -> tuple[Input, MessageData]:
-        sender = said.sender
+    def _classify_hello(self, content: MessageContent, now_ns: int, data: bytes) -> tuple[Input, MessageContent]:
+        sender = content.sender
         if (never := self._never_a_peer(sender)) is not None:
-            return never, said
+            return never, content
         if self._is_peer(sender):
-            forged = bool(said.reason) or self.keys.is_other(sender, said.more)
-            return Input.FORGED_HELLO if forged else Input.HELLO_OF_PEER, said
-        if self.keys.must_prove(said.more):
-            answered, number = (said.more or {}).get(ANSWERS, (0, 0))
+            forged = bool(content.reason) or self.keys.is_other(sender, content.more)
+            return Input.FORGED_HELLO if forged else Input.HELLO_OF_PEER, content
+        if self.keys.must_prove(content.more):
+            answered, number = (content.more or {}).get(ANSWERS, (0, 0))
             if answered == self.identity.incarnation:
-                if not self.keys.is_proven(sender, said.more, data):
-                    return Input.FALSE_PROOF, said
+                if not self.keys.is_proven(sender, content.more, data):
+                    return Input.FALSE_PROOF, content
                 oldest = max(self._stale_hellos, self._answered.get(sender, 0))
-                said = said._replace(proven=oldest < number <= self.control.hellos)
-            if not said.proven:
-                return Input.UNPROVEN_UNFIT_HELLO if said.reason else Input.UNPROVEN_HELLO, said
-        if said.reason:
-            return Input.UNFIT_HELLO, said
-        waits = self._is_other_candidate(sender, now_ns, said.proven) or self._must_wait(sender, now_ns)
-        return Input.OTHER_CANDIDATE if waits else Input.HELLO, said
+                content = content._replace(proven=oldest < number <= self.control.hellos)
+            if not content.proven:
+                return Input.UNPROVEN_UNFIT_HELLO if content.reason else Input.UNPROVEN_HELLO, content
+        if content.reason:
+            return Input.UNFIT_HELLO, content
+        waits = self._is_other_candidate(sender, now_ns, content.proven) or self._must_wait(sender, now_ns)
+        return Input.OTHER_CANDIDATE if waits else Input.HELLO, content
 
-    def _classify_welcome(self, said: MessageData, now_ns: int, data: bytes) -> tuple[Input, MessageData]:
-        sender = said.sender
-        if said.addressee != self.identity.incarnation:
-            return Input.MISADDRESSED, said
+    def _classify_welcome(self, content: MessageContent, now_ns: int, data: bytes) -> tuple[Input, MessageContent]:
+        sender = content.sender
+        if content.addressee != self.identity.incarnation:
+            return Input.MISADDRESSED, content
         if self._is_peer(sender):
-            return Input.WELCOME_OF_PEER, said
+            return Input.WELCOME_OF_PEER, content
         if (never := self._never_a_peer(sender)) is not None:
-            return never, said
-        stale = not self._stale_hellos < said.number <= self.control.hellos
-        if self.keys.must_prove(said.more) and not stale:
-            if not self.keys.is_proven(sender, said.more, data):
-                return Input.FALSE_PROOF, said
-            said = said._replace(proven=True)
-        if self._is_other_candidate(sender, now_ns, said.proven):
-            return Input.OTHER_CANDIDATE, said
+            return never, content
+        stale = not self._stale_hellos < content.number <= self.control.hellos
+        if self.keys.must_prove(content.more) and not stale:
+            if not self.keys.is_proven(sender, content.more, data):
+                return Input.FALSE_PROOF, content
+            content = content._replace(proven=True)
+        if self._is_other_candidate(sender, now_ns, content.proven):
+            return Input.OTHER_CANDIDATE, content
         if stale:
-            return Input.STALE_WELCOME, said
-        return Input.UNFIT_WELCOME if said.reason else Input.WELCOME, said
+            return Input.STALE_WELCOME, content
+        return Input.UNFIT_WELCOME if content.reason else Input.WELCOME, content
 
-    def _classify_refusal(self, said: MessageData, now_ns: int, data: bytes) -> Input:
-        sender = said.sender
+    def _classify_refusal(self, content: MessageContent, now_ns: int, data: bytes) -> Input:
+        sender = content.sender
         if sender == self.identity.incarnation:
             return Input.OWN
-        if said.addressee != self.identity.incarnation:
+        if content.addressee != self.identity.incarnation:
             return Input.MISADDRESSED
         if self._is_peer(sender):
             return Input.REFUSAL_OF_PEER
-        if not self.keys.may_refuse(sender, said.more, data):
+        if not self.keys.may_refuse(sender, content.more, data):
             return Input.FALSE_PROOF
         return Input.OTHER_CANDIDATE if self._is_other_candidate(sender, now_ns, proven=False) else Input.REFUSAL
 
@@ -262,55 +264,55 @@ class Handshake:
             heard = Input.PEER_HEARD if self._living(now_ns) else Input.PEER_SILENT
             self.state = transition(self.state, heard).state
 
-    def _act(self, happened: Input, said: MessageData, now_ns: int) -> tuple[Event, ...]:
+    def _act(self, happened: Input, content: MessageContent, now_ns: int) -> tuple[Event, ...]:
         row = transition(self.state, happened)
         self.state = row.state
         events: tuple[Event, ...] = ()
         for action in row.actions:
-            events += self._do(action, said, now_ns)
+            events += self._do(action, content, now_ns)
         if row.drop is not None:
             kind, detail = row.drop.value
-            raise Ignored(kind, detail.format_map(said._asdict()), events)
+            raise Ignored(kind, detail.format_map(content._asdict()), events)
         return events
 
-    def _do(self, action: Action, said: MessageData, now_ns: int) -> tuple[Event, ...]:
+    def _do(self, action: Action, content: MessageContent, now_ns: int) -> tuple[Event, ...]:
         match action:
             case Action.MAKE_CANDIDATE:
-                self._make_candidate(said, now_ns)
+                self._make_candidate(content, now_ns)
             case Action.SEND_WELCOME:
-                self._send_welcome(said)
+                self._send_welcome(content)
             case Action.ASK_PROOF:
-                return self._ask_proof(said, now_ns)
+                return self._ask_proof(content, now_ns)
             case Action.REPORT_UNPROVEN:
-                return self._report(Unproven(), said.sender, now_ns)
+                return self._report(Unproven(), content.sender, now_ns)
             case Action.SEND_REFUSAL:
-                return self._refuse(said, now_ns)
+                return self._refuse(content, now_ns)
             case Action.REFUSE_RETIRED:
-                self._send_refusal(said.sender, self._retired[said.sender], self.keys.shared_with(said.sender))
+                self._send_refusal(content.sender, self._retired[content.sender], self.keys.shared_with(content.sender))
             case Action.SEND_HELLO:
                 self.control.say_hello(now_ns)
             case Action.PAIR:
-                return self._pair(said)
+                return self._pair(content)
             case Action.END_PAIR:
                 self._retire_peer()
                 self.control.say_hello(now_ns)
             case Action.REPORT_REFUSAL:
-                return self._report(PeerRefused(said.reason), said.sender, now_ns)
+                return self._report(PeerRefused(content.reason), content.sender, now_ns)
             case Action.REPORT_END_BY_REFUSAL:
-                return self._report(PeerRefused(said.reason, by_peer=True), said.sender, now_ns)
+                return self._report(PeerRefused(content.reason, by_peer=True), content.sender, now_ns)
             case Action.REPORT_BYE:
-                return (PeerLeft(said.reason),)
+                return (PeerLeft(content.reason),)
         return ()
 
-    def _pair(self, said: MessageData) -> tuple[Event, ...]:
-        identity = said.identity
+    def _pair(self, content: MessageContent) -> tuple[Event, ...]:
+        identity = content.identity
         assert identity is not None  # only a welcome pairs
         why = f"replaced by {identity.name}"
         if self.peer is not None:
             self._send_refusal(self.peer.incarnation, why, self.keys.shared_with(self.peer.incarnation))
         self._retire_peer(why)
         self.peer = identity
-        self.keys.keep(identity.incarnation, said.more)
+        self.keys.keep(identity.incarnation, content.more)
         self._candidate = None
         self._answered.clear()
         self.pairs += 1
@@ -321,28 +323,28 @@ class Handshake:
         encrypts = self.keys.cipher(peer.incarnation) is not None
         return Paired(peer, self.pairs, encrypts, self.keys.proof, self.keys.fingerprint(peer.incarnation))
 
-    def _make_candidate(self, said: MessageData, now_ns: int) -> None:
-        if said.sender != self._candidate or now_ns - self._candidate_since_ns > CANDIDATURE_NS:
+    def _make_candidate(self, content: MessageContent, now_ns: int) -> None:
+        if content.sender != self._candidate or now_ns - self._candidate_since_ns > CANDIDATURE_NS:
             self._candidate_since_ns = now_ns
-        self._candidate, self._candidate_ns, self._candidate_proven = said.sender, now_ns, said.proven
-        if said.proven and ANSWERS in (said.more or {}):
+        self._candidate, self._candidate_ns, self._candidate_proven = content.sender, now_ns, content.proven
+        if content.proven and ANSWERS in (content.more or {}):
             if len(self._answered) >= MAX_PEERS:
                 self._answered.clear()
-            self._answered[said.sender] = (said.more or {})[ANSWERS][1]
+            self._answered[content.sender] = (content.more or {})[ANSWERS][1]
 
-    def _ask_proof(self, said: MessageData, now_ns: int) -> tuple[Event, ...]:
-        if not self.keys.has_key(said.more):
-            self._send_refusal(said.sender, f"{_name(said)} has no secret, and this side has one")
-            return self._report(Unproven(), said.sender, now_ns)
-        if not self.control.is_full and (key := self.keys.key_for(said.sender, said.more)) is not None:
-            self.control.answer(said.sender, said.number, key)
+    def _ask_proof(self, content: MessageContent, now_ns: int) -> tuple[Event, ...]:
+        if not self.keys.has_key(content.more):
+            self._send_refusal(content.sender, f"{_name(content)} has no secret, and this side has one")
+            return self._report(Unproven(), content.sender, now_ns)
+        if not self.control.is_full and (key := self.keys.key_for(content.sender, content.more)) is not None:
+            self.control.answer(content.sender, content.number, key)
         return ()
 
-    def _refuse(self, said: MessageData, now_ns: int) -> tuple[Event, ...]:
-        self._send_refusal(said.sender, said.reason, self.keys.key_for(said.sender, said.more))
-        if self.keys.must_prove(said.more) and not said.proven:
-            return self._report(Unproven(), said.sender, now_ns)
-        return self._report(Mismatch(said.reason[:MAX_TEXT]), said.sender, now_ns)
+    def _refuse(self, content: MessageContent, now_ns: int) -> tuple[Event, ...]:
+        self._send_refusal(content.sender, content.reason, self.keys.key_for(content.sender, content.more))
+        if self.keys.must_prove(content.more) and not content.proven:
+            return self._report(Unproven(), content.sender, now_ns)
+        return self._report(Mismatch(content.reason[:MAX_TEXT]), content.sender, now_ns)
 
     def _retire_peer(self, why: str = "this incarnation was retired; restart it") -> None:
         if self.peer is not None:
@@ -350,14 +352,16 @@ class Handshake:
         self.peer = None
         self._stale_hellos = self.control.hellos
 
-    def _send_welcome(self, said: MessageData) -> None:
+    def _send_welcome(self, content: MessageContent) -> None:
         me = self.identity
-        others = len(self._retired) + (self.peer is not None and not self._is_peer(said.sender))
+        others = len(self._retired) + (self.peer is not None and not self._is_peer(content.sender))
         about = {**me.about, EARLIER: others} if others else me.about
-        welcome = Welcome(me.incarnation, said.sender, said.number, me.role, me.dof, me.name, about, self.keys.offer)
-        key = self.keys.key_for(said.sender, said.more)
-        if not self._is_peer(said.sender):
-            self.keys.meet(said.sender, key)
+        welcome = Welcome(
+            me.incarnation, content.sender, content.number, me.role, me.dof, me.name, about, self.keys.offer
+        )
+        key = self.keys.key_for(content.sender, content.more)
+        if not self._is_peer(content.sender):
+            self.keys.meet(content.sender, key)
         self.control.reply(welcome, key)
 
     def _send_refusal(self, incarnation: int, reason: str, key: bytes | None = None) -> None:
@@ -373,8 +377,8 @@ class Handshake:
         return (event,)
 
 
-def _name(said: MessageData) -> str:
-    return "a side" if said.identity is None else said.identity.name
+def _name(content: MessageContent) -> str:
+    return "a side" if content.identity is None else content.identity.name
 
 
 def _identity(message: Hello | Welcome) -> Identity:

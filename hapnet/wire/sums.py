@@ -24,7 +24,7 @@ from hapnet.wire.fields import SUMS
 from hapnet.wire.messages import Energy, Hello, Identity, Message, Welcome
 from hapnet.wire.secret import Keys
 
-TELLERS = "tellers"
+SENDERS = "senders"
 """Two have spoken in the name of one incarnation."""
 
 CREDITED = "credited"
@@ -39,7 +39,7 @@ KEYS = "keys"
 SEALS = "seals"
 """A message in the peer's name is not sealed, or not encrypted, with the key of the pair."""
 
-KINDS = (TELLERS, CREDITED, ACKNOWLEDGED, KEYS, SEALS)
+KINDS = (SENDERS, CREDITED, ACKNOWLEDGED, KEYS, SEALS)
 
 _MOST_KEPT = 4096
 """How many of its own messages a side remembers: 40 s of them at least."""
@@ -102,7 +102,7 @@ class Sums:
         reported = (message.more or {}).get(SUMS)
         if reported is None:
             self._without = True
-            return TELLERS if self._newest is not None else ""
+            return SENDERS if self._newest is not None else ""
         number, sent_nJ, seen = reported
         content = message.total_nJ, message.acked_nJ, sent_nJ, seen
         found = self._without or message.total_nJ > sent_nJ or seen > self._number
@@ -113,7 +113,7 @@ class Sums:
         if self._newest is None or number > self._newest[0]:
             self._newest, self._content = (number, sent_nJ), content
         if found:
-            return TELLERS
+            return SENDERS
         return CREDITED if sent_nJ < self._credited_by(seen) else ""
 
     def _credited_by(self, number: int) -> int:

@@ -21,7 +21,7 @@ from hapnet.couplings.ends import held_law
 from hapnet.couplings.registry import COUPLINGS, coupling, jointly_passive
 from hapnet.couplings.spec import CouplingSpec
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.loading import lent, published
+from hapnet.loading import published, shared_with_children
 from hapnet.param_values import parameter
 from hapnet.params import Params
 from hapnet.plant.worlds.registry import GROUP as WORLDS, make_scene
@@ -169,7 +169,10 @@ class Other:
 
 def test_two_laws_have_no_section_together() -> None:
     law = CouplingSpec("mine", "", "", "", *ENDS, Tuning, tune, parameters=Other, section="tdpa")
-    with lent(law, "law") as name, pytest.raises(InvalidParameter, match=r"^section of the coupling .* is 'tdpa'"):
+    with (
+        shared_with_children(law, "law") as name,
+        pytest.raises(InvalidParameter, match=r"^section of the coupling .* is 'tdpa'"),
+    ):
         coupling(name)
 
 
@@ -181,7 +184,7 @@ def test_an_end_that_lacks_a_part_is_named_before_the_run() -> None:
             return super().__getattribute__(name)
 
     with (
-        lent(dataclasses.replace(Mine, device=held_law(Mute)), "law") as name,
+        shared_with_children(dataclasses.replace(Mine, device=held_law(Mute)), "law") as name,
         pytest.raises(HapnetError, match=r"^the coupling .* failed: Mute has no release; allowed: .*DeviceLaw$"),
     ):
         simulate({**SHORT, "coupling": name}, seed=1)

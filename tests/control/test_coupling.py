@@ -11,9 +11,9 @@ from hapnet.control.coupling import (
     LawServo,
     LawState,
     LawSteps,
+    MotionSample,
     PortSample,
     Update,
-    MotionSample,
     WaveSample,
 )
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.assembly.build import prepare
-from hapnet.control.coupling import CouplingSample, PortSample, MotionSample, WaveSample
+from hapnet.control.coupling import CouplingSample, MotionSample, PortSample, WaveSample
 from hapnet.control.deadband import MAX_S, MIN_M, MIN_MPS, MIN_N, MIN_WAVE, Deadband
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params

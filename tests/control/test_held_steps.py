@@ -25,7 +25,7 @@ def steps(watchdog: float = math.inf) -> HeldSteps:
 def walked(made: HeldSteps, lengths: list[float]) -> tuple[PassiveIntegrator, Contacts]:
     contacts = Contacts((Wall((1.0,), 0.004, 3000.0, 10.0),), 1)
     mass = PassiveIntegrator(0.05, 1.0, 1.0, (0.0,))
-    mass.adopt(contacts)
+    mass.set_contacts(contacts)
     made.update(0.0, mass.position, 0.0)
     for k in range(300):
         made.coupling.receive((0.01,), 0.001 * k, 0.0)
@@ -50,7 +50,7 @@ def test_without_walls_the_account_has_what_the_robot_has() -> None:
     made = steps()
     mass = PassiveIntegrator(0.05, 1.0, 1.0, (0.0,))
     contacts = Contacts((), 1)
-    mass.adopt(contacts)
+    mass.set_contacts(contacts)
     made.update(0.0, mass.position, 0.0)
     for k in range(40):
         made.coupling.receive((0.01,), 0.001 * k, 0.0)
@@ -63,7 +63,7 @@ def test_without_walls_the_account_has_what_the_robot_has() -> None:
 def test_a_servo_that_is_too_late_gives_no_force_until_it_is_on_time() -> None:
     made = steps(watchdog=5 * PERIOD)
     contacts, mass = Contacts((), 1), PassiveIntegrator(0.05, 1.0, 1.0, (0.0,))
-    mass.adopt(contacts)
+    mass.set_contacts(contacts)
     made.update(0.0, mass.position, 0.0)
     made.coupling.receive((0.01,), 0.0, 0.0)
     forces = []

@@ -75,7 +75,7 @@ def test_the_proxy_of_a_steady_motion_stands_where_the_device_is(step: float, ag
     """B'/K' + T/2 is what the integrator lags behind a ramp (its step is a discrete first-order lag, for M -> 0)."""
     speed, damping, stiffness = 0.1, 14.0, 500.0
     mass = PassiveIntegrator(1e-9, damping, stiffness, (0.0,))
-    mass.adopt(Contacts((), 1))
+    mass.set_contacts(Contacts((), 1))
     source = PredictedDevice((0.0,), damping / stiffness, MotionPredictor())
     clock = 77.0  # the device's clock is so much ahead
     now = 0.0

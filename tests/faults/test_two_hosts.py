@@ -99,15 +99,15 @@ def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
 def assert_joint(end: dict[str, Any], ends: dict[Role, dict[str, Any]], role: Role) -> None:
     """One side's summary says of the other what that says of itself, as of the end of the one that ended first."""
     other: Role = "world" if role == "device" else "device"
-    assert end["told"]["side"] == other
-    assert end["told"]["whole"] is True
+    assert end["peer_report"]["side"] == other
+    assert end["peer_report"]["whole"] is True
     assert end["theorem"]["margin_J"] is not None
     assert end["theorem"]["bound_J"] == ends[other]["theorem"]["bound_J"]
     for name in ("peak_force_N", "peak_penetration_m", "contacts"):
         assert end["motion"][name] is not None
     assert end["path"]["up"]["sent"] > 0
     assert end["path"]["down"]["sent"] > 0
-    if end["told"]["final"]:
+    if end["peer_report"]["final"]:
         for name in ("margin_J", "slack_J", "bound_J", "work_J"):
             assert end[other]["ledger"][name] == ends[other][other]["ledger"][name]
 

@@ -299,7 +299,7 @@ def test_separate_walls_have_the_same_step_when_they_are_solved_together() -> No
     for y in rng.normal(0.0, 0.06, (300, 2)).tolist():
         dt = rng.uniform(0.001, 0.1)
         one, other = (PassiveIntegrator(0.02, 14.0, 500.0, (0.01, -0.01), (0.5, -2.0)) for _ in range(2))
-        other.adopt(newton)
+        other.set_contacts(newton)
         newton.separate = False
         for goal in (y, [-part for part in y], y):
             a, b = one.step(dt, tuple(goal), closed), other.step(dt, tuple(goal), newton)
@@ -317,11 +317,11 @@ def test_what_makes_walls_act_on_one_another() -> None:
     cases += [((M, B, K), [floor, side]) for M, B, K in ((skew, good, good), (good, skew, good), (good, good, skew))]
     for matrices, walls in cases:
         contacts = Contacts(walls)
-        PassiveIntegrator(*matrices, (0.0, 0.0)).adopt(contacts)
+        PassiveIntegrator(*matrices, (0.0, 0.0)).set_contacts(contacts)
         assert not contacts.separate
     for matrices, walls in (((good, good, good), [floor, side]), ((skew, skew, skew), [floor])):
         contacts = Contacts(walls)
-        PassiveIntegrator(*matrices, (0.0, 0.0)).adopt(contacts)
+        PassiveIntegrator(*matrices, (0.0, 0.0)).set_contacts(contacts)
         assert contacts.separate
 
 

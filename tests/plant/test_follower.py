@@ -118,7 +118,7 @@ def test_planes_near_a_scaled_robot_are_where_it_meets_them() -> None:
 def test_a_robots_contacts_are_drawn_from_where_it_truly_is() -> None:
     contacts = Contacts((Wall((1.0,), 0.02, 3000.0, 10.0),), 1)
     body = PassiveIntegrator(0.1, 1.0, 100.0, (0.0,))
-    body.adopt(contacts)
+    body.set_contacts(contacts)
     frame = Frame(0.5, 3.0, (0.0,))
     robot = Robot(body, contacts, frame, damping=0.0, resolution=1e-3, held=True, engine=False, here=False)
     around = RobotContacts(robot, sees=True)

@@ -173,7 +173,7 @@ def test_bad_vectors_in_a_step(bad: object, argument: str) -> None:
 def test_contacts_must_fit() -> None:
     integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0))
     with pytest.raises(InvalidParameter, match=r"contacts.dof is 1"):
-        integrator.adopt(Contacts([Wall((1.0,), 0.02, 3000.0)]))
+        integrator.set_contacts(Contacts([Wall((1.0,), 0.02, 3000.0)]))
     with pytest.raises(InvalidParameter, match=r"outside walls\[1\]"):
         integrator.step(0.01, (0.0, 0.0), Contacts([Wall((1.0, 0.0), 0.02, 3e3), Wall((0.0, 1.0), -1e-9, 3e3)]))
 
@@ -315,7 +315,7 @@ def test_a_mass_is_placed_at_rest_and_not_inside_a_wall() -> None:
     """There it would have the wall's potential from nothing; the surface itself is outside."""
     contacts = Contacts([Wall((1.0, 0.0), 0.02, 3e3)])
     integrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0), (0.1, 0.0))
-    integrator.adopt(contacts)
+    integrator.set_contacts(contacts)
     with pytest.raises(InvalidParameter, match=r"0\.021"):
         integrator.place((0.021, 0.0))
     assert (integrator.position, integrator.velocity) == ((0.0, 0.0), (0.1, 0.0))

@@ -39,7 +39,7 @@ def test_what_the_first_tick_tells_may_come_before_the_servo_is_ready(monkeypatc
         servo._pipe, servo._process = ours, subprocess.Popen([sys.executable, "-c", ""])
 
     monkeypatch.setattr(servo, "_open", open_ours)
-    assert theirs.offer("told", "buttons", (True,))
+    assert theirs.offer("signal", "buttons", (True,))
     assert theirs.offer("ready", None)
     try:
         assert servo.start() is None

@@ -327,9 +327,9 @@ async def test_a_hurried_side_does_not_wait_for_what_is_in_flight(monkeypatch: p
         device.side._link_driver._put = lambda kind, data: True
         await device.until(lambda: not device.side.wire.session.settled)
         device.stop.set()
-        device.side.hurry()
+        device.side.leave_at_once()
         await asyncio.wait_for(device.task, WAIT_S)
-        world.side.hurry()
+        world.side.leave_at_once()
 
 
 async def test_a_side_that_fails_says_goodbye() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hapnet.control.coupling import CouplingSample, PortSample, MotionSample, WaveSample
+from hapnet.control.coupling import CouplingSample, MotionSample, PortSample, WaveSample
 from hapnet.realtime.servo_pipe import Pipe, kind_of, sample_of, socket_pair
 
 

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import pytest
 
-from hapnet.control.coupling import CouplingSample, LawServo, PortSample, MotionSample, WaveSample
+from hapnet.control.coupling import CouplingSample, LawServo, MotionSample, PortSample, WaveSample
 from hapnet.control.deadband import Deadband
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence

@@ -8,7 +8,7 @@ import pytest
 from hapnet.assembly.build import prepare
 from hapnet.errors import InvalidParameter
 from hapnet.ext.study.impedance import transmission
-from hapnet.ext.study.tool_impedance import motions, way_of
+from hapnet.ext.study.tool_impedance import motions, path_of
 from hapnet.mechanics.pose import ARM_M
 from hapnet.params import Params
 
@@ -23,7 +23,7 @@ KW, BW = 3000.0, 10.0
 
 
 def truth(scene: str, motion: str, hz: float) -> complex:
-    return way_of(prepare(Params().set({**SPRINGS, "scene": scene})), motion).truth(hz)
+    return path_of(prepare(Params().set({**SPRINGS, "scene": scene})), motion).truth(hz)
 
 
 def in_series(solid: complex, near: float = K, far: float = FAR) -> complex:

@@ -40,7 +40,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "torn": ({"torn": ["device"]}, "the device's recording is torn: the rest of its account is missing"),
     "peer lost": (
-        {"told": {"side": "world", "as_of_s": 4.25, "final": False, "whole": False}},
+        {"peer_report": {"side": "world", "as_of_s": 4.25, "final": False, "whole": False}},
         "the rest of the world's account is missing since its last report, 4.2 s after pairing",
     ),
     "no reading": (
@@ -70,7 +70,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
     "contradiction": (
-        {"device.contradictions": {"tellers": 3}},
+        {"device.contradictions": {"senders": 3}},
         "somebody else spoke in the world's name: 3 of its energy messages cannot all be of one sender",
     ),
     "deficit": ({"world.deficit_max_J": 0.001}, "the world gave out 1 mJ that its reservoir did not have"),

@@ -82,7 +82,7 @@ async def playing(out: Path, **changes: object) -> AsyncIterator[Playing]:
         yield play
     finally:
         play.stop.set()
-        play.stage.hurry()
+        play.stage.leave_at_once()
         await asyncio.wait_for(play.task, WAIT_S)
         play.watcher.close()
 
@@ -248,7 +248,7 @@ async def test_what_is_asked_while_the_processes_start_is_not_lost(
         assert world.link["profile"] == "delay 33ms"
     finally:
         play.stop.set()
-        play.stage.hurry()
+        play.stage.leave_at_once()
         await asyncio.wait_for(play.task, WAIT_S)
         play.watcher.close()
     assert play.said.getvalue().count("recording ") == 1

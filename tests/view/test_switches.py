@@ -89,7 +89,7 @@ class PairHere:
 
     def stop(self) -> None:
         for side in self._sides.values():
-            side.hurry()
+            side.leave_at_once()
 
     def send(self, role: str, **command: Any) -> None:
         _do(self._sides[role], command)

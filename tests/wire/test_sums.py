@@ -68,7 +68,7 @@ def test_a_second_teller_is_found_once_he_is_overtaken(ahead: int, early_nJ: int
     for _ in range(max(0, ahead)):  # up to his number, if it is far ahead
         device.speak(0, True)
         world.hear(device.said[-1], 0)
-    assert world.sums.contradictions["tellers"] > 0
+    assert world.sums.contradictions["senders"] > 0
 
 
 def test_what_was_told_less_than_credited_needs_no_clock() -> None:

@@ -202,12 +202,12 @@ def at_home(table: ArmTable) -> tuple[Array, Array]:
     J, M = np.array(chain.tip.columns)[: chain.n].T, np.array(chain.inertia)[: chain.n, : chain.n]
     if np.abs(J).max() <= _ROUNDING * max(table.reaches):
         J[:] = 0.0
-    least, ways = np.linalg.eigh(M)
+    least, directions = np.linalg.eigh(M)
     bodies = added(
         [joint.mass * np.dot(joint.centre, joint.centre) + np.trace(joint.inertia) for joint in table.joints]
     )
     if not least[0] > _ROUNDING * max(least[-1], bodies):
-        joint = table.joints[int(np.argmax(np.abs(ways[:, 0])))]
+        joint = table.joints[int(np.argmax(np.abs(directions[:, 0])))]
         name = f"the inertia that {table.name}'s joint {joint.name} turns at home [kg m^2]"
         raise InvalidParameter(name, 0.0, "above 0, from an <inertia> or from a mass off the joint's axis")
     return J, M

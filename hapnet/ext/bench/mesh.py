@@ -40,7 +40,7 @@ def world_step_mesh(options: Options) -> Row:
     for name, path in others.items():
         other, beside = _beside(LedMass(mesh, path), mesh, options)
         more[name] = RoundFigures.of(other).median / RoundFigures.of(beside).median
-    other, beside = _beside(LedMass(mesh, goals(0.030), tells=True), mesh, options)
+    other, beside = _beside(LedMass(mesh, goals(0.030), sends_planes=True), mesh, options)
     more["told_ratio"] = RoundFigures.of(other).median / RoundFigures.of(beside).median
     limits = tuple([Limit(name, 4.0) for name in ("ratio", "mean_ratio", "fast_ratio", "free_ratio")])
     return Row("world_step_mesh", "us", what, subject, against, bare, more=more, limits=limits)
@@ -56,10 +56,10 @@ def _mean(times: Distribution) -> float:
 
 
 class LedMass:
-    """A virtual mass in front of a mesh that follows `goals` [m], a closed path. tells : its planes too?"""
+    """A virtual mass in front of a mesh that follows `goals` [m], a closed path. sends_planes : its planes too?"""
 
-    def __init__(self, mesh: Mesh, goals: Sequence[Vector], *, tells: bool = False) -> None:
-        self._tells = tells
+    def __init__(self, mesh: Mesh, goals: Sequence[Vector], *, sends_planes: bool = False) -> None:
+        self._sends_planes = sends_planes
         self._contacts = RigidContacts([Solid(mesh)], 3)
         self.mass: PassiveIntegrator = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0, 0.0))
         self._goals = cycle(goals)
@@ -81,7 +81,7 @@ class LedMass:
 
     def step(self) -> None:
         self.mass.step(STEP_S, self._goal, self._contacts)
-        if self._tells:
+        if self._sends_planes:
             self._contacts.planes(self.mass.position, _REACH_M)
 
 

@@ -144,9 +144,9 @@ def late_row(
 ) -> Row:
     """A row of lateness, a part for each round; its further figures begin with `late_share`."""
     ours, theirs = ([part.distribution for part in parts] for parts in (subject, bare))
-    said = "; ".join(filter(None, (rate_kept(subject, bare), note, subject[0].refusal)))
+    note_text = "; ".join(filter(None, (rate_kept(subject, bare), note, subject[0].refusal)))
     figures, limits = late_share(subject, bare) | dict(more or {}), (*limits, Limit("skipped_excess", SKIPPED_EXCESS))
-    return Row(name, "us", what, ours, against, theirs, more=figures, limits=limits, note=said)
+    return Row(name, "us", what, ours, against, theirs, more=figures, limits=limits, note=note_text)
 
 
 def _beside_bare(name: str, what: str, options: Options, *, busy_thread: bool) -> Row:

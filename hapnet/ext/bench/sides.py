@@ -128,8 +128,8 @@ class Side:
         self._process.kill()
         self._process.wait()
         self._errors.seek(0)
-        said = self._errors.read().strip().splitlines()
-        return f"the {self.role} process: {said[-1].removeprefix('hapnet: ') if said else otherwise}"
+        lines = self._errors.read().strip().splitlines()
+        return f"the {self.role} process: {lines[-1].removeprefix('hapnet: ') if lines else otherwise}"
 
     def _read(self) -> None:
         assert self._process.stdout is not None

@@ -69,10 +69,10 @@ def tick(side: LawDevice, wire: Wire, hand: Hand, now_ns: int, message: MessageS
         say_at_device(law, x, v)
     held_device.apply(side)
     if sending:
-        copy(n, law.said.value, message.position)
-        copy(n, law.said.more, message.more)
+        copy(n, law.outgoing.value, message.position)
+        copy(n, law.outgoing.more, message.more)
         message.planes, message.reach_m, message.level = 0, -1.0, -1.0
-        finish(wire, message, now_ns, law.said.amount)
+        finish(wire, message, now_ns, law.outgoing.amount)
 
 
 @equation
@@ -102,10 +102,10 @@ def answer(side: LawWorld, port: PortRecord, now_ns: int, dt: float) -> MessageS
     """`WorldControl.answer`."""
     mass, law, message = side.mass, side.law, links.spare(port.link, 0)
     counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, 0.0)
-    copy(mass.n, law.said.value, message.position)
-    copy(mass.n, law.said.more, message.more)
+    copy(mass.n, law.outgoing.value, message.position)
+    copy(mass.n, law.outgoing.more, message.more)
     message.planes, message.reach_m, message.level = 0, -1.0, -1.0
-    finish(port.wire, message, now_ns, law.said.amount)
+    finish(port.wire, message, now_ns, law.outgoing.amount)
     return message
 
 
@@ -130,7 +130,7 @@ def of_world(row: WorldRow, side: LawWorld, n: int) -> None:
 
 @equation
 def update(side: LawWorld, dt: float, x: Reals, dissipated: float) -> bool:
-    """`LawSteps.update`: what it says is then in `said`."""
+    """`LawSteps.update`: what it says is then in `outgoing`."""
     begin(side.law)
     say_at_world(side.law)
     return True

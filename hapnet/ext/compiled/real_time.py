@@ -38,7 +38,8 @@ SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
 """The ends, a simulated arm, and a handle that turns. `named` tells ends apart that have room for more axes."""
 
 _COMPILED: dict[str, tuple[Any, type[Record]]] = {
-    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEndRecord), ARM: (arm_end, ArmEnd), HANDLE: (handle_end, HandleEnd)
+    SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEndRecord),
+    ARM: (arm_end, ArmEnd), HANDLE: (handle_end, HandleEnd),
 }  # fmt: skip
 
 _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [VelocityPredictor, SmoothingFilter])

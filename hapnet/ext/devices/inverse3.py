@@ -133,10 +133,10 @@ class Inverse3(Driver):
     def home(self) -> None:
         assert self._last is not None, "it was read when it was made"
         if self._frame != self._preset:
-            said = "reports no preset" if self._frame is None else f"has it at {self._frame}"
+            found = "reports no preset" if self._frame is None else f"has it at {self._frame}"
             raise HapnetError(
-                f"the service did not put the arm {self._device} at {self._preset}: it {said}; a service before 3.5 has"
-                f" only preset={wire.NO_FRAME}"
+                f"the service did not put the arm {self._device} at {self._preset}: it {found}; a service before 3.5"
+                f" has only preset={wire.NO_FRAME}"
             )
         if not self._last.powered:
             raise HapnetError(f"the arm {self._device} has no power: plug its power supply in")
@@ -277,15 +277,17 @@ class Inverse3(Driver):
         self._service.send(wire.greeting(self._device, self._preset, self._spelling, self._kind))
 
     def _preset_in(self, message: dict[str, object] | None) -> str | None:
-        said = None if message is None else wire.preset_of(message, self._device)
-        return wire.NO_FRAME if said is None and self._preset == wire.NO_FRAME else said
+        found = None if message is None else wire.preset_of(message, self._device)
+        return wire.NO_FRAME if found is None and self._preset == wire.NO_FRAME else found
 
     def _learn_frame(self, message: dict[str, object] | None) -> None:
         """Take the preset that the arm has. One that is not what was asked for is no frame to render forces in."""
-        said = self._preset_in(message)
-        if self._last is not None and said != self._preset:
-            raise HapnetError(f"the service put the arm {self._device} at {said or 'no preset'}, not at {self._preset}")
-        self._frame = said
+        found = self._preset_in(message)
+        if self._last is not None and found != self._preset:
+            raise HapnetError(
+                f"the service put the arm {self._device} at {found or 'no preset'}, not at {self._preset}"
+            )
+        self._frame = found
 
     def _hear_of_force(self, newest: wire.Inverse3State) -> None:
         """Check that the service takes the forces. It reports the one that acts now.

@@ -140,15 +140,15 @@ def load() -> Check:
 
 
 def clock_resolution() -> Check:
-    said = time.get_clock_info("monotonic")
+    clock = time.get_clock_info("monotonic")
     steps = []
     for _ in range(100):
         began = now = time.monotonic_ns()
         while now == began:
             now = time.monotonic_ns()
         steps.append(now - began)
-    resolution = said.resolution
-    words = f"{said.implementation}: {resolution * 1e9:g} ns, steps of {min(steps)} ns seen"
+    resolution = clock.resolution
+    words = f"{clock.implementation}: {resolution * 1e9:g} ns, steps of {min(steps)} ns seen"
     source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource").strip()
     words += f", source {source}" if source else ""
     if min(steps) > 5000:

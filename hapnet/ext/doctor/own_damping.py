@@ -93,13 +93,13 @@ def own_damping(
             for _ in range(TRIALS)
         ]
         found = [trial.damping for trial in trials]
-        said = f"{len(trials)} trials found {min(found):.2g} to {max(found):.2g} Ns/m"
+        range_text = f"{len(trials)} trials found {min(found):.2g} to {max(found):.2g} Ns/m"
         if (bound := lower_bound(trials)) <= 0.0:
-            raise Unmeasured(said)
+            raise Unmeasured(range_text)
     except Unmeasured as why:
         return Check(NAME, why.state, f"not known: {why}", "leave device.trusted_damping at 0")
     advice = f"--set device.trusted_damping={bound:g}, if nobody touched the handle"
-    return Check(NAME, OK, f"at least {bound:g} Ns/m ({said})", advice)
+    return Check(NAME, OK, f"at least {bound:g} Ns/m ({range_text})", advice)
 
 
 def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> DampingEstimate:

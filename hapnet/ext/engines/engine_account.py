@@ -168,12 +168,12 @@ class EngineAccount:
         return self._entered(h, force, inner(force, moved), supplied, most_J)
 
     def coupled_substep(
-        self, h: float, told: tuple[Vector, Array, Array], force_of: Coupling, most_J: float
+        self, h: float, goal: tuple[Vector, Array, Array], force_of: Coupling, most_J: float
     ) -> tuple[Vector, float]:
-        """As `substep`, of a `CoupledEngine` which is `told` the set-position, K' and B'."""
+        """As `substep`, of a `CoupledEngine` which is `goal` the set-position, K' and B'."""
         self._save()
         before = self.position
-        moved, supplied = self._advance("coupled_substep", h, *told)
+        moved, supplied = self._advance("coupled_substep", h, *goal)
         force = force_of(before, self.position)
         return self._entered(h, force, inner(force, moved), supplied, most_J)
 

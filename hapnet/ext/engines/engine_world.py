@@ -82,7 +82,7 @@ class EngineMass(Mass):
         self._B, self._K = _matrix("damping", damping, account.dof), _matrix("stiffness", stiffness, account.dof)
         self._lightness = np.array(np.linalg.inv(_matrix("mass", mass, account.dof)))
         self._damper, self._stiffness = _product(self._B), _product(self._K)
-        self._tells = isinstance(account.engine, CoupledEngine)
+        self._is_coupled = isinstance(account.engine, CoupledEngine)
         self._pushed: Vector = (0.0,) * account.dof
         """Acceleration that all but the coupling gave the proxy in the last substep [m/s^2]."""
         self._gains_of: tuple[float, object] = (0.0, None)
@@ -97,7 +97,7 @@ class EngineMass(Mass):
     def velocity(self) -> Vector:
         return self._account.velocity
 
-    def afford(self, energy_J: float) -> None:
+    def limit_energy(self, energy_J: float) -> None:
         self._available_J = energy_J
 
     def place(self, position: ArrayLike) -> None:
@@ -107,7 +107,7 @@ class EngineMass(Mass):
     def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
         before = self._potential_J(self._account.position, set_position)
         most = _PAID * (before + self._available_J)
-        done = self._made(dt, self._coupled if self._tells else self._held, set_position, most)
+        done = self._made(dt, self._coupled if self._is_coupled else self._held, set_position, most)
         return done._replace(dissipated_J=done.work_J - (self._potential_J(done.position, set_position) - before))
 
     def _made(self, dt: float, kind: Callable[[float], Substep], given: Vector, most_J: float) -> Step:

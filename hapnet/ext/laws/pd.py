@@ -125,8 +125,8 @@ class DevicePD(_Gained, DeviceEnd):
     @equation
     def say(self, x: Reals, v: Reals) -> None:
         """The device's motion."""
-        copy(self.n, x, self.said.value)
-        copy(self.n, v, self.said.more)
+        copy(self.n, x, self.outgoing.value)
+        copy(self.n, v, self.outgoing.more)
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         """The spring is tied to x until a sample arrives."""
@@ -172,8 +172,8 @@ class WorldPD(_Gained, WorldEnd):
     @equation
     def say(self) -> None:
         """The mass's motion."""
-        copy(self.n, self.x, self.said.value)
-        copy(self.n, self.vhat, self.said.more)
+        copy(self.n, self.x, self.outgoing.value)
+        copy(self.n, self.vhat, self.outgoing.more)
 
 
 @dataclass(frozen=True)

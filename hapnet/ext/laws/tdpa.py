@@ -151,8 +151,8 @@ class TdpaDevice(DeviceEnd):
     @equation
     def say(self, x: Reals, v: Reals) -> None:
         """The position, and E_in."""
-        copy(self.n, x, self.said.value)
-        self.said.amount = self.observer.put_in
+        copy(self.n, x, self.outgoing.value)
+        self.outgoing.amount = self.observer.put_in
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
         """Observe the force held so long."""

@@ -220,8 +220,10 @@ def touches(
     depth, resistance = found
     times = device["time_s"]
     inside = np.flatnonzero(depth > 0.0)
-    gone = np.flatnonzero((np.diff(times[inside]) > _AWAY_S) & (np.diff(inside) > 1))  # in a gap nobody saw it leave
-    first, last = inside[np.r_[0, gone + 1]], inside[np.r_[gone, len(inside) - 1]]
+    after_gap = np.flatnonzero(
+        (np.diff(times[inside]) > _AWAY_S) & (np.diff(inside) > 1)
+    )  # in a gap nobody saw it leave
+    first, last = inside[np.r_[0, after_gap + 1]], inside[np.r_[after_gap, len(inside) - 1]]
     ends_s = np.minimum(times[last] + round_trip_s, np.r_[times[first[1:]], np.inf])
     lasting = durations_s(device)
     total, age = np.r_[0.0, np.cumsum(resistance * lasting)], np.r_[0.0, np.cumsum(lasting)]

@@ -40,7 +40,7 @@ _WORDS = {
 def label_of(coupling: str, rendering: str) -> str:
     """The choice that this coupling with this rendering is; a user's own coupling is its own label."""
     spec = registry.known(coupling)
-    if rendering == "auto" and spec is not None and spec.world_tells:
+    if rendering == "auto" and spec is not None and spec.sends_planes:
         rendering = "hapnet"
     return next((label for label, choice in CHOICES.items() if choice == (coupling, rendering)), coupling)
 

@@ -110,14 +110,14 @@ class Gate:
             "ws://viser/", sock=await self._inner(), subprotocols=[self._subprotocol], compression=None, max_size=None,
             ping_interval=None, user_agent_header=None,
         ) as viser:  # fmt: skip
-            ways = [
+            tasks = [
                 asyncio.create_task(_to_page(viser, browser, offered)),
                 asyncio.create_task(self._to_viser(browser, viser, offered)),
             ]
-            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-            for way in ways:
-                way.cancel()
-            await asyncio.gather(*ways, return_exceptions=True)
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _to_viser(self, browser: ServerConnection, viser: ClientConnection, offered: Offered) -> None:
         with suppress(ConnectionClosed):

@@ -113,13 +113,13 @@ def _lines(rows: Iterable[tuple[str, str]]) -> str:
 
 def _past(episodes: Iterable[Episode]) -> str:
     """The pairs before this one, each with its own verdict."""
-    said = []
+    parts = []
     for (label, passive), alike in groupby(episodes, _outcome):
         word, colour = _VERDICTS[passive]
         count = len(list(alike))
         times = f" ({count} times)" if count > 1 else ""
-        said.append(f'{html.escape(label)} <span style="color:{colour}">{word}</span>{times}')
-    return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(said)}</div>' if said else ""
+        parts.append(f'{html.escape(label)} <span style="color:{colour}">{word}</span>{times}')
+    return f'<div style="opacity:.8" class="hapnet-past">before: {" · ".join(parts)}</div>' if parts else ""
 
 
 def _outcome(episode: Episode) -> tuple[str, bool | None]:

@@ -32,8 +32,8 @@ _OF_PARTS = dict(zip(STACK, ("#93c5fd", "#c4b5fd", "#86efac", "#fdba74"), strict
 
 def _legend(*entries: tuple[str, str]) -> str:
     whole = '<span style="white-space:nowrap"><span style="color:{}">&#9632;</span> {}</span>'
-    said = " &nbsp; ".join(whole.format(colour, name) for name, colour in entries)
-    return f'<div style="padding:2px 12px 0;font-size:11px">{said}</div>'
+    words = " &nbsp; ".join(whole.format(colour, name) for name, colour in entries)
+    return f'<div style="padding:2px 12px 0;font-size:11px">{words}</div>'
 
 
 class Plots:

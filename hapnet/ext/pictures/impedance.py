@@ -46,10 +46,10 @@ def transmitted(curves: dict[tuple[str, str], Curve], motion: str = "") -> Figur
             for axis, truth in ((above, [z.real for z in any_of.truth]), (below, any_of.true_damping)):
                 axis.semilogx(any_of.frequency_hz, truth, "k--", label=f"true {thing}, through the springs")
             off, best = min((one.off, name) for name, one in shown.items())
-            said = f"{link}: {best} shows the {thing}'s stiffness within {100.0 * off:.2g} %"
+            heading = f"{link}: {best} shows the {thing}'s stiffness within {100.0 * off:.2g} %"
             if motion:
-                said = f"{motion.replace('-', ' ')}, {said}"
-            above.set_title(fill(said, 100 // len(links)), parse_math=False)
+                heading = f"{motion.replace('-', ' ')}, {heading}"
+            above.set_title(fill(heading, 100 // len(links)), parse_math=False)
             below.set_xlabel("frequency [Hz]")
             below.set_xlim(any_of.frequency_hz[0], TICKS_HZ[-1])
             below.set_xticks(TICKS_HZ, map(str, TICKS_HZ))

@@ -19,7 +19,7 @@ from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_recordings
-from hapnet.summary.structure import Summary
+from hapnet.summary.structure import MotionFigures, Summary
 from hapnet.summary.words import legible, verdict
 
 PAGE = "report.html"
@@ -87,7 +87,9 @@ def report(what: Recorded, directory: str | PathLike[str] | None = None) -> Repo
         summary = of_recordings(found.files, found.parts) if found.files else of_recordings([Path("run")], found.parts)
         reported, moved = summary.get("motion"), motion(found.whole)
         if isinstance(reported, Mapping):  # the other side's report of its own stays
-            moved = cast("MotionFigures", {key: reported.get(key) if one is None else one for key, one in moved.items()})
+            moved = cast(
+                "MotionFigures", {key: reported.get(key) if one is None else one for key, one in moved.items()}
+            )
         summary["motion"] = moved
     sources = [source_of(file, recording) for file, recording in zip(found.files, found.parts, strict=False)]
     made = Report(_legible(replace(found.whole, summary=summary)), tuple(sources), found.parts)

@@ -163,8 +163,8 @@ def _margin_words(recording: Recording) -> str:
     """The most energy that ever came out, and the margin at the end."""
     theorem = read(recording.summary)["theorem"]
     reported = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
-    said = [f"{millijoule(value)} mJ {words}" for words, value in reported.items() if value is not None]
-    return f" ({', '.join(said)})" if said else ""
+    parts = [f"{millijoule(value)} mJ {words}" for words, value in reported.items() if value is not None]
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def _path(panel: Axes, recording: Recording, plane: tuple[int, int]) -> None:
@@ -313,14 +313,14 @@ def replay_figure(original: Recording, again: Recording) -> Figure:
             (panels[0], "position_m", 1e3, f"device's position [{within(unit, 'mm')}]"),
             (panels[1], "force_N", 1.0, f"force on the device [{within(unit, 'N')}]"),
         ):
-            for run, said, style in (
+            for run, parts, style in (
                 (again, "replay", {"color": COLOURS[5], "linewidth": 2.2}),
                 (original, "original", {"color": "black", "linestyle": "--", "linewidth": 0.9}),
             ):
                 assert run.device is not None
                 values = run.device[name]
                 if axis < values.shape[1]:
-                    panel.plot(hand_times(run), values[:, axis] * scale, label=said, **style)
+                    panel.plot(hand_times(run), values[:, axis] * scale, label=parts, **style)
             panel.set_ylabel(label)
         legend_above(panels[0])
         panels[1].set_xlabel("time since control started [s]")

@@ -73,8 +73,8 @@ def scene_figure(recording: Recording) -> Figure | None:
         ghosts = [part for moment in others for part in _placed(parts, moment) if part.body != RESTS]
         shown, ghosts = (_near(proxy, some) for some in (shown, ghosts))
         if arm is not None:
-            links, ways = _arm_at(arm, recording)
-            shown, ghosts = shown + links, ghosts + ways
+            links, ghost_links = _arm_at(arm, recording)
+            shown, ghosts = shown + links, ghosts + ghost_links
         _surfaces(axes, [part for part in shown if part.body == RESTS], _OPACITY, zorder=0)
         _surfaces(axes, ghosts, _FAINT, zorder=1)
         _surfaces(axes, [part for part in shown if part.body != RESTS], 1.0, zorder=2)

@@ -210,8 +210,8 @@ class BusEmulator(Emulator):
             elif packet.code in (wire.PING, wire.REBOOT):
                 if packet.code == wire.REBOOT:
                     self.make(one, one.table[x_series.RETURN_DELAY])
-                told = self.about(one) if packet.code == wire.PING else b""
-                self._at(end_ns, lambda at_ns: self._confirm(one, 0, at_ns, told))
+                answer = self.about(one) if packet.code == wire.PING else b""
+                self._at(end_ns, lambda at_ns: self._confirm(one, 0, at_ns, answer))
             else:
                 self._at(end_ns, lambda at_ns: self._confirm(one, INSTRUCTION, at_ns))
         for servo in self.servos.values():

@@ -88,8 +88,8 @@ class Robot(Mass):
     def port_J(self, counted_J: float) -> float:
         return self.done_J if self.held else counted_J
 
-    def adopt(self, contacts: Surroundings) -> None:
-        self.body.adopt(self.contacts)
+    def set_contacts(self, contacts: Surroundings) -> None:
+        self.body.set_contacts(self.contacts)
 
     def place(self, position: Vector) -> None:
         """The leader is at `position` [m]: that is where the robot stands, if it begins `here`. It does not move."""

@@ -205,12 +205,12 @@ class SoftContacts(Surroundings):
         rows = np.arange(self.solids.balls, self.solids.rows)
         return rows, np.tile(centre, (len(rows), 1))
 
-    def depths(self, points: Array, centre: Array, way: Array) -> Array:
+    def depths(self, points: Array, centre: Array, travel: Array) -> Array:
         """Of all rows (C,) [m]: how deep they are, each of which may go so far (C,) [m]."""
         ball, middle = slice(0, self.points), slice(self.points, self.points + self.solids.balls)
         corners = slice(0, self.solids.count)
         found, _ = self.gaps(points[ball], centre, ball)
-        others = self.solids.depths(points[corners], way[middle])
+        others = self.solids.depths(points[corners], travel[middle])
         return np.concatenate([found, others, self.solids.tangents(*self._balls(centre))[0]])
 
     def friction(self, rows: Indices, places: Array) -> Array:
@@ -237,9 +237,9 @@ class SoftContacts(Surroundings):
         n, place, free = self._dof, np.array(padded(position)), np.array(padded(velocity))
         compliance = np.zeros((3, 3))
         compliance[:n, :n] = compliance_of(inverse, n)
-        points, way = self.places(self.body.x), self._way(dt, free)
-        depths = self.depths(points, place, way)
-        force, ball = self._advance(dt, points, depths, way, place, free, compliance)
+        points, travel = self.places(self.body.x), self._travel(dt, free)
+        depths = self.depths(points, place, travel)
+        force, ball = self._advance(dt, points, depths, travel, place, free, compliance)
         self.centre = place + dt * ball
         return tuple((-force)[:n].tolist()), ball[:n].tolist()
 
@@ -249,14 +249,14 @@ class SoftContacts(Surroundings):
         first, longest = _SETTLING_S
         for turn in range(_SETTLES):
             dt = min(first * 2.0**turn, longest)
-            points, way = self.places(body.x), self._way(dt, none)
+            points, travel = self.places(body.x), self._travel(dt, none)
             depths = np.full(len(points), -np.inf)
             nodes = points[: self.solids.count]
             depths[self.points : self.points + self.solids.balls] = self.solids.depths(
-                nodes, way[self.points : self.points + self.solids.balls]
+                nodes, travel[self.points : self.points + self.solids.balls]
             )
             self.reservoir_J = inf
-            self._advance(dt, points, depths, way, none, none, np.zeros((3, 3)))
+            self._advance(dt, points, depths, travel, none, none, np.zeros((3, 3)))
             body.v[:] = 0.0
             speed = float(np.abs(body.mean).max())
             if speed < _SETTLED_MPS:
@@ -267,21 +267,21 @@ class SoftContacts(Surroundings):
         self.reservoir_J, self.discarded_J = RESERVOIR_J, 0.0
         return speed
 
-    def _way(self, dt: float, free: Array) -> Array:
+    def _travel(self, dt: float, free: Array) -> Array:
         """How far each row may go [m]: what ball and body go, and what the body falls."""
-        gone = np.linalg.norm(self.places(self.body.mean), axis=1) + self.by_ball * np.linalg.norm(free)
-        found: Array = dt * (gone + (1.0 - self.by_ball) * dt * self._falling)
+        reached = np.linalg.norm(self.places(self.body.mean), axis=1) + self.by_ball * np.linalg.norm(free)
+        found: Array = dt * (reached + (1.0 - self.by_ball) * dt * self._falling)
         return found
 
     def _advance(
-        self, dt: float, points: Array, depths: Array, way: Array, place: Array, free: Array, compliance: Array
+        self, dt: float, points: Array, depths: Array, travel: Array, place: Array, free: Array, compliance: Array
     ) -> tuple[Array, Array]:
         """One step. The ball's force on all (3,) [N], and its velocity (3,) [m/s]."""
         body = self.body
         self._anchor(depths)
         b = body.push(dt, body.mean)
         self._outward = self.outward()
-        touch = ContactEquations(self, dt, self._near(depths, points, way, place, dt * free), free, compliance)
+        touch = ContactEquations(self, dt, self._near(depths, points, travel, place, dt * free), free, compliance)
         touch.place(points, depths, place)
         mean, forces, self.rounds = body.mean, self.forces[touch.points], 0
         expected, is_far = mean, False
@@ -300,17 +300,17 @@ class SoftContacts(Surroundings):
         self._finish(dt, touch, mean, rho, forces)
         return touch.on_ball(forces), ball
 
-    def _near(self, depths: Array, points: Array, way: Array, place: Array, going: Array) -> Indices:
+    def _near(self, depths: Array, points: Array, travel: Array, place: Array, going: Array) -> Indices:
         """The rows that may touch in this step: those that do, and those that may come to.
 
-        way : how far each may go (C,) [m]. going : the ball's way from `place` on (3,) [m].
+        travel : how far each may go (C,) [m]. going : the ball's way from `place` on (3,) [m].
         """
         apart = points - place
         share = np.clip(apart @ going / max(float(going @ going), 1e-12), 0.0, 1.0)
         passing = self.skin.radius - np.linalg.norm(apart - share[:, None] * going, axis=1)
         by_ball = (np.arange(len(depths)) < self.points) & (depths > -np.inf)
         ahead = np.where(by_ball, np.maximum(depths, passing), depths)
-        near = np.flatnonzero(ahead > -(way - by_ball * np.linalg.norm(going) + _NEAR_M))
+        near = np.flatnonzero(ahead > -(travel - by_ball * np.linalg.norm(going) + _NEAR_M))
         first = int(np.searchsorted(near, self.points))
         return np.concatenate([_deepest(near[:first], ahead, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
 
@@ -330,7 +330,7 @@ class SoftContacts(Surroundings):
             kept[touch.points] = new
         body.advance(dt, mean)
         if self.still is not None:
-            shape = self.places(body.x + body.beta_s * mean - touch.given_way(forces))
+            shape = self.places(body.x + body.beta_s * mean - touch.yielded(forces))
             self.still += dt / (_STAYS_S + dt) * (shape - self.still)
         whole = self.reservoir_J + dissipated
         self.reservoir_J = min(whole, RESERVOIR_J)

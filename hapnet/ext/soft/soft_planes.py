@@ -156,9 +156,9 @@ def _curvatures(contacts: SoftContacts, first: int, n: Array) -> Curvatures:
     near = ((rest - rest[first]) ** 2).sum(axis=1) < (1.5 * contacts.skin.radius) ** 2
     near = np.flatnonzero(near & (outward @ facing > _FACING))
     basis = np.array(across(tuple(facing.tolist())))
-    way = (rest[near] - rest[first]) @ basis.T
+    travel = (rest[near] - rest[first]) @ basis.T
     height = (rest[near] - rest[first]) @ facing
-    a, b = way.T
+    a, b = travel.T
     (_, _, aa, ab, bb), *_ = np.linalg.lstsq(
         np.stack([a, b, -0.5 * a * a, -a * b, -0.5 * b * b], axis=1), height, rcond=None
     )

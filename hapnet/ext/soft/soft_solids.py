@@ -53,15 +53,15 @@ class Solids:
             normals[i] = [(-part if is_ball else part) / size for part in gradient]
         return depths, normals
 
-    def depths(self, nodes: Array, way: Array) -> Array:
+    def depths(self, nodes: Array, travel: Array) -> Array:
         """Of all rows but the ball's (R,), with the nodes at (M, 3) [m]; each row may go so far (R,) [m].
 
-        Of what stays clear of a solid it is no more than that: less than -`way`.
+        Of what stays clear of a solid it is no more than that: less than -`travel`.
         """
         moved = np.linalg.norm(nodes - self._seen, axis=1)
         self._clear -= np.concatenate([moved * solid.shape.slope for solid in self.solids] or [moved[:0]])
         self._seen = nodes.copy()
-        near = np.flatnonzero(~(self._clear > way))
+        near = np.flatnonzero(~(self._clear > travel))
         self._clear[near] = -self.tangents(near, nodes[near % self.count])[0]
         return -self._clear
 

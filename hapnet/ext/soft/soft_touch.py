@@ -94,13 +94,13 @@ class ContactEquations:
         self._places = np.where(self._in_body, points[self.points], centre)
         self._mu = self._contacts.friction(self.points, self._places)
 
-    def _way(self, rho: Array, ball: Array) -> Array:
+    def _travel(self, rho: Array, ball: Array) -> Array:
         """How far the rows go (k, 3) [m] if these are the velocities."""
         return self._dt * np.where(self._in_body, self._by_ball * ball - rho, ball)
 
     def _see(self, rho: Array, ball: Array) -> tuple[Array, Array]:
         """The solids' tangents half way: how deep the rows would be without their own way [m], and the normals."""
-        rows, half = slice(self._first, None), 0.5 * self._way(rho, ball)[self._first :]
+        rows, half = slice(self._first, None), 0.5 * self._travel(rho, ball)[self._first :]
         depths, normals = self._contacts.solids.tangents(
             self.points[rows] - self._contacts.points, self._places[rows] + half
         )
@@ -109,9 +109,9 @@ class ContactEquations:
     def _gaps(self, rho: Array, ball: Array, solids: tuple[Array, Array]) -> tuple[Array, Array]:
         """Depths (k,) [m] at the step's end, and normals (k, 3) half way, if these are the velocities."""
         contacts, dt, first = self._contacts, self._dt, self._first
-        way, place, rows = self._way(rho, ball)[:first], self._places[:first], self.points[:first]
-        depths, _ = contacts.gaps(place + way, self._centre + dt * ball, rows)
-        _, normals = contacts.gaps(place + 0.5 * way, self._centre + 0.5 * dt * ball, rows)
+        travel, place, rows = self._travel(rho, ball)[:first], self._places[:first], self.points[:first]
+        depths, _ = contacts.gaps(place + travel, self._centre + dt * ball, rows)
+        _, normals = contacts.gaps(place + 0.5 * travel, self._centre + 0.5 * dt * ball, rows)
         still, across = solids
         return (
             np.concatenate([depths, still + dt * (across * rho[first:]).sum(axis=1)]),
@@ -229,7 +229,7 @@ class ContactEquations:
         local = self._from_points @ forces[self._known].ravel()
         return self._contacts.body.to_world(self._columns @ local)
 
-    def given_way(self, forces: Array) -> Array:
+    def yielded(self, forces: Array) -> Array:
         """How far the nodes of a body that is held have given way to the ball, if its forces (k, 3) last (N, 3) [m]."""
         return (0.5 * self._dt + self._contacts.body.beta_s) * self.spread(self._by_ball * forces)
 
@@ -256,8 +256,8 @@ class ContactEquations:
 def shares(before: Array, after: Array) -> Array:
     """theta: the share of a way that lies inside, from its depths at both ends."""
     d0, d1 = np.maximum(before, -1.0), np.maximum(after, -1.0)
-    way = np.maximum(np.abs(d1 - d0), 1e-12)
-    inside = np.minimum(1.0, np.maximum(np.maximum(d0, d1), 0.0) / way)
+    travel = np.maximum(np.abs(d1 - d0), 1e-12)
+    inside = np.minimum(1.0, np.maximum(np.maximum(d0, d1), 0.0) / travel)
     return np.where(np.minimum(d0, d1) > 0.0, 1.0, inside)
 
 

@@ -270,10 +270,10 @@ class FootSecant(Secant):
             if share == 1.0 or len(planes) == MOST_PLANES:
                 break
             one = self._plane_at(along(place, path, share), face)
-            if dot(one.normal, path) >= 0.0 or any(_tells(other, one) for other in planes):
+            if dot(one.normal, path) >= 0.0 or any(_covers(other, one) for other in planes):
                 continue
             most = _HALF_AS_FAR * share + _NEARBY_M / _AROUND_M
-            free = [along(place, way, min(most, until)) for until, _, way in found]
+            free = [along(place, direction, min(most, until)) for until, _, direction in found]
             if any(one.depth(there) > _GHOST_M for there in [*free, *[other.at for other in planes]]):
                 continue
             planes.append(one)
@@ -337,7 +337,7 @@ class _Plane:
         return (-a, -b, -c)
 
 
-def _tells(known: _Plane, one: _Plane) -> bool:
+def _covers(known: _Plane, one: _Plane) -> bool:
     """Whether the plane that is known already covers that one, or that one lies behind it."""
     depth = known.depth(one.at)
     return depth > _GHOST_M or (depth > -_GHOST_M and dot(known.normal_at(one.at), one.normal) > 0.9)

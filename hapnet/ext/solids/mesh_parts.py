@@ -81,13 +81,13 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
         raise InvalidParameter("mesh", f"{count} parts without volume", "a solid")
     solids, turned, cavities = _oriented(parts)
     made, before, after = _united(solids)
-    said = [
+    counts = [
         f"{len(every) - len(parts)} without volume left out" * (len(parts) < len(every)),
         f"{turned} turned, inside out in the file" * (turned > 0),
         f"{before} that overlap or touch joined into {after}" * (before > 0),
         f"{cavities} kept as a cavity" * (cavities > 0),
     ]
-    done = "; ".join(filter(None, said))
+    done = "; ".join(filter(None, counts))
     if not (turned or before or len(parts) < len(every)):
         return vertices, triangles, ""
     start = np.cumsum([0, *[len(part.vertices) for part in made]])

@@ -131,8 +131,8 @@ class Secant(Record):
         if found.distance_m > reach:
             return []
         # If the front is what counts, and the back is nearer, the shape tells how the back bends.
-        told = isinstance(self.shape, Bent) and self.shape.near(x).gradient == found.gradient
-        return [Tangent(*found, self.shape.curvatures(x) if told and isinstance(self.shape, Bent) else ())]
+        is_same = isinstance(self.shape, Bent) and self.shape.near(x).gradient == found.gradient
+        return [Tangent(*found, self.shape.curvatures(x) if is_same and isinstance(self.shape, Bent) else ())]
 
     def farther_than(self, reach: float, x: Vector) -> bool:
         """Whether the surface is surely farther than `reach` [m] from `x`, by the values known nearby, at no cost."""

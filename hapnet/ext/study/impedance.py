@@ -130,16 +130,16 @@ def transmission(params: Params, seed: int, periods: int = 4, motion: str = "") 
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
     own = {"operator": "rest", "duration_s": begin_s + periods * PERIOD_S + 0.5, "record_hz": params.device.servo_hz}
     setup = prepare(params.set({**servo, **own}), "sampled")
-    way = tool_impedance.way_of(setup, motion) if motion else _into_the_wall(setup)
-    recording = Simulation(setup.params, seed, replace(setup, hand=way.hand)).run().recording
+    path = tool_impedance.path_of(setup, motion) if motion else _into_the_wall(setup)
+    recording = Simulation(setup.params, seed, replace(setup, hand=path.hand)).run().recording
     step_s = 1.0 / setup.params.device.servo_hz
     first = round(begin_s / step_s)
     measured = slice(first, first + periods * round(PERIOD_S / step_s))
-    along, resistance = way.along(recording)
+    along, resistance = path.along(recording)
     lines = transmitted(along[measured], resistance[measured], step_s, PERIOD_S, HARMONICS)
     turns = bool(motion) and tool_impedance.turns(motion)
-    truth = tuple(way.truth(line.frequency_hz) for line in lines)
-    return Transmission(tuple(lines), truth, off_hz(lines, way.truth), turns)
+    truth = tuple(path.truth(line.frequency_hz) for line in lines)
+    return Transmission(tuple(lines), truth, off_hz(lines, path.truth), turns)
 
 
 def _into_the_wall(setup: Setup) -> Way:

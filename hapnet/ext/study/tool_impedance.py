@@ -47,7 +47,7 @@ def turns(motion: str) -> bool:
     return motion.startswith(ABOUT)
 
 
-def way_of(setup: Setup, motion: str) -> Way:
+def path_of(setup: Setup, motion: str) -> Way:
     """The hand that makes this motion, and the true impedance there.
 
     Raises InvalidParameter: there is no such motion, or the scene is none of a tool among solids.
@@ -97,14 +97,14 @@ def _home(contacts: ToolContacts) -> Vector:
         return (0.0, 0.0, 0.0)
     shape = contacts.solids[0].shape
     distance, gradient = shape.near((0.0, 0.0, 0.0))
-    way = -np.array(gradient) / np.linalg.norm(gradient)
-    gone = 0.0
-    while gone < distance:
-        near = contacts.within(turned(tuple((gone * way).tolist()), (0.0, 0.0, 0.0)), distance)
+    path = -np.array(gradient) / np.linalg.norm(gradient)
+    travelled = 0.0
+    while travelled < distance:
+        near = contacts.within(turned(tuple((travelled * path).tolist()), (0.0, 0.0, 0.0)), distance)
         if near and near[0][0] < _BY:
             break
-        gone += near[0][0] if near else distance
-    return tuple(((min(gone, distance) + DEPTH_M) * way).tolist())
+        travelled += near[0][0] if near else distance
+    return tuple(((min(travelled, distance) + DEPTH_M) * path).tolist())
 
 
 def _truth(params: Params, scene: ToolScene, x: Vector) -> Callable[[float], Array]:

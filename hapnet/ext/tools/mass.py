@@ -57,7 +57,7 @@ class ToolMass(Mass):
     def kinetic_J(self) -> float:
         return self.body.kinetic
 
-    def adopt(self, contacts: Surroundings) -> None:
+    def set_contacts(self, contacts: Surroundings) -> None:
         contacts.require_outside(self.position)
 
     def place(self, position: Vector) -> None:

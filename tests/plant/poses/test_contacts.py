@@ -24,7 +24,7 @@ K, B, M = 500.0, 14.0, 0.02
 
 def mass_among(tool: Tool, *solids: Solid) -> ToolMass:
     mass = ToolMass(ToolContacts(tool, solids, ARM_M), M, B, K, HOME)
-    mass.adopt(mass.contacts)
+    mass.set_contacts(mass.contacts)
     return mass
 
 

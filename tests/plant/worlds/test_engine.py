@@ -97,7 +97,7 @@ def test_one_that_is_told_the_coupling_is_charged_by_13() -> None:
     world, mass = made(bead := Witness())
     for k in range(50):
         goal, first = (0.009 * np.sin(0.4 * k),), len(bead.places) - 1
-        mass.afford(0.0)
+        mass.limit_energy(0.0)
         done = mass.step(0.02, goal)
         x = np.array(bead.places[first:])
         assert len(x) == 21
@@ -139,7 +139,7 @@ def test_a_force_may_use_what_the_reservoir_has_and_no_more() -> None:
     asked = 1.0
     for share, taken in ((1.0, True), (1.001, True), (0.999, False)):  # at first of 1 J, then of what was asked
         world, mass = made(bead := Moving())
-        mass.afford(share * asked)
+        mass.limit_energy(share * asked)
         bead.v = -0.5  # so the damper pushes
         world.account.look()
         work = -mass.step(0.001, (0.0,)).work_J

@@ -195,7 +195,7 @@ def test_whatever_an_engine_says_both_accounts_hold(
     for goal, dt, extra in goals:
         E += extra
         before = 0.5 * K_PROXY * (mass.position[0] - goal) ** 2
-        mass.afford(E)
+        mass.limit_energy(E)
         done = mass.step(dt, (goal,))
         after = 0.5 * K_PROXY * (done.position[0] - goal) ** 2
         scale = max(scale, before, after, abs(done.work_J))

@@ -14,7 +14,7 @@ from hapnet.ext.solids.field import DistanceFunction, VoxelGrid
 from hapnet.ext.solids.rigid import RigidScene, rigid
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.ext.solids.shapes import Offset, Shape, Sphere
-from hapnet.loading import lent
+from hapnet.loading import shared_with_children
 from hapnet.plant.integrator import PassiveIntegrator
 
 CENTRE, RADIUS = (0.05, 0.0, 0.0), 0.03
@@ -248,5 +248,5 @@ def test_an_image_is_cut_at_a_level(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_function_of_a_notebook_is_a_scene_too() -> None:
-    with lent(lambda position: ball(position), "ball") as name:
+    with shared_with_children(lambda position: ball(position), "ball") as name:
         assert rigid(f"sdf:{name}").contacts.solids[0].shape.near((0.0, 0.0, 0.0)).distance_m == pytest.approx(0.02)

@@ -178,7 +178,7 @@ def test_a_ram_that_strikes_the_proxy_takes_nothing_that_the_reservoir_does_not_
     minimum = 1.0
     for k in range(200):
         found_of(world).data.ctrl[0] = -0.08 if k % 20 < 10 else 0.0
-        mass.afford(1e-6)
+        mass.limit_energy(1e-6)
         goal = (0.02 * np.sin(0.7 * k), 0.0, 0.0)
         before = 250.0 * float(np.sum((np.array(mass.position) - goal) ** 2))
         done = mass.step(0.02, goal)

@@ -82,7 +82,7 @@ def test_a_contact_of_a_rigid_scene_is_on_the_surface_with_a_force_in_its_fricti
     """A proxy that slides along a plane x = 10 mm: Coulomb's law puts the force on the cone's rim."""
     scene = rigid("plane?normal=1,0,0&at=10mm,0,0&friction=0.4", dof=3)
     mass = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0, 0.0))
-    mass.adopt(scene.contacts)
+    mass.set_contacts(scene.contacts)
     for step in range(400):
         done = mass.step(1e-3, (0.015, 0.1 * 1e-3 * step, 0.0), scene.contacts)
     (touch,) = observe(scene.picture(), 5, done.position, done.force).contacts()

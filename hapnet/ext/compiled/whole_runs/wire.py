@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-from hapnet.control.coupling import PortSample, ProxySample, MotionSample, WaveSample, level_of, vector_of
+from hapnet.control.coupling import MotionSample, PortSample, ProxySample, WaveSample, level_of, vector_of
 from hapnet.ext.compiled import endpoint as endpoints
 from hapnet.ext.compiled.endpoint import MOTION, PORT, POSITION, PROXY, WAVE
 from hapnet.ext.compiled.link import MessageSlot

@@ -252,8 +252,8 @@ class TdpaWorld(WorldEnd):
     @equation
     def say(self) -> None:
         """The force, and E_in."""
-        copy(self.n, self.ended, self.said.value)
-        self.said.amount = self.observer.put_in
+        copy(self.n, self.ended, self.outgoing.value)
+        self.outgoing.amount = self.observer.put_in
 
 
 @equation

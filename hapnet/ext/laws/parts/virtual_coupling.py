@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, PortSample, PositionSample, ProxySample, MotionSample, WaveSample
+from hapnet.control.coupling import CouplingSample, MotionSample, PortSample, PositionSample, ProxySample, WaveSample
 from hapnet.control.law import DeviceEnd
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
@@ -79,7 +79,7 @@ class VirtualCoupling(DeviceEnd):
     @equation
     def say(self, x: Reals, v: Reals) -> None:
         """The measured position [m]."""
-        copy(self.n, x, self.said.value)
+        copy(self.n, x, self.outgoing.value)
 
     def coupled(self, x: Vector, v: Vector) -> Vector:
         """The spring's and the damper's force [N] at x [m] and v [m/s]."""

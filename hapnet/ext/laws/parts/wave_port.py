@@ -110,12 +110,12 @@ class WaveDevice(_Port, DeviceEnd):
     @equation
     def say(self, x: Reals, v: Reals) -> None:
         """The wave since the last one."""
-        said, span, unsent = self.said, self.span, self.unsent
-        said.amount = span
+        outgoing, span, unsent = self.outgoing, self.span, self.unsent
+        outgoing.amount = span
         if span <= 0.0:
-            said.amount = 0.0
+            outgoing.amount = 0.0
             for i in range(self.n):
-                said.value[i] = 0.0
+                outgoing.value[i] = 0.0
             return
         for i in range(self.n):
             energy = self.energies[i]
@@ -123,7 +123,7 @@ class WaveDevice(_Port, DeviceEnd):
             share = max(-most, min(most, unsent[i]))
             unsent[i] -= share
             self.energies[i] = energy - share * share / (2.0 * span)
-            said.value[i] = share / span
+            outgoing.value[i] = share / span
         self.span = 0.0
 
 
@@ -206,8 +206,8 @@ class WaveWorld(_Port, WorldEnd):
     @equation
     def say(self) -> None:
         """Each wave once: a paused world has nothing to send."""
-        copy(self.n, self.out, self.said.value)
-        self.said.amount = self.out_s
+        copy(self.n, self.out, self.outgoing.value)
+        self.outgoing.amount = self.out_s
         for i in range(self.n):
             self.out[i] = 0.0
         self.out_s = 0.0

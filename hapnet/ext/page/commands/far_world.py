@@ -107,7 +107,7 @@ def play(params: Params, far: FarWorld, page: PageOptions) -> int:
 
 def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console) -> Status:
     """The world's first status; says what is waited for if it does not come."""
-    said = ""
+    shown = ""
     since_s = time.monotonic()
     while True:
         with contextlib.suppress(queue.Empty):
@@ -118,9 +118,9 @@ def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console)
             raise InvalidParameter("--secret-file", None, "the file of the world's side: it encrypts what it sends")
         text = f"waiting for a world that reports what it is: {watcher.where}"
         text += f" ({watcher.problem})" if watcher.problem else ""
-        if text != said:
+        if text != shown:
             console.print(text, style="yellow", markup=False)
-        said = text
+        shown = text
 
 
 def fitting(params: Params, world: Status) -> Params:
@@ -162,7 +162,7 @@ class MouseHand:
             )
         finally:
             os.close(theirs)
-        closing.callback(_gone, self._child)
+        closing.callback(_end_child, self._child)
         reader = TelemetryReader(far.zenoh.security.secret_word(), history.take)
         threading.Thread(target=_read, args=(ours, reader), name="telemetry", daemon=True).start()
 
@@ -207,7 +207,7 @@ def _read(file: int, reader: TelemetryReader) -> None:
             reader.read(data)
 
 
-def _gone(child: Program) -> None:
+def _end_child(child: Program) -> None:
     if child.poll() is None:
         child.terminate()
         end(child, LINGER_S)

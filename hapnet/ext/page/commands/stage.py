@@ -128,7 +128,7 @@ class PairSequence:
                     raise HapnetError(pair.failure)
         stopping.cancel()
 
-    def hurry(self) -> None:
+    def leave_at_once(self) -> None:
         """End without waiting for the energy in flight."""
         if self._pair is not None:
             self._pair.stop()
@@ -198,7 +198,7 @@ class PairSequence:
             self._elsewhere = "scene" in changes
             if self._elsewhere:
                 self._position = None
-            self._send_both(lambda role: {"do": "hurry"})
+            self._send_both(lambda role: {"do": "leave_at_once"})
             self._over.set()
 
         self._call(change)
@@ -283,6 +283,6 @@ async def run(stage: PairSequence) -> int:
     """Run `stage` until a signal ends it; returns the exit code."""
     stop = asyncio.Event()
     caught: list[signal.Signals] = []
-    catch(stop, caught, again=stage.hurry)
+    catch(stop, caught, again=stage.leave_at_once)
     await stage.run(stop)
     return exit_code(caught)
