@@ -40,7 +40,8 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import scene_parameters
 from hapnet.recording.samples import MetricSample
 from hapnet.records.machine_code import no_compiler
-from hapnet.side.device import Clock, ContinuousDeviceSide, DeviceSide, Drive, Write
+from hapnet.side.continuous_device import ContinuousDeviceSide
+from hapnet.side.device import Clock, DeviceSide, Drive, Write
 from hapnet.side.endpoint import NANO, DeviceControl, WorldControl
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide

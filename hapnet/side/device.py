@@ -1,6 +1,7 @@
 """The device's side of a run, complete: endpoint, device and recording; either runtime drives it.
 
-Here is the continuous servo; the sampled one is in sampled_device.py.
+Here is the part that all servos share. The sampled servo is in sampled_device.py, the continuous one in
+continuous_device.py.
 """
 
 from __future__ import annotations
@@ -12,15 +13,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from hapnet.checks import Vector
-from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import CouplingState, ForceParts
 from hapnet.control.ledger import Ledger
 from hapnet.plant.device import Device, SimulatedDevice
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.tick import TickResult
 from hapnet.recording.samples import DeviceSample, Event, MetricSample, PostureSample, Sample
-from hapnet.records.vectors import added
-from hapnet.side.endpoint import NANO, DeviceControl
+from hapnet.records.record import equation
+from hapnet.side.endpoint import DeviceControl
 from hapnet.side.punctuality import Punctuality
 from hapnet.wire.fields import Signal
 from hapnet.wire.signals import STOP
@@ -98,7 +97,7 @@ class DeviceSide(ABC):
         self.live_hand: LiveHand | None = None
         """The simulated hand, if somebody leads it during the run."""
         self._period_ns = drive.period_ns
-        self._late = False
+        self._late = self._releases_spring = False
         self._excused = False  # the next tick is late because the device was silent
         self._clock = drive.clock
         self._write, self.write_motion = drive.write, drive.write_motion
@@ -190,9 +189,8 @@ class DeviceSide(ABC):
         self._excused = False
         if self.withheld:
             self.withheld_ns += since_ns
-        message = self._control(now_ns, release=released or self._renders_none)
-        self.last_ns = now_ns
-        self.ticks += 1
+        self._releases_spring = released or self._renders_none
+        message: bytes | None = control(self, self.endpoint, None, now_ns)
         if self.ticks % self.record_every == 0 and not self.paused:
             self._sample(now_ns)
         return message
@@ -246,7 +244,16 @@ class DeviceSide(ABC):
     def _start(self, x: Vector) -> None: ...
 
     @abstractmethod
-    def _control(self, now_ns: int, *, release: bool) -> bytes | None: ...
+    def measure(self, now_ns: int) -> None:
+        """Move a simulated device up to now under the force that it holds, read the device, and count the work."""
+
+    @abstractmethod
+    def act(self, now_ns: int) -> bytes | None:
+        """Run the servo; returns the message to send, if there is one."""
+
+    @abstractmethod
+    def hold(self) -> None:
+        """Let the device hold the servo's force, or its spring's set-position, until the next tick."""
 
     @abstractmethod
     def _sample(self, now_ns: int) -> None:
@@ -280,99 +287,56 @@ class DeviceSide(ABC):
         coupling = self.endpoint.coupling
         ledger = coupling.ledger
         spring, damper, model, added = self._parts(x, force) or _UNKNOWN
+        age_s, transit_s = self.endpoint.used(now_ns)
         self._write(
             DeviceSample(
-                now_ns, x, coupling.set_position, coupling.target, force, hand, coupling.reservoir, coupling.deficit,
-                coupling.potential(x), ledger.sent, ledger.credited, ledger.margin, ledger.slack, target,
-                spring, damper, model, added, v, *self.endpoint.used(now_ns), ledger.bound, ledger.work, ledger.stored,
-                ledger.reservoir, math.nan if hand is None else self.hand_work,
+                time_ns=now_ns,
+                position_m=x, velocity_mps=v, set_position_m=coupling.set_position, target_m=coupling.target,
+                force_N=force, spring_force_N=spring, damper_force_N=damper, model_force_N=model,
+                added_damping_force_N=added, operator_force_N=hand, operator_target_m=target,
+                operator_work_J=math.nan if hand is None else self.hand_work,
+                reservoir_J=coupling.reservoir, deficit_J=coupling.deficit, potential_J=coupling.potential(x),
+                sent_J=ledger.sent, credited_J=ledger.credited, margin_J=ledger.margin, slack_J=ledger.slack,
+                bound_J=ledger.bound, work_J=ledger.work, stored_J=ledger.stored, account_J=ledger.reservoir,
+                age_s=age_s, transit_s=transit_s,
             )
         )  # fmt: skip
         if isinstance(self.device, SimulatedDevice) and (angles := self.device.posture):
             self._write(PostureSample(now_ns, angles))
 
 
-class ContinuousDeviceSide(DeviceSide):
-    """A simulated device whose coupling acts continuously, as in the paper; its account is at the human's port.
+@equation
+def control(side: Any, endpoint: Any, hand: Any, now_ns: int) -> Any:
+    """Make a tick of a device under control; returns the message to send, if there is one.
 
-    make_servo : called with a position [m], a kinetic energy [J], and whether the reservoir is empty; makes the law.
+    side, endpoint : a `DeviceSide` and its endpoint, or their records in compiled code. hand : the path of a simulated
+    hand, in compiled code only. The functions below are the parts that each has in its own way.
     """
+    measure(side, hand, now_ns)
+    take(side, endpoint, now_ns)
+    message = act(side, endpoint, now_ns)
+    hold(side)
+    side.last_ns = now_ns
+    side.ticks += 1
+    return message
 
-    device: SimulatedDevice
-    servo: ContinuousServo
-    """The servo's law; it exists once control has started."""
 
-    def __init__(
-        self,
-        endpoint: DeviceControl,
-        device: SimulatedDevice,
-        make_servo: Callable[[Vector, float, bool], ContinuousServo],
-        drive: Drive,
-    ) -> None:
-        super().__init__(endpoint, device, drive)
-        self._make_servo = make_servo
-        self._skippable_dt = max(drive.period_ns * NANO, device.period)
-        self._ahead: TickResult | None = None  # of the next tick, up to which the device was advanced already
+def measure(side: Any, hand: Any, now_ns: int) -> None:
+    """Move a simulated device up to now under the force that it holds, read the device, and count the work."""
+    side.measure(now_ns)
 
-    def _start(self, x: Vector) -> None:
-        device = self.device
-        servo = self.servo = self._make_servo(x, device.kinetic, self.endpoint.restarted)
-        self.endpoint.start_continuous(servo)
-        spring = servo.coupling.spring
-        device.couple(spring.K, servo.damping, x, spring.force_limit)
-        device.passage()
 
-    @property
-    def skippable_ticks(self) -> int:
-        if self.ledger is None or self.endpoint.has_news or self.paused:
-            return 0
-        return self.servo.skippable_ticks(self._skippable_dt)
+def take(side: Any, endpoint: Any, now_ns: int) -> None:
+    """Give the coupling the samples and credits that have arrived since the last tick."""
+    if endpoint.waiting or endpoint.credits:
+        endpoint.take(now_ns)
 
-    def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
-        device, servo, ledger, dt = self.device, self.servo, self.ledger, self._skippable_dt
-        assert ledger is not None, "control has not started"
-        results = device.run(ticks + then_tick)
-        if then_tick:
-            self._ahead = results.pop()
-        rest, kinetic_at = servo.rest, device.kinetic_at
-        tick, every = self.ticks, self.record_every
-        lowest = ledger.work
-        for (work, x, v, hand_force, force), target in zip(
-            results, device.references, strict=False
-        ):  # the tick that follows too
-            rest(dt, x, work, kinetic_at(v))
-            if ledger.work < lowest:
-                lowest = ledger.work
-            tick += 1
-            if tick % every == 0:
-                at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
-                self._record(at_ns, x, v, force, hand_force, target)
-        observe(lowest, lowest)
-        observe(ledger.work, ledger.work)
-        self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
 
-    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        device, last_ns = self.device, self.last_ns
-        periods = self._periods(now_ns)
-        if self._ahead is not None:
-            work, self._ahead = self._ahead[0], None
-        elif periods == 1:
-            work = device.advance()
-        else:
-            work = added([device.advance() for _ in range(periods)])
-        x = device.position
-        dt = (self._clock() - last_ns) * NANO
-        if dt < (elapsed_s := periods * device.period):
-            dt = elapsed_s
-        message = self.endpoint.tick_continuous(now_ns, dt, x, device.passage, work, device.kinetic, release=release)
-        device.move_set_position(self.servo.coupling.modulator.set_position)
-        return message
+def act(side: Any, endpoint: Any, now_ns: int) -> Any:
+    """Run the servo; returns the message to send, if there is one."""
+    return side.act(now_ns)
 
-    def _sample(self, now_ns: int) -> None:
-        device = self.device
-        self._record(
-            now_ns, device.position, device.velocity, device.actuator_force, device.hand_force, device.references[-1]
-        )
 
-    def _parts(self, x: Vector, force: Vector) -> ForceParts:
-        return self.servo.parts(x, force)
+def hold(side: Any) -> None:
+    """Let the device hold the servo's force, or its spring's set-position, until the next tick."""
+    side.hold()

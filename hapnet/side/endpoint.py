@@ -330,10 +330,9 @@ class DeviceControl(ControlHalf):
     def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
         """Tick a servo that holds its torque: the servo's `force` is then the force to apply.
 
-        `release`: release the spring, no force in this tick. Returns the position message to send, if there is one.
+        `take` comes before, if anything has arrived. `release`: release the spring, no force in this tick. Returns the
+        position message to send, if there is one.
         """
-        if self.waiting or self.credits:
-            self.take(now_ns)
         if self.reindexing is not None:
             self.reindexing.watch(self.coupling, now_ns)
         update = self._held.tick(dt, x, v, release=release)
@@ -357,10 +356,9 @@ class DeviceControl(ControlHalf):
     ) -> bytes | None:
         """Tick a device that renders the coupling itself: `coupling.set_position` is then where its spring is tied.
 
-        The arguments are `ContinuousServo.tick`'s. Returns the position message to send, if there is one.
+        `take` comes before, if anything has arrived. The other arguments are those of `ContinuousServo.tick`. Returns
+        the position message to send, if there is one.
         """
-        if self.waiting or self.credits:
-            self.take(now_ns)
         update = self._continuous.tick(dt, x, passage, work, kinetic, release=release)
         return None if update is None else self._send(now_ns, update)
 

@@ -307,13 +307,13 @@ class RealDeviceSide(SampledDeviceSide):
         self._sent = force if applied is None else applied
         return applied
 
-    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
+    def measure(self, now_ns: int) -> None:
         if self._contact is not None and isinstance(self.servo, FollowerServo):
             self.servo.sensed = self._frame.coupled_force(self._contact.sense())
         if (acted := self.device.acted()) is not None:
             self.servo.force, self._held_before = self._frame.coupled_force(acted), None
             self._reports = True
-        elif release or self._held_before is not None or self._reports:
+        elif self._releases_spring or self._held_before is not None or self._reports:
             x = self._frame.coupled(self._reading[0])
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, x, self.x)))
         if not self._renders_none:
@@ -324,8 +324,8 @@ class RealDeviceSide(SampledDeviceSide):
                 wrong = self._probe.wrong(dt, acted, self._reading[0])
             if wrong:
                 self.stop_force(now_ns, wrong)
-                release = True
-        return super()._control(now_ns, release=release)
+                self._releases_spring = True
+        super().measure(now_ns)
 
     def _doubt(self, dt: float, moved: Vector) -> None:
         """Choose the force that the account counts for `dt` seconds in which the device `moved` [m].

@@ -45,6 +45,7 @@ class SampledDeviceSide(DeviceSide):
         self.leads_while_held = False
         """Does it lead whatever is at the other side only while it is held? Else only a robot."""
         self._leads = True
+        self._dt = 0.0  # between the last two readings [s]
         self.same: Frame = Frame(1.0, 1.0, (0.0,) * device.dof)
         """The coupling's axes before the device has let go for the first time: its own."""
         self.is_held: Callable[[float], bool] = lambda t: True
@@ -110,8 +111,8 @@ class SampledDeviceSide(DeviceSide):
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
 
-    def _control(self, now_ns: int, *, release: bool) -> bytes | None:
-        held, servo = self.held, self.servo
+    def measure(self, now_ns: int) -> None:
+        held = self.held
         elapsed_s = followed_s = 0.0
         if held is not None:
             periods, period = self._periods(now_ns), held.plant.period
@@ -123,29 +124,32 @@ class SampledDeviceSide(DeviceSide):
                 periods = 1
             held_device.live(held, None, periods)
         x, v = self._read()
-        dt = max(self._elapsed(), elapsed_s)
-        if self._watch is None or self._watch.passes(dt, x, v):
+        self._dt = max(self._elapsed(), elapsed_s)
+        if self._watch is None or self._watch.passes(self._dt, x, v):
             why = self._why_not_led(now_ns) if self.leads_while_held or self.endpoint.leads_robot else ""
             if bool(why) is self._leads:
                 self._let_go(now_ns, why)
             if self.clutch is not None:
                 x, v = self._through(self.clutch, now_ns, x, v)
-                release = release or self.clutch.open
+                self._releases_spring = self._releases_spring or self.clutch.open
             self.x = x
         else:
             self.stop_force(now_ns, self._watch.why or "")
-            v, release = (0.0,) * len(v), True
+            v, self._releases_spring = (0.0,) * len(v), True
         self._v = v
         if held is not None:
-            held_device.count(held, dt - followed_s)
-        message = self.endpoint.tick_sampled(now_ns, dt, self.x, v, release=release)
-        if held is not None:
-            held_device.apply(held)
-        elif (applied := self._apply(dt, self._frame.own_force(servo.force))) is None:
+            held_device.count(held, self._dt - followed_s)
+
+    def act(self, now_ns: int) -> bytes | None:
+        return self.endpoint.tick_sampled(now_ns, self._dt, self.x, self._v, release=self._releases_spring)
+
+    def hold(self) -> None:
+        if self.held is not None:
+            held_device.apply(self.held)
+        elif (applied := self._apply(self._dt, self._frame.own_force(self.servo.force))) is None:
             self.applied = False
         else:
-            servo.force = self._frame.coupled_force(applied)
-        return message
+            self.servo.force = self._frame.coupled_force(applied)
 
     def _why_not_led(self, now_ns: int) -> str:
         """Why the device leads nothing now; empty: it leads."""

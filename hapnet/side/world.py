@@ -134,12 +134,17 @@ class WorldSide:
     def _record(self, now_ns: int) -> None:
         done, mass, endpoint, coupling = self.moved, self.mass, self.endpoint, self.coupling
         ledger = coupling.ledger
+        age_s, transit_s = endpoint.used(now_ns)
         self._write(
             WorldSample(
-                now_ns, self.stepped.last_s, done.position, mass.velocity, coupling.set_position, coupling.target,
-                done.coupling_force, done.force, done.penetration_m, coupling.reservoir,
-                coupling.potential(done.position), ledger.sent, ledger.credited, ledger.margin, ledger.slack,
-                *endpoint.used(now_ns), ledger.bound, ledger.work, ledger.stored, ledger.reservoir,
+                time_ns=now_ns, step_s=self.stepped.last_s,
+                position_m=done.position, velocity_mps=mass.velocity, set_position_m=coupling.set_position,
+                target_m=coupling.target, coupling_force_N=done.coupling_force, contact_force_N=done.force,
+                penetration_m=done.penetration_m, reservoir_J=coupling.reservoir,
+                potential_J=coupling.potential(done.position),
+                sent_J=ledger.sent, credited_J=ledger.credited, margin_J=ledger.margin, slack_J=ledger.slack,
+                bound_J=ledger.bound, work_J=ledger.work, stored_J=ledger.stored, account_J=ledger.reservoir,
+                age_s=age_s, transit_s=transit_s,
             )
         )  # fmt: skip
         self.draw(now_ns, done.position, done.force)

@@ -11,7 +11,8 @@ from hapnet.plant.operator import Impedance, Rest
 from hapnet.plant.scenes.box import box_walls
 from hapnet.plant.worlds.scene import Scene
 from hapnet.recording.samples import Sample
-from hapnet.side.device import ContinuousDeviceSide, DeviceSide
+from hapnet.side.continuous_device import ContinuousDeviceSide
+from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.side.world import WorldSide

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import ROOT
 from tests.support.notebooks import NOTEBOOKS, cells, run
 
 
-def test_there_are_two() -> None:
-    assert [file.stem for file in NOTEBOOKS] == ["first_steps", "own_trace"]
+def test_the_page_lists_every_notebook() -> None:
+    page = (ROOT / "examples" / "README.md").read_text("utf-8")
+    assert {file.name for file in NOTEBOOKS if f"`{file.name}`" not in page} == set()
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file: file.stem)

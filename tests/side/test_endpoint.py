@@ -71,6 +71,7 @@ class Side:
 
     def tick(self) -> Stream | None:
         self.now_ns += MS
+        self.endpoint.take(self.now_ns)
         data = self.endpoint.tick_sampled(self.now_ns, 1e-3, (0.0,), (0.0,))
         if data is None:
             return None

@@ -22,7 +22,8 @@ from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.tick import TickResult
 from hapnet.recording.samples import Columns
-from hapnet.side.device import ContinuousDeviceSide, DeviceSide
+from hapnet.side.continuous_device import ContinuousDeviceSide
+from hapnet.side.device import DeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.simulation.simulation import Result, Simulation, simulate
 from tests.conftest import mostly_slow

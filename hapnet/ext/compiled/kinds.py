@@ -19,15 +19,16 @@ from hapnet.plant import integrator
 from hapnet.plant.tick import held_tick, tick as make_tick
 from hapnet.plant.worlds import walls
 from hapnet.records.record import Record, holding
-from hapnet.side import held_device, world as steps
+from hapnet.side import device as ticks, held_device, world as steps
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
 
 
 OF_SET_POSITIONS: Choices = {
     coupling.update: sides.update, coupling.potential: set_position_coupling.potential, integrator.respond: sides.meet,
-    walls.apply: integrator.solve, steps.advance: sides.advance, steps.take: sides.take, steps.answer: sides.answer,
-    steps.settle: sides.settle,
+    walls.apply: integrator.solve, steps.advance: sides.advance, steps.take: sides.take_at_world,
+    steps.answer: sides.answer, steps.settle: sides.settle, ticks.measure: sides.measure,
+    ticks.take: sides.take_at_device, ticks.act: sides.act, ticks.hold: sides.hold,
 }  # fmt: skip
 """What is compiled where the world's end is one of set-positions, and the mass is among walls."""
 
@@ -50,7 +51,8 @@ class Kind(NamedTuple):
         chosen: Choices = OF_SET_POSITIONS | simulation.CHOICES | link.CHOICES
         if (device := self.device) is not None:
             chosen |= device.lines() | {
-                make_tick: held_tick, sides.tick: law_sides.tick, samples.of_device: law_sides.of_device,
+                make_tick: held_tick, samples.of_device: law_sides.of_device, ticks.measure: law_sides.measure,
+                ticks.take: law_sides.take_from_world, ticks.act: law_sides.act, ticks.hold: law_sides.hold,
                 law_sides.take_at_device: device.take, law.render: device.render,
                 law_sides.say_at_device: device.say, held_device.potential: law_sides.no_energy,
                 held_device.account: law_sides.account_of,
@@ -58,7 +60,8 @@ class Kind(NamedTuple):
         if (world := self.world) is not None:
             chosen |= world.lines() | {
                 coupling.update: law_sides.update, coupling.potential: law_sides.no_potential,
-                steps.advance: law_sides.advance, steps.take: law_sides.take, steps.answer: law_sides.answer,
+                steps.advance: law_sides.advance, steps.take: law_sides.take_from_device,
+                steps.answer: law_sides.answer,
                 samples.of_world: law_sides.of_world,
                 law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
                 law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,

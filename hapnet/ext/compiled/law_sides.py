@@ -8,7 +8,7 @@ from hapnet.control import law as laws
 from hapnet.control.coupling import counted
 from hapnet.control.law import DeviceEnd, HeldForce, LawAccount, WorldEnd
 from hapnet.ext.compiled import link as links
-from hapnet.ext.compiled.endpoint import PortRecord, Wire, finish
+from hapnet.ext.compiled.endpoint import PortRecord, finish
 from hapnet.ext.compiled.link import MessageSlot
 from hapnet.ext.compiled.samples import DeviceRow, WorldRow
 from hapnet.ext.compiled.sides import note
@@ -29,10 +29,11 @@ _NANO = 1e-9
 
 
 class LawDevice(HeldDevice):
-    """Everything of the device's side. last_ns : when the last tick was."""
+    """Everything of the device's side. last_ns : when the last tick was. dt : the length of the running one [s]."""
 
     last_ns: int
     ticks: int
+    dt: float
     servo: HeldForce  # type: ignore[assignment]  # a law's, in place of a set-position's
     coupling: LawAccount  # type: ignore[assignment]
     law: DeviceEnd
@@ -50,29 +51,44 @@ class LawWorld(Record):
 
 
 @equation
-def tick(side: LawDevice, wire: Wire, hand: Hand, now_ns: int, message: MessageSlot) -> None:
-    """`SampledDeviceSide.tick` with a `LawServo`: the message to send, if there is one, is in `message`."""
-    device, servo, law, n = side.plant, side.servo, side.law, side.plant.dof
-    dt = max((now_ns - side.last_ns) * _NANO, device.period)
-    side.last_ns = now_ns
-    side.ticks += 1
+def measure(side: LawDevice, hand: Hand, now_ns: int) -> None:
+    """The device moves, is read, and its work is counted."""
+    side.dt = max((now_ns - side.last_ns) * _NANO, side.plant.period)
     held_device.live(side, hand, 1)
-    devices.read(device)
-    held_device.count(side, dt)
-    for k in range(wire.endpoint.waiting):
-        sample = note(wire, k)
+    devices.read(side.plant)
+    held_device.count(side, side.dt)
+
+
+@equation
+def take_from_world(side: LawDevice, port: PortRecord, now_ns: int) -> None:
+    """Give the device's law what has arrived."""
+    law, endpoint = side.law, port.wire.endpoint
+    for k in range(endpoint.waiting):
+        sample = note(port.wire, k)
         take_at_device(law, sample.position, sample.more, sample.amount * _NANO, sample.elapsed_ns * _NANO)
-    wire.endpoint.first = wire.endpoint.waiting = wire.endpoint.credits = 0
-    x, v = device.read_position, device.read_velocity
-    sending = laws.tick(servo, side.coupling, law, dt, x, v)
-    if sending:
+    endpoint.first = endpoint.waiting = endpoint.credits = 0
+
+
+@equation
+def act(side: LawDevice, port: PortRecord, now_ns: int) -> MessageSlot:
+    """The law runs; if a sample is due, it is in the message."""
+    law, n, message = side.law, side.plant.dof, links.spare(port.link, 0)
+    x, v = side.plant.read_position, side.plant.read_velocity
+    if laws.tick(side.servo, side.coupling, law, side.dt, x, v):
         say_at_device(law, x, v)
-    held_device.apply(side)
-    if sending:
         copy(n, law.outgoing.value, message.position)
         copy(n, law.outgoing.more, message.more)
         message.planes, message.reach_m, message.level = 0, -1.0, -1.0
-        finish(wire, message, now_ns, law.outgoing.amount)
+        finish(port.wire, message, now_ns, law.outgoing.amount)
+    else:
+        message.kind = links.NOTHING
+    return message
+
+
+@equation
+def hold(side: LawDevice) -> None:
+    """The device holds the law's force."""
+    held_device.apply(side)
 
 
 @equation
@@ -87,8 +103,8 @@ def advance(side: LawWorld, dt: float) -> None:
 
 
 @equation
-def take(side: LawWorld, port: PortRecord, now_ns: int) -> None:
-    """`ControlHalf.take` at the world, with `LawState.receive`."""
+def take_from_device(side: LawWorld, port: PortRecord, now_ns: int) -> None:
+    """Give the world's law what has arrived."""
     law, endpoint = side.law, port.wire.endpoint
     for k in range(endpoint.waiting):
         sample = note(port.wire, k)

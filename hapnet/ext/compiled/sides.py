@@ -41,10 +41,11 @@ _MOST_REACH_M = MOST_REACH_M
 
 class DeviceSideRecord(HeldDevice):
     """Everything of the device's side. within : the servo of a coupling that acts within the tick. last_ns : when the
-    last tick was."""
+    last tick was. dt : the length of the running one [s]."""
 
     last_ns: int
     ticks: int
+    dt: float
     within: ContinuousServo
     model: ContactState
 
@@ -66,52 +67,54 @@ class WorldSideRecord(Record):
 
 
 @equation
-def tick(side: DeviceSideRecord, wire: Wire, hand: Hand, now_ns: int, message: MessageSlot) -> None:
-    """`DeviceSideRecord.tick`: the message to send, if there is one, is in `message`."""
-    dt = max((now_ns - side.last_ns) * _NANO, side.plant.period)
-    if side.plant.state.coupled:
-        _tick_within(side, wire, hand, dt, now_ns)
+def measure(side: DeviceSideRecord, hand: Hand, now_ns: int) -> None:
+    """The device moves, is read, and its work is counted."""
+    device = side.plant
+    side.dt = max((now_ns - side.last_ns) * _NANO, device.period)
+    if device.state.coupled:
+        side.hand_work = devices.advance(device, hand)
+        copy(device.dof, device.state.position, device.read_position)
     else:
-        _tick_held(side, wire, hand, dt, now_ns)
-    side.last_ns = now_ns
-    side.ticks += 1
-    if not (side.within.sender.sends if side.plant.state.coupled else side.servo.sender.sends):
-        return
-    copy(side.plant.dof, side.plant.read_position, message.position)
-    message.planes, message.reach_m, message.level = 0, -1.0, level(side.coupling)
-    finish(wire, message, now_ns, 0.0)
+        held_device.live(side, hand, 1)
+        devices.read(device)
+        held_device.count(side, side.dt)
+
+
+@equation
+def act(side: DeviceSideRecord, port: PortRecord, now_ns: int) -> MessageSlot:
+    """The servo runs: within the tick, or for the force that is held."""
+    device, coupling, wire, message = side.plant, side.coupling, port.wire, links.spare(port.link, 0)
+    x, within = device.read_position, side.within
+    if device.state.coupled:
+        kinetic = devices.kinetic_at(device, device.state.velocity)
+        if continuous.runs(within, coupling, side.dt, x, side.hand_work, kinetic):
+            continuous.run(within, coupling, side.model, x, _dissipated(device, within.elapsed), kinetic)
+        sends = within.sender.sends
+    else:
+        servos.tick(side.servo, coupling, side.model, side.dt, x, device.read_velocity, servos.ITSELF)
+        sends = side.servo.sender.sends
+    if sends:
+        copy(device.dof, x, message.position)
+        message.planes, message.reach_m, message.level = 0, -1.0, level(coupling)
+        finish(wire, message, now_ns, 0.0)
+    else:
+        message.kind = links.NOTHING
+    return message
+
+
+@equation
+def hold(side: DeviceSideRecord) -> None:
+    """The device holds the spring's set-position, or the servo's force."""
+    if side.plant.state.coupled:
+        copy(side.plant.dof, side.coupling.modulator.ybar, side.plant.state.set_position)
+    else:
+        held_device.apply(side)
 
 
 @equation
 def level(coupling: SetPositionCoupling) -> float:
     """`SetPositionCoupling.level`; below 0: it is not sent."""
     return coupling.modulator.level if coupling.shares else -1.0
-
-
-@equation
-def _tick_held(side: DeviceSideRecord, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
-    """`SampledDeviceSide._control`."""
-    device = side.plant
-    held_device.live(side, hand, 1)
-    devices.read(device)
-    held_device.count(side, dt)
-    _take(side, wire, now_ns)
-    x, v = device.read_position, device.read_velocity
-    servos.tick(side.servo, side.coupling, side.model, dt, x, v, servos.ITSELF)
-    held_device.apply(side)
-
-
-@equation
-def _tick_within(side: DeviceSideRecord, wire: Wire, hand: Hand, dt: float, now_ns: int) -> None:
-    """`ContinuousDeviceSide._control`, with `ContinuousServo.tick`."""
-    device, servo, coupling = side.plant, side.within, side.coupling
-    work = devices.advance(device, hand)
-    copy(device.dof, device.state.position, device.read_position)
-    x, kinetic = device.read_position, devices.kinetic_at(device, device.state.velocity)
-    _take(side, wire, now_ns)
-    if continuous.runs(servo, coupling, dt, x, work, kinetic):
-        continuous.run(servo, coupling, side.model, x, _dissipated(device, servo.elapsed), kinetic)
-        copy(device.dof, coupling.modulator.ybar, device.state.set_position)
 
 
 @equation
@@ -127,9 +130,10 @@ def _dissipated(device: SimulatedDevice, interval: float) -> float:
 
 
 @equation
-def _take(side: DeviceSideRecord, wire: Wire, now_ns: int) -> None:
-    """`ControlHalf.take` at the device."""
-    endpoint, coupling, n = wire.endpoint, side.coupling, side.plant.dof
+def take_at_device(side: DeviceSideRecord, port: PortRecord, now_ns: int) -> None:
+    """Give the coupling, and the local contact model, what has arrived."""
+    wire, coupling, n = port.wire, side.coupling, side.plant.dof
+    endpoint = wire.endpoint
     for k in range(endpoint.waiting):
         sample = note(wire, k)
         _give(coupling, sample, n)
@@ -245,8 +249,8 @@ def update(side: WorldSideRecord, dt: float, x: Floats, dissipated: float) -> bo
 
 
 @equation
-def take(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
-    """`ControlHalf.take` at the world."""
+def take_at_world(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
+    """Give the coupling, and the predictor of the device, what has arrived."""
     wire, coupling, n = port.wire, side.coupling, side.mass.n
     endpoint = wire.endpoint
     for k in range(endpoint.waiting):

@@ -9,14 +9,14 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 from hapnet.control.two_port import TwoPort
-from hapnet.ext.compiled import link as links, sides
+from hapnet.ext.compiled import link as links
 from hapnet.ext.compiled.endpoint import PortRecord, has_room, receive, send_due
 from hapnet.ext.compiled.link import NOTHING, MessageSlot
 from hapnet.ext.compiled.samples import Rows, have_room, record_step, record_tick
 from hapnet.ext.compiled.sides import DeviceSideRecord, WorldSideRecord
 from hapnet.plant.device import Hand
 from hapnet.records.record import Record, Wholes, equation
-from hapnet.side import world
+from hapnet.side import device, world
 from hapnet.simulation import events
 from hapnet.simulation.events import DONE, IMPOSSIBLE, NEEDS_MORE, STEP, TICK, Clock
 from hapnet.wire import energy_channel as channels
@@ -49,11 +49,9 @@ class Scenario(Record):
 
 @equation
 def _tick(run: Scenario, now_ns: int) -> MessageSlot:
-    port, message = run.device_port, links.spare(run.device_port.link, 0)
-    message.kind = NOTHING
-    sides.tick(run.device, port.wire, run.hand, now_ns, message)
+    message: MessageSlot = device.control(run.device, run.device_port, run.hand, now_ns)
     if run.device.ticks % run.rows.every == 0:
-        record_tick(run.rows, run.device, port.wire, run.hand, now_ns)
+        record_tick(run.rows, run.device, run.device_port.wire, run.hand, now_ns)
     return message
 
 

@@ -12,7 +12,8 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.ext.compiled.memory import load, store
 from hapnet.plant.device import SimulatedDevice
 from hapnet.records.record import Record
-from hapnet.side.device import ContinuousDeviceSide, DeviceSide
+from hapnet.side.continuous_device import ContinuousDeviceSide
+from hapnet.side.device import DeviceSide
 from hapnet.side.sampled_device import SampledDeviceSide
 
 
