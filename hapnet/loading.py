@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from types import ModuleType
@@ -183,6 +184,14 @@ _MODULES = {
 
 WORLDS = ("mujoco", "soft", "tools' worlds", "solids")
 """The kinds of worlds that a text describes, in the order in which they are asked: `hapnet.plant.worlds.registry`."""
+
+
+def has_extension(name: str) -> bool:
+    """Whether an extension is installed, by its name in the table."""
+    try:
+        return find_spec(_MODULES[name]) is not None
+    except ImportError:  # of a package around it
+        return False
 
 
 @cache

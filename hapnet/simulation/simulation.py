@@ -21,7 +21,7 @@ from hapnet.assembly.own_parts import named_failures
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.installing import versions
-from hapnet.loading import extension
+from hapnet.loading import extension, has_extension
 from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
 from hapnet.processes.system import collector_paused
 from hapnet.recording.hand import fingerprint
@@ -95,7 +95,7 @@ class Simulation:
         if params.operator == LIVE:
             raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
         self.setup: Setup = setup or prepare(params, "continuous")
-        why_not = no_compiler()
+        why_not = no_compiler() if has_extension("compiled") else "hapnet.ext.compiled is not installed"
         if why_not is None and (is_arm(params.hardware) or self.setup.params.units == POSE):
             self.setup = replace(self.setup, ends=extension("compiled").device_ends(self.setup))
         self._motion_only = motion_only

@@ -15,8 +15,8 @@ from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.ext.compiled import catalogue, sources
 from hapnet.ext.compiled.background import Background
+from hapnet.ext.compiled.names import HANDLE
 from hapnet.ext.compiled.progress import reported
-from hapnet.ext.compiled.real_time import HANDLE
 from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.simulation.batch import simulate_batch

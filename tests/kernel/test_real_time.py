@@ -11,7 +11,7 @@ from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, Ends, PositionSample, ProxySample, WorldCoupling, counted
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.couplings.spec import CouplingStart
-from hapnet.ext.compiled import real_time
+from hapnet.ext.compiled import names, real_time
 from hapnet.ext.compiled.servo_end import CompiledServo
 from hapnet.ext.compiled.world_end import CompiledMass, CompiledSteps
 from hapnet.mechanics.curvature import Curvature
@@ -34,7 +34,7 @@ def setup_of(changes: dict[str, Any]) -> Setup:
 
 def compiled_ends(end: str, axes: int) -> Ends:
     """The maker of compiled ends; this one, with room for so many axes, is compiled if it is not yet."""
-    real_time.make_ready(real_time.named(end, axes))
+    real_time.make_ready(names.named(end, axes))
     return real_time.CompiledEnds()
 
 
@@ -143,7 +143,7 @@ def test_a_compiled_servo_gives_the_same_bits(case: str) -> None:
     setup = setup_of(changes)
     plain, fast = (
         ends.servo(setup.coupling.device(start_of(setup, setup.params.device, (0.0,) * n)))
-        for ends in (Ends(), compiled_ends(real_time.SERVO, n))
+        for ends in (Ends(), compiled_ends(names.SERVO, n))
     )
     assert isinstance(fast, CompiledServo)
     assert not isinstance(plain, CompiledServo)
@@ -195,7 +195,7 @@ WORLDS: dict[str, dict[str, Any]] = {
 def test_a_compiled_world_gives_the_same_bits(case: str) -> None:
     setup = setup_of(WORLDS[case])
     n = setup.dof
-    made = [world_of(setup, ends) for ends in (Ends(), compiled_ends(real_time.WORLD, n))]
+    made = [world_of(setup, ends) for ends in (Ends(), compiled_ends(names.WORLD, n))]
     assert [isinstance(steps, CompiledSteps) for steps, _ in made] == [False, True]
     rng = np.random.default_rng(3)
     sent_s = 0.0
@@ -236,6 +236,6 @@ def test_an_end_that_is_not_covered_stays_as_it_is() -> None:
 
 def test_nothing_is_compiled_while_a_servo_runs() -> None:
     """Other arguments are an error, not seconds without a tick."""
-    run = real_time.make_ready(real_time.SERVO)
+    run = real_time.make_ready(names.SERVO)
     with pytest.raises(TypeError, match="No matching definition"):
         run(1.0)

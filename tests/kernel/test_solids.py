@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hapnet.checks import Vector
-from hapnet.ext.compiled.kinds import Kind
+from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.ext.solids.rigid import RigidScene
 from hapnet.ext.solids.rigid_contacts import Solid

@@ -21,7 +21,7 @@ class Blocked(importlib.abc.MetaPathFinder):
 
 sys.meta_path.insert(0, Blocked())
 from hapnet import simulate
-result = simulate({"duration_s": 0.3}, seed=1, kernel=False)
+result = simulate({"duration_s": 0.3}, seed=1)
 assert result.summary["verdict"]["passive"] is True, result
 files = [module.__file__ for name, module in sys.modules.items() if name.partition(".")[0] in ("hapnet", "netem")]
 print(len(files), sum(len(open(file, encoding="utf-8").readlines()) for file in files))

@@ -17,7 +17,7 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import Pipeline
 from hapnet.ext.bench.references import NumpyPspm, PlainPD
 from hapnet.ext.bench.row import Call, Limit, Options, Row, cost
-from hapnet.ext.compiled.real_time import SERVO
+from hapnet.ext.compiled.names import SERVO
 from hapnet.ext.compiled.sources import are_compiled
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.wire.session import Session

@@ -7,7 +7,7 @@ from functools import partial
 
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.ext.compiled import real_time
-from hapnet.ext.compiled.kinds import Kind
+from hapnet.ext.compiled.names import ARM, HANDLE, SERVO, WORLD, Kind, named
 from hapnet.records.record import AXES
 
 _MANY_AXES = 12
@@ -23,9 +23,9 @@ def of_coupling(name: str) -> dict[str, Kind]:
 
 def ends() -> list[str]:
     """The names of the ends of a side of set-positions, of a simulated arm and of a tool's handle."""
-    sides = (real_time.SERVO, real_time.WORLD)
-    named = [real_time.named(end, axes) for axes in (AXES, _MANY_AXES) for end in sides]
-    return [*named, real_time.ARM, real_time.HANDLE]
+    sides = (SERVO, WORLD)
+    named = [named(end, axes) for axes in (AXES, _MANY_AXES) for end in sides]
+    return [*named, ARM, HANDLE]
 
 
 def makers() -> dict[str, Callable[[], object]]:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 from hapnet.control import coupling, law, set_position_coupling
-from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.ext.compiled import law_sides, link, samples, sides, simulation, solids
+from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.simulation import Scenario
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.plant import integrator
@@ -33,42 +33,29 @@ OF_SET_POSITIONS: Choices = {
 """What is compiled where the world's end is one of set-positions, and the mass is among walls."""
 
 
-class Kind(NamedTuple):
-    """The ends of a coupling; None: a set-position's. solid : is the mass among rigid solids, not among walls?"""
-
-    device: type[DeviceEnd] | None = None
-    world: type[WorldEnd] | None = None
-    solid: bool = False
-
-    @property
-    def name(self) -> str:
-        """Tells it from all other kinds."""
-        ends = ["SetPosition" if end is None else end.__name__ for end in self[:2]]
-        return "-".join([*ends, "Solids"] if self.solid else ends)
-
-    def choices(self) -> Choices:
-        """The functions to compile in place of others."""
-        chosen: Choices = OF_SET_POSITIONS | simulation.CHOICES | link.CHOICES
-        if (device := self.device) is not None:
-            chosen |= device.lines() | {
-                make_tick: held_tick, samples.of_device: law_sides.of_device, ticks.measure: law_sides.measure,
-                ticks.take: law_sides.take_from_world, ticks.act: law_sides.act, ticks.hold: law_sides.hold,
-                law_sides.take_at_device: device.take, law.render: device.render,
-                law_sides.say_at_device: device.say, held_device.potential: law_sides.no_energy,
-                held_device.account: law_sides.account_of,
-            }  # fmt: skip
-        if (world := self.world) is not None:
-            chosen |= world.lines() | {
-                coupling.update: law_sides.update, coupling.potential: law_sides.no_potential,
-                steps.advance: law_sides.advance, steps.take: law_sides.take_from_device,
-                steps.answer: law_sides.answer,
-                samples.of_world: law_sides.of_world,
-                law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
-                law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
-            }  # fmt: skip
-        if self.solid:
-            chosen |= solids.AMONG_SOLIDS
-        return chosen
+def choices(kind: Kind) -> Choices:
+    """The functions to compile in place of others."""
+    chosen: Choices = OF_SET_POSITIONS | simulation.CHOICES | link.CHOICES
+    if (device := kind.device) is not None:
+        chosen |= device.lines() | {
+            make_tick: held_tick, samples.of_device: law_sides.of_device, ticks.measure: law_sides.measure,
+            ticks.take: law_sides.take_from_world, ticks.act: law_sides.act, ticks.hold: law_sides.hold,
+            law_sides.take_at_device: device.take, law.render: device.render,
+            law_sides.say_at_device: device.say, held_device.potential: law_sides.no_energy,
+            held_device.account: law_sides.account_of,
+        }  # fmt: skip
+    if (world := kind.world) is not None:
+        chosen |= world.lines() | {
+            coupling.update: law_sides.update, coupling.potential: law_sides.no_potential,
+            steps.advance: law_sides.advance, steps.take: law_sides.take_from_device,
+            steps.answer: law_sides.answer,
+            samples.of_world: law_sides.of_world,
+            law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
+            law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
+        }  # fmt: skip
+    if kind.solid:
+        chosen |= solids.AMONG_SOLIDS
+    return chosen
 
 
 @cache

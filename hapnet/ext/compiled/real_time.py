@@ -15,27 +15,21 @@ from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositio
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
-from hapnet.couplings.spec import CouplingSpec
 from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.compiled import arm_end, bound, handle_end, servo_end, sources, world_end
 from hapnet.ext.compiled.arm_end import ArmEnd
 from hapnet.ext.compiled.handle_end import HandleEnd
 from hapnet.ext.compiled.kinds import OF_SET_POSITIONS
+from hapnet.ext.compiled.names import ARM, HANDLE, SERVO, WORLD, named
 from hapnet.ext.compiled.servo_end import CompiledServo, ServoEnd
 from hapnet.ext.compiled.world_end import CompiledCoupling, CompiledMass, CompiledSteps, WorldEndRecord
 from hapnet.ext.tools.device import SimulatedHandle
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.mechanics.spring import Spring
-from hapnet.params import Params, is_arm
 from hapnet.plant.integrator import PassiveIntegrator, kinetic
 from hapnet.plant.worlds.coupled import MOST
 from hapnet.plant.worlds.walls import Contacts
-from hapnet.records import machine_code
 from hapnet.records.record import AXES, Record, room_for
-from hapnet.units import POSE
-
-SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
-"""The ends, a simulated arm, and a handle that turns. `named` tells ends apart that have room for more axes."""
 
 _COMPILED: dict[str, tuple[Any, type[Record]]] = {
     SERVO: (servo_end, ServoEnd), WORLD: (world_end, WorldEndRecord),
@@ -56,38 +50,6 @@ def make_ready(name: str) -> Any:
     run = ready(module.enter, name, OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES, array)
     run.disable_compile()  # what has other arguments is an error, not half a minute without a tick
     return run
-
-
-def named(end: str, axes: int) -> str:
-    """Return the name of an end, `SERVO` or `WORLD`, with room for so many axes."""
-    room = room_for(axes)
-    return end if room == AXES else f"{end}-{room}"
-
-
-def part_of_device(params: Params) -> str:
-    """Name the part of the simulated device that is compiled by itself: an arm, or the handle of a tool; empty: none.
-
-    params : with the units of the world.
-    """
-    if is_arm(params.hardware):
-        return ARM
-    return HANDLE if params.hardware == "simulated" and params.units == POSE else ""
-
-
-def missing(params: Params) -> list[str]:
-    """Name what is not compiled yet, and too slow at 1 kHz in plain Python: the ticks of a simulated arm or handle.
-
-    params : with the units of the world.
-    """
-    part = part_of_device(params)
-    return [part] if part and machine_code.no_compiler() is None and not sources.are_compiled(part) else []
-
-
-def are_ready(spec: CouplingSpec[Any], axes: int, params: Params) -> bool:
-    """Whether both ends of this coupling, as far as they are set-positions, and the device's part are compiled."""
-    laws = zip((SERVO, WORLD), spec.compiled or (), strict=False)
-    names = [named(end, axes) for end, law in laws if law is None] + [part_of_device(params)]
-    return all(sources.are_compiled(name) for name in names if name)
 
 
 _DEVICES: dict[type, str] = {SimulatedArm: ARM, SimulatedHandle: HANDLE}

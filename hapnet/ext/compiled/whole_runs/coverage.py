@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from hapnet.assembly.build import Setup
 from hapnet.control.coupling import Ends
+from hapnet.control.law import DeviceEnd, WorldEnd
 from hapnet.couplings.registry import known
-from hapnet.ext.compiled import real_time, sources
+from hapnet.ext.compiled import sources
 from hapnet.ext.compiled.background import Background
-from hapnet.ext.compiled.kinds import Kind
-from hapnet.ext.solids.rigid import RigidScene, describes
+from hapnet.ext.compiled.names import Kind, are_ready, missing, part_of_device
 from hapnet.params import Params, follows
 from hapnet.plant.worlds.coupled import MOST
 from hapnet.plant.worlds.protocol import World
@@ -55,10 +55,22 @@ def kind_of(params: Params, scene: World | None = None) -> Kind | None:
 
     scene : what it is, where only that tells: a user's own may have solids too.
     """
+    ends = _ends(params)
+    if ends is None:
+        return None
+    if type(scene) is Scene:
+        return Kind(*ends)
+    from hapnet.ext.solids.rigid import RigidScene, describes  # here: a run among walls does not load solids
+
+    return Kind(*ends, describes(params.scene) if scene is None else type(scene) is RigidScene)
+
+
+def _ends(params: Params) -> tuple[type[DeviceEnd] | None, type[WorldEnd] | None] | None:
+    """The ends of the coupling, as in a `Kind`; None: it, or stages before it, are not compiled."""
     law = known(params.coupling)
     if law is None or law.compiled is None or (params.rendering == "hapnet" and any(law.compiled)):
         return None
-    return Kind(*law.compiled, describes(params.scene) if scene is None else type(scene) is RigidScene)
+    return law.compiled
 
 
 def background(runs: Iterable[tuple[Params, float]]) -> AbstractContextManager[Background | None]:
@@ -92,10 +104,13 @@ def device_ends(setup: Setup) -> Ends:
     """
     params = setup.params
     ticks = round(params.duration_s * params.device.servo_hz)
-    if real_time.are_ready(setup.coupling, setup.dof, params):
-        return real_time.CompiledEnds()
-    compiles = ticks >= _WORTH_ARM_TICKS or not real_time.missing(params)
-    return real_time.CompiledDevices() if compiles else setup.ends
+    all_ready = are_ready(setup.coupling, setup.dof, params)
+    compiles = part_of_device(params) and (ticks >= _WORTH_ARM_TICKS or not missing(params))
+    if not all_ready and not compiles:
+        return setup.ends
+    from hapnet.ext.compiled.real_time import CompiledDevices, CompiledEnds  # here, since it loads what it compiles
+
+    return CompiledEnds() if all_ready else CompiledDevices()
 
 
 def chosen(setup: Setup, kernel: bool | None) -> ChosenCode:
@@ -124,7 +139,7 @@ def _reasons(setup: Setup) -> Iterator[str]:
         yield "a switch that enables the device"
     if params.device.clutch:
         yield "a clutch"
-    if kind_of(params) is None:
+    if _ends(params) is None:
         before = "the stages before " if known(params.coupling) and params.rendering == "hapnet" else ""
         yield f"{before}the coupling {params.coupling}"
     if setup.servo == "sampled" and setup.harvest != "measured":
@@ -144,19 +159,28 @@ def _of_scene(setup: Setup) -> Iterator[str]:
     scene = setup.scene
     if follows(setup.params):
         yield "a follower"
-    elif type(scene) is RigidScene:
-        if not 0 < len(scene.contacts.secants) <= MOST:
-            yield f"a scene with {len(scene.contacts.secants)} solids"
-        elif not scene.contacts.have_formulas:
-            yield "a mesh, a field, a layer, or a user's shape or friction"
-        elif scene.has_effects:
-            yield "effects of a surface"
-    elif type(scene) is not Scene or type(scene.contacts) is not Contacts:
+    elif type(scene) is not Scene:
+        yield from _of_solids(setup)
+    elif type(scene.contacts) is not Contacts:
         yield f"the scene {setup.params.scene}"
     elif scene.dof > AXES or len(scene.walls) > MOST:
         yield f"a scene with {scene.dof} axes and {len(scene.walls)} walls"
     elif not scene.contacts.separate:
         yield "walls that act on one another"
+
+
+def _of_solids(setup: Setup) -> Iterator[str]:
+    from hapnet.ext.solids.rigid import RigidScene  # here: a run among walls does not load solids
+
+    scene = setup.scene
+    if type(scene) is not RigidScene:
+        yield f"the scene {setup.params.scene}"
+    elif not 0 < len(scene.contacts.secants) <= MOST:
+        yield f"a scene with {len(scene.contacts.secants)} solids"
+    elif not scene.contacts.have_formulas:
+        yield "a mesh, a field, a layer, or a user's shape or friction"
+    elif scene.has_effects:
+        yield "effects of a surface"
 
 
 def _of_link(profile: LinkProfile) -> Iterator[str]:

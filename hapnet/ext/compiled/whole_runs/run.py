@@ -11,8 +11,9 @@ import numpy as np
 from hapnet.control.two_port import TwoPort
 from hapnet.couplings.rendering import RenderingTuning
 from hapnet.ext.compiled import kinds
-from hapnet.ext.compiled.kinds import Kind, scenario
+from hapnet.ext.compiled.kinds import choices, scenario
 from hapnet.ext.compiled.memory import bare, give_back, load, new, plain, store
+from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.simulation import STEPS, Scenario, enter
 from hapnet.ext.compiled.twins import ready
 from hapnet.ext.compiled.whole_runs import coverage, device, wire, world
@@ -38,7 +39,7 @@ def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
     """
     record = new(scenario(kind))
     run: Callable[[Scenario, int], int] = ready(
-        enter, kind.name, kind.choices(), bare(record), -1
+        enter, kind.name, choices(kind), bare(record), -1
     )  # nothing is due then
     give_back(record, scenario(kind))
     return run
