@@ -8,25 +8,25 @@ True
 The public names, which stay stable:
 
 * `Params`: every parameter of a run. `HapnetError` and, where a value is not allowed, `InvalidParameter`.
-* `simulate`, `simulate_batch`: both sides in virtual time, once (a `Result`) or many times. `read_recording`: what a
-  run wrote, a `Recording`: numpy's arrays, or a table of pandas. An emulated link of your own is `netem.Link`.
-* `report`, `export`: that as a page and pictures (a `Report`), and as tables in files.
-* `compare`, `sweep`, `tune`: many runs measured alike, as the commands of these names make them. They give a
-  `Comparison`, a `SweepResult` and a `Tuning`, whose `rows` are what pandas takes.
+* `simulate`, `simulate_batch`: both sides in virtual time, once (a `Result`) or many times. `read_recording` reads the
+  file of a run as a `Recording`: numpy arrays, or a pandas table. Make an emulated link of your own with `netem.Link`.
+* `report`, `export`: a recording as a page with pictures (a `Report`), and as tables in files.
+* `compare`, `sweep`, `tune`: many runs with the same metrics, like the commands of these names. They return a
+  `Comparison`, a `SweepResult` and a `Tuning`; pandas accepts their `rows`.
 * `connect_device`, `connect_world`: one side in real time, in your asyncio program. ``async with`` gives a
-  `ConnectedDevice` or a `ConnectedWorld`: its `SideEvent`s, samples and `SetPosition`s, and its link to be changed.
-  What has ended raises `Ended`.
-* `RealtimeSide`: what they are made of, from the result of `prepare` and from `ZenohSettings`, which say how to reach
-  the other side. It reports `Notice`s.
-* `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: of any forces, and of obstacles that move.
-  `Plane`: what a device receives of them, with `Effects` of its surface and their `Grain`. `Sphere`, `Cuboid`:
-  how pictures show them.
-  `Engine`: the protocol of a physics engine that integrates what the hand holds, and `EngineWorld`, the world of one.
-  `World`, and what is in one, `Surroundings`: the protocols of any other world.
+  `ConnectedDevice` or a `ConnectedWorld`: its `SideEvent`s, samples and `SetPosition`s, and a way to change its link.
+  Calls after the end raise `Ended`.
+* `RealtimeSide`: the side inside of both, made from the result of `prepare` and from `ZenohSettings`, which define how
+  to reach the other side. It reports `Notice`s.
+* `Scene`, `Wall`: for your own world of walls. `ForceWorld`, `Obstacle`: for a world of any forces, and of obstacles
+  that move. `Plane`: a surface as the device receives it, with `Effects` and their `Grain`. `Sphere`, `Cuboid`: solids
+  for pictures.
+  `Engine`: the protocol of a physics engine that integrates the body in the hand; `EngineWorld`: a world with one.
+  `World` and its `Surroundings`: the protocols of any other world.
 * `Device`: the protocol of your own device. It needs no base class; `Driver` is one, with a default for each part
-  that is optional. `DeviceSilent`: what it raises if there is no reading.
+  that is optional. A device raises `DeviceSilent` if there is no reading.
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
-  `CouplingStart` (`hapnet.control.coupling` says what a law must do), of `parameter`s its own section.
+  `CouplingStart` (`hapnet.control.coupling` defines a law's methods); `parameter`s make its own section.
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.
 
 `examples/` has a short program for each.
@@ -133,7 +133,7 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Public names are loaded on first use: a command's --help needs neither numpy nor Zenoh."""
+    """Load a public name on first use: a command's --help needs neither numpy nor Zenoh."""
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     if name == "__version__":

@@ -26,18 +26,18 @@ def main() -> int:
 
 
 def _open_streams() -> None:
-    """Put something in the place of standard streams that are closed (``>&-``), which other files would take.
+    """Replace closed standard streams (``>&-``), so that no other file gets their numbers.
 
-    To write there is an error, as it would be without this.
+    Writing to them is an error, as it would be without this.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
-            os.open(os.devnull, os.O_RDONLY)  # it gets the lowest number that is free
+            os.open(os.devnull, os.O_RDONLY)  # gets the lowest free number
             setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Handle Ctrl-C: raise KeyboardInterrupt or, where an exception does not work, end the process at once.
+    """Handle Ctrl-C: raise KeyboardInterrupt or, where an exception could be lost, end the process at once.
 
     An import may swallow the exception, or print it. And if it passes through an evaluated string (an annotation, for
     example), Python ends by the signal itself, even if the exception was caught.

@@ -19,31 +19,31 @@ Array = NDArray[np.float64]
 
 Scalar = str | int | float | bool | None
 Signal = Scalar | tuple[int | float, ...]
-"""What two sides can send each other beside the stream."""
+"""A value that two sides can send each other beside the stream."""
 
 MAX_DOF = 64
-"""The most axes: a message contains one number for each, and a side refuses longer ones."""
+"""The most axes: a message contains one number per axis, and a side refuses longer messages."""
 
 MOST_PLANES = 4
-"""The most planes that a world sends of one place: three make a corner of a room."""
+"""The most planes that a world sends for one place: a room's corner has three."""
 
 MOST_CURVATURES = 2
-"""The most principal curvatures that are sent of a plane: a surface in three dimensions has two."""
+"""The most principal curvatures that are sent with a plane: a surface in three dimensions has two."""
 
 MOST_CURVATURE_PER_M = 1e4
-"""Either sign: a radius of 0.1 mm."""
+"""The largest curvature, of either sign: a radius of 0.1 mm."""
 
 MOST_FRICTION = 10.0
-"""The largest Coulomb coefficient that is sent of a plane; that of dry rubber is some 1."""
+"""The largest Coulomb coefficient that is sent with a plane; dry rubber has about 1."""
 
 MOST_VISCOSITY, MOST_SNAP_N, MOST_SNAP_M, MOST_HEIGHT_M, MOST_WAVES_PER_M = 1e3, 100.0, 0.1, 0.1, 1e5
-"""Of a surface's effects."""
+"""Limits of a surface's effects."""
 
 GRAIN_FULL, MOST_GRAIN = 127, 256
-"""A grain's highest sample as a byte; the most samples of one."""
+"""A grain's highest sample as a byte; the most samples of a grain."""
 
 UNIT_TOLERANCE = 1e-6
-"""By how much the square of a normal's length may differ from 1, and by how much a direction may lean to another."""
+"""The largest error of a unit normal's squared length, and the largest cosine between perpendicular directions."""
 
 
 def positive(name: str, value: float) -> float:
@@ -68,14 +68,14 @@ def whole(name: str, value: int, *, at_least: int) -> int:
 
 
 def one_of(name: str, value: str, allowed: Sequence[str]) -> str:
-    """`value` if it is one of those `allowed`."""
+    """`value` if it is one of the `allowed` texts."""
     if value not in allowed:
         raise InvalidParameter(name, value, "one of " + ", ".join(allowed), allowed)
     return value
 
 
 def vector(name: str, value: ArrayLike, n: int | None = None) -> Vector:
-    """`value` as `n` finite floats (any number of them from one up if `n` is None)."""
+    """`value` as `n` finite floats (if `n` is None: one or more)."""
     try:
         array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     except (TypeError, ValueError):
@@ -132,7 +132,7 @@ def _is_number(value: object) -> bool:
 
 
 def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal: Sequence[float]) -> str | None:
-    """Describe the fault in the directions and curvatures [1/m] of a surface with this normal; None: there is none."""
+    """Describe the fault in a surface's curvatures, (direction, curvature [1/m]), with this normal; None: no fault."""
     if len(curvatures) > MOST_CURVATURES:
         return f"{len(curvatures)} curvatures; allowed: up to {MOST_CURVATURES}"
     directions = [tuple(normal)]
@@ -142,7 +142,7 @@ def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal
         square = sum(map(mul, direction, direction))
         leans = [abs(sum(map(mul, direction, other))) for other in directions]
         if not (abs(square - 1.0) <= UNIT_TOLERANCE and all(lean <= UNIT_TOLERANCE for lean in leans)):  # NaN as well
-            return f"a curvature's direction {tuple(direction)}; allowed: a unit vector across the normal and the other"
+            return f"a curvature's direction {tuple(direction)}; allowed: a unit vector perpendicular to the others"
         if not abs(per_m) <= MOST_CURVATURE_PER_M:
             return f"a curvature of {per_m} per m; allowed: finite, within +-{MOST_CURVATURE_PER_M:g}"
         directions.append(tuple(direction))
@@ -150,8 +150,9 @@ def wrong_curvatures(curvatures: Sequence[tuple[Sequence[float], float]], normal
 
 
 def wrong_effects(effects: Sequence[Any], dof: int) -> str:
-    """Describe why these numbers, a viscosity, a sticking, a snap's force and reach, and a grain (None: there is none),
-    are not those of a surface's effects with `dof` axes; empty: they are.
+    """Describe the fault in the effects of a surface with `dof` axes; empty: no fault.
+
+    effects : viscosity, sticking, a snap's force and reach, and a grain (None: no grain).
     """
     *numbers, grain = effects
     most = (MOST_VISCOSITY, MOST_FRICTION, MOST_SNAP_N, MOST_SNAP_M)

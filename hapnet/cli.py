@@ -1,8 +1,8 @@
 """The `hapnet` command: the table of its commands, and one line and an exit code for every error.
 
-A command is a function: its arguments are the flags, and its docstring is the help below the line that stands here.
+A command is a function: its arguments are the flags, and its docstring is the help below the line in the table.
 `hapnet --help` and TAB read the table, and import no command; a command's module is imported when the command is run
-or explains itself. Other packages publish their commands as entry points of `hapnet.commands`.
+or its help is printed. Other packages publish their commands as entry points of `hapnet.commands`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "play": (
         "hapnet.ext.page.commands.play:play",
-        "Feel it on a live page, with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.",
+        "Run a live page with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.",
     ),
     "view": (
         "hapnet.ext.page.commands.view:view",
@@ -70,39 +70,39 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "report": (
         "hapnet.ext.pictures.commands:report",
-        "Turn one or two recordings into a page (HTML), figures and a summary. A torn one gets a repaired copy.",
+        "Turn one or two recordings into a page (HTML), figures and a summary. A damaged one gets a repaired copy.",
     ),
     "compare": (
         "hapnet.ext.study.commands.compare:compare",
-        "Compare couplings over the same links, hands and seeds, in virtual time: which are passive, how transparent.",
+        "Compare couplings over the same links, hands and seeds, in virtual time: their passivity and transparency.",
     ),
     "export": (
         "hapnet.commands.export:export",
-        "Write one or two recordings as tables: CSV, and Parquet. Those of two hosts are put on one clock.",
+        "Write one or two recordings as tables: CSV, and Parquet. Recordings of two hosts are put on the same clock.",
     ),
     "transparency": (
         "hapnet.ext.study.commands.transparency:transparency",
-        "Measure what couplings transmit of a wall: stiffness and damping over frequency, in virtual time.",
+        "Measure how couplings transmit a wall: stiffness and damping over frequency, in virtual time.",
     ),
     "tune": (
         "hapnet.ext.study.commands.tune:tune",
-        "Search the parameters that are best for an objective and break no constraint; score them on other cases.",
+        "Search for the parameters that are best for an objective within constraints; score them on other cases.",
     ),
     "devices": (
         "hapnet.ext.devices.commands:devices",
-        "List the devices that can be given to --device, what was found of each, and what is missing for it.",
+        "List the devices for --device, with the hardware that was found for each, or what is missing for it.",
     ),
     "emulate": (
         "hapnet.ext.devices.commands:emulate",
-        "Stand in for a device: speak its protocol, with a simulated hand on the handle, in a process of its own.",
+        "Emulate a device: speak its protocol, with a simulated hand on the handle, in a process of its own.",
     ),
     "bench": (
         "hapnet.ext.bench.commands:bench",
-        "Measure what the servo, the message path and the simulation cost here, each beside a bare reference.",
+        "Measure the cost of servo, message path and simulation on this machine, each beside a bare reference.",
     ),
     "doctor": (
         "hapnet.ext.doctor.commands:doctor",
-        "Check what this machine allows a servo to do, and say how to allow the rest.",
+        "Check what this machine allows a servo to do, and print how to allow the rest.",
     ),
     "compile": (
         "hapnet.ext.compiled.commands:compile_couplings",
@@ -110,15 +110,15 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "sweep": (
         "hapnet.ext.study.commands.sweep:app",
-        "Thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
+        "Run thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
     ),
 }
-"""hapnet's own commands in the order of the list: the function, or the `typer.Typer` of several, and what it does."""
+"""hapnet's own commands in the order of the list: the function (or a `typer.Typer` with several), and its help."""
 
 
 @cache
 def commands() -> dict[str, str]:
-    """Each command with its line in the list. For another package's that is the package's summary."""
+    """Each command with its line in the list; for a command of another package, the package's summary."""
     own = {name: line for name, (_, line) in COMMANDS.items()}
     return own | {name: _summary(package) for name, (_, package) in sorted(_others().items()) if name not in own}
 
@@ -135,7 +135,7 @@ def _summary(package: str) -> str:
 
 
 class _Commands(TyperGroup):
-    """The commands; only the one that is run, or whose help is asked for, is imported."""
+    """The group of commands; it imports a command only to run it or to print its help."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(commands())
@@ -154,7 +154,7 @@ class _Commands(TyperGroup):
 
 
 def _command(name: str) -> Any:
-    """A command, ready to be run; None: there is none of this name."""
+    """A command, ready to be run; None: no command has this name."""
     if name in COMMANDS:
         where, line = COMMANDS[name]
         command = _for_typer(name, resolve_name(where))
@@ -181,9 +181,9 @@ app = typer.Typer(
     name="hapnet",
     help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
     "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
-    epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line says what; 3 "
-    "the run went to its end, but its output is not complete, or the device's force was stopped; 4 a coupling that "
-    "claims to be passive was not; 5 somebody else spoke in a side's name, so that nobody knows; "
+    epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line names the error; 3 "
+    "the run went to its end, but its output is incomplete, or the device's force was stopped; 4 a coupling that "
+    "claims to be passive was not; 5 another sender used a side's name, so passivity is unknown; "
     "128 + N stopped by signal N (Ctrl-C: 130).",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -218,7 +218,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        raise  # `output.unless_closed` has it
+        raise  # handled by `output.unless_closed`
     except OSError as error:
         if error.filename is None:
             raise
@@ -237,7 +237,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _complete() -> int:
-    """Answer a shell's question, after TAB or for its script: the environment holds it. Print nothing else."""
+    """Print the completions after TAB, or the completion script, as the environment requests; print nothing else."""
     warnings.simplefilter("ignore")
     offered = io.StringIO()
     code, glued = 1, False

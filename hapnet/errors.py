@@ -17,7 +17,7 @@ class InvalidParameter(HapnetError, ValueError):
     name : the parameter by the user's name (``"stiffness"``, ``"world.wall.stiffness"``).
     value : the given value.
     allowed : what is accepted, as text.
-    known : the accepted names, where the value is a name: the message has those that are nearly the same.
+    known : the accepted names, if the value is a name: the message suggests similar names.
     """
 
     def __init__(self, name: str, value: object, allowed: str, known: Iterable[str] = ()) -> None:
@@ -32,11 +32,11 @@ class InvalidParameter(HapnetError, ValueError):
 
 
 class ProtocolError(HapnetError):
-    """Something does not follow the protocol."""
+    """A message or a call does not follow the protocol."""
 
 
 class LocalProtocolError(ProtocolError):
-    """This side's own program asks for something that the protocol does not allow: a defect here, never in a peer."""
+    """This side's own program makes a call that the protocol forbids: a defect of this side, never of a peer."""
 
 
 class BadMessage(ProtocolError):
@@ -59,17 +59,17 @@ class RecordingError(HapnetError):
 
 
 class OutputError(HapnetError):
-    """The output of a run is missing or not complete, although the run went well."""
+    """The output of a run is missing or incomplete, although the run itself succeeded."""
 
 
 class MissingLibrary(HapnetError):
-    """A feature needs a library, or several with blanks between them, of an extra that is not installed."""
+    """A feature needs libraries (names with blanks between them) of an extra that is not installed."""
 
     def __init__(self, what: str, library: str, extra: str) -> None:
         self.what: str = what
         self.library: str = library
         self.extra: str = extra
-        from hapnet.installing import install_command  # nothing else needs it
+        from hapnet.installing import install_command  # needed only here
 
         how = install_command(library)
         libraries = " and ".join(library.split())
@@ -80,14 +80,14 @@ class MissingLibrary(HapnetError):
 
 
 class DeviceSilent(HapnetError):
-    """A device gives no reading now, and may give one later: no answer in time, or a cable that was pulled out.
+    """A device gives no reading now, but may give one later: no answer in time, or the cable was pulled out.
 
-    A driver raises it from `read` or `apply`. The servo goes on without force and reads again at the next tick.
+    A driver raises it from `read` or `apply`. The servo continues without force and reads again at the next tick.
     """
 
 
 class Ended(HapnetError):
-    """A connected side runs no more: its time was over, its peer left a side that runs once, or its block was left."""
+    """A connected side has ended: its time was over, its only peer left, or the program left its ``async with``."""
 
 
 class TransportError(HapnetError):

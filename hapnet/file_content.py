@@ -1,4 +1,4 @@
-"""Reads files that may be anybody's: plain files of a bounded size, and tables and trees of a bounded depth.
+"""Reads untrusted files: plain files of a bounded size, and tables and trees of a bounded depth.
 
 All errors are OSError or ValueError, with a reason in one line.
 """
@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import IO, Any
 
 LARGEST_TEXT = 4 << 20
-"""No TOML, URDF or CSV file is larger [bytes]."""
+"""The largest TOML, URDF or CSV file that is read [bytes]."""
 
 DEEPEST = 50
-"""Tables and lists in a file contain one another at most this deep."""
+"""The deepest nesting of tables and lists in a file."""
 
 MOST_DOTS = 10_000
-"""A line of a TOML file has at most so many: the time for a dotted name grows with the square of its parts."""
+"""The most dots in a line of a TOML file: the time to parse a dotted name grows with the square of its parts."""
 
 
 MCAP = b"\x89MCAP0\r\n"
@@ -40,13 +40,13 @@ def begins_with(path: str | PathLike[str], magic: bytes) -> bool:
 def open_plain(path: str | PathLike[str], most: int | None = None) -> IO[bytes]:
     """Open a file for reading. A pipe or a device is refused, as reading it may never end.
 
-    most : its largest size [bytes]; None: any. Raises OSError.
+    most : the largest size that is allowed [bytes]; None: any. Raises OSError.
     """
     name = os.fspath(path)
     try:
         found = os.stat(name)
     except ValueError:  # a null byte
-        raise OSError(errno.EINVAL, "this is no file's name") from None
+        raise OSError(errno.EINVAL, "this is not a file name") from None
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
     if not stat.S_ISREG(found.st_mode):
@@ -57,18 +57,18 @@ def open_plain(path: str | PathLike[str], most: int | None = None) -> IO[bytes]:
 
 
 def read_bytes(path: str | PathLike[str], most: int) -> bytes:
-    """The content of a plain file. Raises OSError: it cannot be read, or has more than `most` bytes."""
+    """The content of a plain file. Raises OSError: the file cannot be read, or has more than `most` bytes."""
     with open_plain(path, most) as file:
         return file.read(most)
 
 
 def read_text(path: str | PathLike[str], most: int = LARGEST_TEXT) -> str:
-    """The same as text; the lines end as in `Path.read_text`. Raises OSError, UnicodeDecodeError."""
+    """The content of a plain file as text; lines end as in `Path.read_text`. Raises OSError, UnicodeDecodeError."""
     return read_bytes(path, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
-    """The table in a TOML file, with integers of 64 bits as TOML has them. Raises OSError, ValueError."""
+    """The table in a TOML file; integers must fit 64 bits, as in TOML. Raises OSError, ValueError."""
     text = read_text(path)
     if max(map(_dots, text.split("\n"))) > MOST_DOTS:
         raise ValueError(f"a line with more than {MOST_DOTS} dots")
@@ -77,13 +77,13 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
         return table
     except RecursionError:
         raise ValueError(f"nested more than {DEEPEST} deep") from None
-    except tomllib.TOMLDecodeError as error:  # it may quote a name of thousands of parts; its end says where
+    except tomllib.TOMLDecodeError as error:  # it may quote a name of thousands of parts; its end has the line number
         message = str(error)
         raise ValueError(message if len(message) <= 200 else f"{message[:100]} ... {message[-80:]}") from None
 
 
 def read_json(text: str | bytes) -> Any:
-    """Decode a text in JSON. Raises ValueError."""
+    """Decode JSON. Raises ValueError."""
     try:
         return bounded(json.loads(text))
     except RecursionError:
@@ -91,17 +91,17 @@ def read_json(text: str | bytes) -> Any:
 
 
 def bounded(tree: Any) -> Any:
-    """The tree itself. Raises ValueError: it is too deep, or has an integer that 64 bits do not hold."""
+    """Return the tree unchanged. Raises ValueError: it is too deep, or has an integer of more than 64 bits."""
     level = [tree]
     for _ in range(DEEPEST):
         inside: list[Any] = []
-        for one in level:
-            if isinstance(one, dict):
-                inside += one.values()
-            elif isinstance(one, list):
-                inside += one
-            elif isinstance(one, int) and not -(1 << 63) <= one < 1 << 63:
-                raise ValueError(f"{_named(one, tree)}an integer of more than 64 bits")
+        for value in level:
+            if isinstance(value, dict):
+                inside += value.values()
+            elif isinstance(value, list):
+                inside += value
+            elif isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
+                raise ValueError(f"{_named(value, tree)}an integer of more than 64 bits")
         if not inside:
             return tree
         level = inside
@@ -109,16 +109,16 @@ def bounded(tree: Any) -> Any:
 
 
 def _named(value: int, tree: Any) -> str:
-    """The beginning of a sentence about a value, with the key under which it is in `tree`; empty: there is none."""
+    """The beginning of a sentence about `value`, with its key in `tree`; empty: the value has no key."""
     left: list[tuple[str, Any]] = [("", tree)]
     while left:
-        name, one = left.pop()
-        if one is value:
+        name, node = left.pop()
+        if node is value:
             return name
-        if isinstance(one, dict):
-            left += [(f"{key!r:.60} has ", inner) for key, inner in one.items()]
-        elif isinstance(one, list):
-            left += [(name, inner) for inner in one]
+        if isinstance(node, dict):
+            left += [(f"{key!r:.60} has ", inner) for key, inner in node.items()]
+        elif isinstance(node, list):
+            left += [(name, inner) for inner in node]
     return ""
 
 

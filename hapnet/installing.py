@@ -1,4 +1,4 @@
-"""The installed libraries: their versions, which of an extra are missing, and the command that installs them here."""
+"""The installed libraries: their versions, the missing libraries of an extra, and the command that installs them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _INSTALLS_ELSEWHERE = (22, 3)
 
 
 def install_command(libraries: str) -> str:
-    """One line for a shell; `libraries` : their names, with blanks between them.
+    """The shell command that installs `libraries` (names with blanks between them) into this environment.
 
-    An environment may have no pip of its own (``python3 -m venv --without-pip``), and where it is activated, `python3`
-    is its interpreter. So the line names an interpreter that has pip by its path.
+    An environment may have no pip of its own (``python3 -m venv --without-pip``), and while it is activated, `python3`
+    is its interpreter. So the command contains the path of an interpreter that has pip.
     """
     return f"{_installer()} install {shlex.join(libraries.split())}"
 
@@ -41,14 +41,14 @@ def _installer() -> str:
 
 
 def _others() -> list[Path]:
-    """Interpreters outside of this environment: the one that it was made with, then those that are found."""
+    """Interpreters outside of this environment: first the interpreter that made it, then any others on this machine."""
     made_with = Path(sys.base_prefix) / "bin"
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     found = [made_with / version, made_with / "python3", Path("/usr/local/bin/python3"), Path("/usr/bin/python3")]
     if (on_path := shutil.which("python3")) is not None:
         found.append(Path(on_path))
     own = Path(sys.prefix)
-    return [one for one in dict.fromkeys(found) if one.exists() and own not in one.parents]
+    return [path for path in dict.fromkeys(found) if path.exists() and own not in path.parents]
 
 
 def _has_pip(interpreter: Path) -> bool:
@@ -71,7 +71,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 _RECORD = {"mcap": "mcap", "google.protobuf": "protobuf"}
 _REPORT = {**_RECORD, "matplotlib": "matplotlib"}
 
-_LIBRARIES = {  # of an extra: each module, and the library that has it
+_LIBRARIES = {  # by extra: each module, and the library that contains it
     "record": _RECORD,
     "report": _REPORT,
     "view": {**_REPORT, "viser": "viser"},
@@ -87,7 +87,7 @@ def lacks(extra: str) -> list[str]:
 
 
 def require(extra: str, what: str) -> None:
-    """Raise MissingLibrary if a library of `extra` is not installed. what : needs it, as text."""
+    """Raise MissingLibrary if a library of `extra` is not installed. what : the feature that needs it, as text."""
     if missing := lacks(extra):
         raise MissingLibrary(what, " ".join(missing), extra)
 
@@ -95,7 +95,7 @@ def require(extra: str, what: str) -> None:
 def _is_there(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except (ModuleNotFoundError, ValueError):  # not even the package that it is in, or made to be missing
+    except (ModuleNotFoundError, ValueError):  # its parent package is missing, or a test hides the module
         return False
 
 
@@ -105,5 +105,5 @@ def _found() -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """The versions by the name of the distribution, with Python's, as in summaries and recordings."""
+    """The versions by distribution name, and Python's version, as in summaries and recordings."""
     return {**_found(), "python": platform.python_version()}

@@ -1,8 +1,8 @@
-"""The couplings' names, and their laws' parameters, for what must not load the laws: `Params` and the commands.
+"""The couplings' names and their laws' parameters, for modules that must not load the laws: `Params` and the commands.
 
 PSPM is a file of the core. Any other law of hapnet is a file of hapnet/ext/laws/ with a ``LAW = CouplingSpec(...)``.
-Its name is the file's, with dashes for underlines. The file is loaded when the law is asked for;
-`hapnet.couplings.registry` says what it is.
+Its name is the file name, with dashes for underscores. The file is loaded on first use;
+`hapnet.couplings.registry` returns its `CouplingSpec`.
 """
 
 from __future__ import annotations
@@ -18,33 +18,34 @@ GROUP = "hapnet.couplings"
 """The entry points by which other packages publish their laws."""
 
 _FIRST = ("pspm", "zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")
-"""The order in which people read them; any other law comes behind these, by its name."""
+"""The order in lists and tables; any other laws follow, sorted by name."""
 
 _FURTHER = "hapnet.ext.laws"
-"""The package with a file for each law but PSPM."""
+"""The package with a file for each law except PSPM."""
 
 
 def _modules() -> dict[str, str]:
-    """The module of each law of hapnet's, by the law's name."""
-    found = {"pspm": "hapnet.couplings.pspm"}
+    """The module of each of hapnet's laws, by the law's name."""
+    modules = {"pspm": "hapnet.couplings.pspm"}
     try:
         package = find_spec(_FURTHER)
-    except ImportError:  # the core alone
+    except ImportError:  # only the core is installed
         package = None
     folders = (package and package.submodule_search_locations) or ()
-    found |= {one.name.replace("_", "-"): f"{_FURTHER}.{one.name}" for one in iter_modules(folders) if not one.ispkg}
-    return {name: found[name] for name in sorted(found, key=lambda name: (*_FIRST, *sorted(found)).index(name))}
+    files = [module.name for module in iter_modules(folders) if not module.ispkg]
+    modules |= {name.replace("_", "-"): f"{_FURTHER}.{name}" for name in files}
+    return {name: modules[name] for name in sorted(modules, key=lambda name: (*_FIRST, *sorted(modules)).index(name))}
 
 
 _MODULES = _modules()
 
 COUPLING_NAMES = tuple(_MODULES)
-"""hapnet's own."""
+"""The names of hapnet's own couplings."""
 
 
 @cache
 def built_in(name: str) -> Any:
-    """The `CouplingSpec` of that name, which is one of `COUPLING_NAMES`."""
+    """The `CouplingSpec` of a name in `COUPLING_NAMES`."""
     law = import_module(_MODULES[name]).LAW
     assert law.name == name, f"the LAW of the file of {name} is named {law.name}"
     return law
@@ -52,12 +53,12 @@ def built_in(name: str) -> Any:
 
 @cache
 def sections() -> Mapping[str, type[Any]]:
-    """The classes of hapnet's own laws' parameters, by the names of their sections in `Params`."""
+    """The parameter classes of hapnet's own laws, by the names of their sections in `Params`."""
     return _sections(built_in(name) for name in COUPLING_NAMES)
 
 
 def sections_of(*names: str) -> Mapping[str, type[Any]]:
-    """The same of these laws: hapnet's own, a published one's name, or ``module:NAME``.
+    """The parameter classes of these laws, by section; names are hapnet's own, published names, or ``module:NAME``.
 
     Raises InvalidParameter: there is no such law, or it cannot be loaded.
     """

@@ -1,8 +1,8 @@
-"""Imports a user's own parts, given as ``module:Name`` or published by a package; says in one line what fails.
+"""Imports a user's own parts, given as ``module:Name`` or published by a package; reports a failure in one line.
 
-The core imports no extension. When a run needs one that comes with hapnet (an arm, a tool that turns, a robot that
-follows, a world that is not made of flat walls, a picture), `extension` looks it up in a table, and only then is its
-module loaded. Other packages publish theirs as entry points of `hapnet.couplings`, `hapnet.worlds`, `hapnet.devices`.
+The core imports no extension. When a run needs one of hapnet's (an arm, a tool that turns, a robot that follows, a
+world that is not made of flat walls, a picture), `extension` looks up its module in a table, and loads it only then.
+Other packages publish extensions as entry points of `hapnet.couplings`, `hapnet.worlds`, `hapnet.devices`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from netem.errors import unknown
 def published(group: str) -> Mapping[str, tuple[str, str]]:
     """The parts that installed packages publish as entry points of this group.
 
-    By name: ``module:Name``, and the package; "" where that is unknown.
+    By name: ``module:Name``, and the package ("" if it is unknown).
     """
     from importlib.metadata import entry_points  # here, as it is slow to import
 
@@ -39,7 +39,7 @@ def published(group: str) -> Mapping[str, tuple[str, str]]:
 def any_published(group: str) -> bool:
     """True if an installed package publishes entry points of this group.
 
-    Only for what must be quick (`hapnet --help`, TAB): `published` first imports `importlib.metadata`, which takes ten
+    Use it only where speed matters (`hapnet --help`, TAB): `published` imports `importlib.metadata`, which takes ten
     times as long.
     """
     files = (file for folder in sys.path for file in Path(folder).glob("*-info/entry_points.txt"))
@@ -49,8 +49,8 @@ def any_published(group: str) -> bool:
 def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> Any:
     """The object that ``module:Name`` names. Importing it runs the user's code, which may raise anything.
 
-    Raises InvalidParameter: `name` has no colon, or the import failed; it names `parameter`, and says what is
-    `allowed`, or which of the `known` names may be meant. The same where a file has named it: see `permitting`.
+    Raises InvalidParameter: `name` has no colon, the import failed, or a file may not name it (see `permitting`). The
+    message names `parameter`, and what is `allowed`, or the `known` names that are similar.
     """
     if name in _shared_parts:
         return _shared_parts[name]
@@ -59,23 +59,23 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
         raise InvalidParameter(parameter, name, allowed, known)
     if _permits is not None:
         _permits(parameter, name)
-    found: ModuleType | None = None
+    imported: ModuleType | None = None
     try:
-        found = import_module(module)
-        return getattr(found, attribute)
-    except HapnetError:  # it says itself what is wrong
+        imported = import_module(module)
+        return getattr(imported, attribute)
+    except HapnetError:  # its own message is good enough
         raise
     except AttributeError as error:
-        nearly = () if found is None else tuple(vars(found))
-        if unknown("", attribute, nearly):
-            raise InvalidParameter(f"{module}: {parameter}", attribute, allowed, nearly) from error
+        names = () if imported is None else tuple(vars(imported))
+        if unknown("", attribute, names):
+            raise InvalidParameter(f"{module}: {parameter}", attribute, allowed, names) from error
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
     except BaseException as error:  # see `failure`
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
 
 
 Permits = Callable[[str, str], None]
-"""Takes a parameter and the name that stands there; raises HapnetError if that may not be loaded."""
+"""Takes a parameter and its value, ``module:Name``; raises HapnetError if that may not be loaded."""
 
 _permits: Permits | None = None
 _LONGEST = 400
@@ -84,10 +84,10 @@ _DRIVERS = ("hapnet.ext.devices.", "hapnet.ext.robots.")
 
 @contextmanager
 def permitting(permits: Permits) -> Iterator[None]:
-    """While this is open, `load` asks `permits` first, in all threads. For names that may come from a stranger's file.
+    """Within this context `load` calls `permits` first, in all threads: for names from a file that is not trusted.
 
-    The parts that installed packages publish, and hapnet's drivers, need no permission: but nothing else of hapnet, as
-    a scene's text can call any function with any arguments. Inside another such context, that one goes on.
+    The parts that installed packages publish, and hapnet's drivers, need no permission. The rest of hapnet does, as
+    a scene's text can call any function with any arguments. If contexts are nested, the outermost one applies.
     """
     global _permits
     before = _permits
@@ -105,7 +105,7 @@ def permitting(permits: Permits) -> Iterator[None]:
 
 
 def only_imported(parameter: str, name: str) -> None:
-    """Permits what needs no import. To be used where the object is looked at, but not called."""
+    """A `Permits` that allows only names of imported modules. Use it where the object is inspected, but not called."""
     if name.partition(":")[0] not in sys.modules:
         raise InvalidParameter(
             parameter, name, "a name that is imported already: a file names it, which imports nothing"
@@ -115,11 +115,11 @@ def only_imported(parameter: str, name: str) -> None:
 @cache
 def _all_published() -> tuple[tuple[str, str], ...]:
     groups = ("hapnet.couplings", "hapnet.worlds", "hapnet.devices", "hapnet.impairments")
-    return tuple(found for group in groups for found in published(group).values())
+    return tuple(part for group in groups for part in published(group).values())
 
 
 LENT = "object:"
-"""What the name of a lent part begins with: no other process knows it."""
+"""The prefix of the names of parts that cannot be imported; such a name is valid in this process only."""
 
 _shared_parts: dict[str, object] = {}
 _numbers = count(1)
@@ -127,9 +127,9 @@ _numbers = count(1)
 
 @contextmanager
 def shared_with_children(part: object, called: str) -> Iterator[str]:
-    """A name that `load` takes for `part`: ``module:Name`` where it can be imported under that.
+    """A name with which `load` returns `part`: ``module:Name`` if it can be imported under that name.
 
-    Otherwise there is such a name inside this context only, with the word `called` in it.
+    Otherwise a name with the word `called` in it, which is valid only inside this context.
     """
     module, name = str(getattr(part, "__module__", None)), str(getattr(part, "__qualname__", None))
     if getattr(sys.modules.get(module), name, None) is part:
@@ -146,11 +146,11 @@ def shared_with_children(part: object, called: str) -> Iterator[str]:
 def failure(error: BaseException) -> str:
     """Describe in one line the exception that a call of a user's own part raised.
 
-    Whatever it raises is its failure, so that such a call has an ``except BaseException``: a SystemExit would end the
-    program without a word, a GeneratorExit or a CancelledError would pass for somebody else's. No task is cancelled
+    Anything that it raises is its failure, so such a call has an ``except BaseException``: a SystemExit would end the
+    program silently, and a GeneratorExit or a CancelledError would seem to come from elsewhere. No task is cancelled
     inside such a call.
 
-    Raises KeyboardInterrupt: `error` is one. Ctrl-C is no failure, and goes on from here.
+    Raises KeyboardInterrupt: `error` is one. Ctrl-C is not a failure, and is raised again.
     """
     if isinstance(error, KeyboardInterrupt):
         raise error
@@ -158,7 +158,7 @@ def failure(error: BaseException) -> str:
 
 
 def cause(error: BaseException) -> str:
-    """The error in one line, which is cut if it is long: it may quote a whole file."""
+    """The error in one line, cut if it is long: it may quote a whole file."""
     line = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]} ..."
 
@@ -183,7 +183,7 @@ _MODULES = {
 }
 
 WORLDS = ("mujoco", "soft", "tools' worlds", "solids")
-"""The kinds of worlds that a text describes, in the order in which they are asked: `hapnet.plant.worlds.registry`."""
+"""The kinds of worlds that a text describes, in the order in which `hapnet.plant.worlds.registry` tries them."""
 
 
 def has_extension(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""The parameters as a JSON schema, with which an editor completes and checks a file for `--params`."""
+"""The parameters as a JSON schema: with it an editor completes and checks a file for `--params`."""
 
 from __future__ import annotations
 

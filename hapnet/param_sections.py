@@ -1,7 +1,7 @@
 """The sections of `hapnet.params.Params`, except the laws' own: every parameter's default, unit and meaning.
 
-This is the only place for these defaults; other modules take them from here. They are those of the paper's Section 4;
-digits that its printing lost are reconstructed (marked "rec.").
+These defaults are defined only here. They are the values of the paper's Section 4; digits that were lost in print are
+reconstructed (marked "rec.").
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class DeviceParams(Section):
     )
     pspm_period_s: float = _p(
         0.005,
-        "positions are sent this often; with the paper's rendering PSPM runs as often, and on new data [s]",
+        "period of sent positions [s]; with the paper's rendering PSPM runs with this period too, and on new data",
         _POSITIVE,
     )
     stiffness: Matrix = _p(
@@ -40,7 +40,7 @@ class DeviceParams(Section):
     damping: Matrix = _p(0.1, "B [Ns/m]: a number, or one per axis", _POSITIVE)
     ceiling_J: float = _p(0.1, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
     shuffle: str = _p(
-        "needed", "what is sent: harvested surplus, and what the other side needs more; harvested; all (the paper's)",
+        "needed", "energy to send: harvested surplus, and any that the other side needs more; harvested; all (paper)",
         ("needed", "harvested", "all"),
     )  # fmt: skip
     harvest: str = _p("auto", "auto: range with the continuous servo, measured with the sampled one",
@@ -58,7 +58,7 @@ class DeviceParams(Section):
     )
     silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
     greatest_speed: float = _p(
-        1.0, "maximum speed of the handle [m/s]: it bounds the energy that a held torque can give out", _POSITIVE
+        1.0, "maximum speed of the handle [m/s]: it bounds the energy that a held torque can output", _POSITIVE
     )
     mass: float = _p(0.045, "apparent mass of the simulated device [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "own damping of the simulated device [Ns/m]", _NOT_NEGATIVE)
@@ -76,23 +76,23 @@ class DeviceParams(Section):
     stiffness_range: Matrix = _p((1.0, 1e5), "smallest and largest stiffness that the device renders [N/m]")
     substeps: int = _p(4, "integration substeps of the simulated device per tick", Range(at_least=1, at_most=1000))
     force_ramp_s: float = _p(
-        1.0, "a real device's force grows over this time: at the start, after silence, after its dead-man switch [s]",
+        1.0, "a real device's force grows over this time [s]: at the start, after silence, after its dead-man switch",
         _NOT_NEGATIVE,
     )  # fmt: skip
     self_test_N: float = _p(
-        0.3, "a real device's handle is pushed to and fro by this for 0.4 s at the start: do its positions follow? [N]",
+        0.3, "a real device's handle is pushed to and fro with this force for 0.4 s at the start, to test it [N]",
         _NOT_NEGATIVE,
     )  # fmt: skip
     known_mass_kg: Matrix = _p(
-        0.0, "apparent mass of its handle as found before, or one per axis [kg]; 0: not known", _NOT_NEGATIVE
+        0.0, "apparent mass of the handle from an earlier measurement, or one per axis [kg]; 0: unknown", _NOT_NEGATIVE
     )
     dead_man: str = _p(
-        "auto", "the button that must be held: auto (the one that the device declares), none, or its number from 0"
+        "auto", "the button that must be held: auto (as the device declares), none, or its number from 0"
     )
-    enable: str = _p("auto", "when it leads: hold (only while its dead-man switch, else its first button, is held; or "
-                     "spans of time in which it is held, as in 0-2, 3-6.5 [s]); auto: hold, if it has a dead-man "
+    enable: str = _p("auto", "when the device leads: hold (only while its dead-man switch, else its first button, is "
+                     "held; or spans in which it is held, as in 0-2, 3-6.5 [s]); auto: hold, if it has a dead-man "
                      "switch and leads a robot")  # fmt: skip
-    clutch: str = _p("", "when the device moves alone, without force, and is coupled again from where it then is: "
+    clutch: str = _p("", "when the device moves freely, without force, to be coupled again at its new position: "
                      "spans as in 2-3, 5-6.5 [s], or a button as in button 1; empty: never")  # fmt: skip
 
 
@@ -106,25 +106,25 @@ class OperatorParams(Section):
     amplitude_m: float = _p(0.03, "amplitude of the sine [m]", _NOT_NEGATIVE)
     frequency_hz: float = _p(0.5, "frequency of the sine [Hz]", _NOT_NEGATIVE)
     start_periods: float = _p(
-        0.5, "the sine grows from rest over so many of its periods (minimum jerk); 0: full from the start",
+        0.5, "number of periods in which the sine grows from rest (minimum jerk); 0: full from the start",
         Range(at_least=0.0, at_most=100.0),
     )  # fmt: skip
     tremor_m: float = _p(0.0, "amplitude of its tremor, 8 to 12 Hz [m]", Range(at_least=0.0, at_most=0.01))
     turn_rad: float = _p(
-        0.3, "of a pose: amplitude of each component of the hand's rotation [rad]", Range(at_least=0.0, at_most=3.0)
+        0.3, "for a pose: amplitude of each component of the hand's rotation [rad]", Range(at_least=0.0, at_most=3.0)
     )
-    turn_hz: float = _p(0.25, "of a pose: frequency of the first of them [Hz]", Range(at_least=0.0, at_most=20.0))
+    turn_hz: float = _p(0.25, "for a pose: frequency of the first component [Hz]", Range(at_least=0.0, at_most=20.0))
     end_hold_s: float = _p(
         0.0,
-        "the hand comes to rest and holds still for so long at the end of the run [s]; 0, or a short run: never",
+        "at the end of the run the hand rests for this time [s]; 0, or in a short run: never",
         _NOT_NEGATIVE,
     )
-    start_m: float = _p(0.0, "where the press begins, along the wall's normal [m]")
-    goal_m: float = _p(0.04, "where the press aims, along the wall's normal [m]")
+    start_m: float = _p(0.0, "start of the press, along the wall's normal [m]")
+    goal_m: float = _p(0.04, "target of the press, along the wall's normal [m]")
     reach_s: float = _p(1.0, "duration of the press's motion in, and of its motion out [s]", _POSITIVE)
-    hold_s: float = _p(1.5, "how long the press is held [s]", _NOT_NEGATIVE)
+    hold_s: float = _p(1.5, "duration for which the press is held [s]", _NOT_NEGATIVE)
     wait_s: float = _p(0.5, "pause between presses [s]", _NOT_NEGATIVE)
-    press_depth_m: float = _p(0.008, "depth at which a recorded pen aims at full pressure [m]", _NOT_NEGATIVE)
+    press_depth_m: float = _p(0.008, "target depth of a recorded pen at full pressure [m]", _NOT_NEGATIVE)
     hover_m: float = _p(0.006, "height of a recorded pen when it is lifted [m]", _NOT_NEGATIVE)
 
 
@@ -147,7 +147,7 @@ class WorldParams(Section):
     stiffness: Matrix = _p(500.0, "K' [N/m] (rec.); K'/K scales the force that is felt", _POSITIVE)
     damping: Matrix = _p(14.0, "B' [Ns/m]", _POSITIVE)
     ceiling_J: float = _p(0.05, "the reservoir's ceiling [J]", _NOT_NEGATIVE)
-    shuffle: str = _p("needed", "what is sent, as device.shuffle", ("needed", "harvested", "all"))
+    shuffle: str = _p("needed", "energy to send, as device.shuffle", ("needed", "harvested", "all"))
     step_min_s: float = _p(0.010, "minimum integration step T_k [s] (rec.)", _POSITIVE)
     step_max_s: float = _p(
         0.050, "maximum integration step T_k [s]; steps are uniform between the two (rec.)", _POSITIVE
@@ -166,16 +166,16 @@ class WorldParams(Section):
 
 @dataclass(frozen=True)
 class FollowerParams(Section):
-    """A robot in the virtual mass's place. All but the two scales is in its own units; its spring, damper and reservoir
-    are those of `world`."""
+    """A robot in the virtual mass's place. Except for the two scales, all values are in the robot's own units; spring,
+    damper and reservoir are in `world`."""
 
     robot: str = _p(
         "none",
-        "what follows the device, in place of the scene's virtual mass: simulated, or a driver (`hapnet devices`, "
-        "module:Class); none: the virtual mass does",
+        "a robot that follows the device, in the virtual mass's place: simulated, or a driver (`hapnet devices`, "
+        "module:Class); none: the virtual mass follows",
     )
     servo: str = _p(
-        "auto", "auto: sampled (a force that is held) where the coupling has set-positions, else continuous",
+        "auto", "auto: sampled (a held force) if the coupling has set-positions, else continuous",
         ("auto", "continuous", "sampled"),
     )  # fmt: skip
     servo_hz: float = _p(1000.0, "rate of its servo [Hz]", Range(at_least=10.0, at_most=20_000.0))
@@ -186,28 +186,26 @@ class FollowerParams(Section):
     )
     force_limit_N: float = _p(10.0, "maximum force of its actuators [N]; 0: no limit", _NOT_NEGATIVE)
     step_limit_N: float = _p(0.5, "largest step of its force per tick [N]; 0: no limit", _NOT_NEGATIVE)
-    greatest_speed: float = _p(
-        1.0, "maximum speed: it bounds the energy that a held force can give out [m/s]", _POSITIVE
-    )
+    greatest_speed: float = _p(1.0, "maximum speed: it bounds the energy that a held force can output [m/s]", _POSITIVE)
     motion_scale: float = _p(
         1.0,
-        "the robot moves so many times as far as the device; no angle of a tool is scaled",
+        "the robot's motion divided by the device's; angles of a tool are not scaled",
         Range(at_least=1e-3, at_most=1e3),
     )
     force_scale: float = _p(
-        1.0, "the device renders so many times the robot's force; the theorem then bounds the sum of the device's work "
+        1.0, "the device's force divided by the robot's; the theorem then bounds the sum of the device's work "
         "and force_scale/motion_scale times the robot's", Range(at_least=1e-3, at_most=1e3)
     )  # fmt: skip
     start: str = _p(
-        "here", "here: wherever both stand when they are paired is the same place; origin: both have the same origin",
+        "here", "here: the positions of both at pairing are the same place; origin: both have the same origin",
         ("here", "origin"),
     )  # fmt: skip
     feedback: str = _p(
-        "position", "the device's spring is tied to where the robot is (position), renders the force on the robot "
-        "(force), or the planes near it, which the scene knows (planes)", ("position", "force", "planes")
+        "position", "the device's spring is tied to the robot's position (position), renders the force on the robot "
+        "(force), or the scene's planes near it (planes)", ("position", "force", "planes")
     )  # fmt: skip
     on_stop: str = _p(
-        "freeze", "the robot when its leader lets go, is stopped or is silent: it holds its set-position (freeze), or "
+        "freeze", "when the leader releases it, is stopped or is silent, the robot holds its set-position (freeze) or "
         "renders no force (release)", ("freeze", "release"),
     )  # fmt: skip
     fixtures: bool = _p(False, "a driver's motors render the scene's planes at the robot: virtual fixtures")
@@ -216,29 +214,29 @@ class FollowerParams(Section):
 @dataclass(frozen=True)
 class ContactModelParams(Section):
     """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
-    except those that do not show in its cases: `fade_s`, `shift_s`, `reach_m`.
+    except for three that do not matter in its cases: `fade_s`, `shift_s`, `reach_m`.
 
-    hapnet/couplings/rendering.py says which rule each of them enters.
+    hapnet/couplings/rendering.py lists the rules that use them.
     """
 
-    damping_ratio: float = _p(0.32, "of the device's mass on K; damping is added up to it", _NOT_NEGATIVE)
-    lead: float = _p(0.92, "share of all that drag that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
-    lead_s: float = _p(0.012, "time constant of the velocity that cancels it [s]", _POSITIVE)
+    damping_ratio: float = _p(0.32, "damping ratio of the device on K, up to which damping is added", _NOT_NEGATIVE)
+    lead: float = _p(0.92, "share of all damping that is cancelled in free motion", Range(at_least=0.0, at_most=1.0))
+    lead_s: float = _p(0.012, "time constant of the filtered velocity that cancels damping [s]", _POSITIVE)
     fade_s: float = _p(0.005, "time constant with which a change of planes takes effect [s]", _POSITIVE)
-    shift_s: float = _p(0.05, "time constant with which planes move to where the proxy touches them [s]", _POSITIVE)
-    window_s: float = _p(0.036, "the world predicts the device from the positions of so long a time [s]", _POSITIVE)
-    longest_s: float = _p(0.135, "maximum time to predict [s]", _POSITIVE)
-    curve_s: float = _p(0.075, "maximum time for which an acceleration is predicted to last [s]", _NOT_NEGATIVE)
+    shift_s: float = _p(0.05, "time constant with which planes move to the proxy's place of contact [s]", _POSITIVE)
+    window_s: float = _p(0.036, "time span of the positions from which the world predicts the device [s]", _POSITIVE)
+    longest_s: float = _p(0.135, "longest prediction [s]", _POSITIVE)
+    curve_s: float = _p(0.075, "longest time for which the prediction keeps an acceleration [s]", _NOT_NEGATIVE)
     reach_m: float = _p(
         0.05, "planes are sent within this distance plus the device's travel in a round trip [m]", _NOT_NEGATIVE
     )
-    remembers: bool = _p(True, "planes that are no longer sent stay known until the world says that they are gone")
+    remembers: bool = _p(True, "planes that are no longer sent are kept until the world reports that they are gone")
     stop_s: float = _p(
         0.015,
-        "behind a plane, the predicted motion dies away with this time constant [s]; 0: it does not",
+        "time constant with which the predicted motion dies away behind a plane [s]; 0: it does not",
         _NOT_NEGATIVE,
     )
-    yields_below: float = _p(0.8, "the lead yields below this level of the world's reservoir; 0: never",
+    yields_below: float = _p(0.8, "the lead shrinks below this level of the world's reservoir; 0: never",
                              Range(at_least=0.0, at_most=1.0))  # fmt: skip
 
 
@@ -249,7 +247,7 @@ class LinkParams(Section):
     up: str = _p("delay 40ms 10ms loss 2%", "link from the device to the world")
     down: str = _p("delay 40ms 10ms loss 2%", "link from the world to the device")
     up_timeline: str = _p("", "changes of the uplink, in time from pairing, such as at 5s: down; at 9s: up")
-    down_timeline: str = _p("", "changes of the downlink, likewise")
+    down_timeline: str = _p("", "changes of the downlink, in the same form")
     path_s: float = _p(
         0.0, "round trip of the real network, for couplings that are tuned to a delay [s]", _NOT_NEGATIVE
     )
@@ -274,6 +272,6 @@ class WireParams(Section):
     accept_stale: bool = _p(False, "also use set-positions that arrive after newer ones")
     deadband: float = _p(
         0.0,
-        "perceptual deadband (Weber): a change of the force below this fraction is not sent; 0: all is sent",
+        "perceptual deadband (Weber): a change of the force below this fraction is not sent; 0: every change is sent",
         Range(at_least=0.0, at_most=1.0),
     )

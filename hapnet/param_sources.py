@@ -1,7 +1,7 @@
-"""Where the values of parameters come from. A value without a source was not set: it is the default, and may be chosen.
+"""The sources of the parameters' values. A value without a source was not set: it is the default.
 
-What nobody set may be chosen by a scene, a device or a rule (`hapnet.assembly.resolve`). What was set is used as it
-was set, or refused.
+A scene, a device or a rule may choose another value for it (`hapnet.assembly.resolve`). A value that was set is used
+unchanged, or refused.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from collections.abc import Mapping
 from hapnet.errors import InvalidParameter
 
 DEFAULT = "default"
-"""The source of what nobody set."""
+"""The source of a value that was not set."""
 
 FILE, FLAG, PROGRAM, PAGE, RECORDING, COMMAND = "file", "flag", "program", "page", "recording", "command"
-"""Set by: a parameters' file, the command line, a Python program, the live page, a recording that does not say more,
-and the command itself, such as the relaxed hand of `hapnet play`."""
+"""Sources of set values: a parameters' file, the command line, a Python program, the live page, a recording without
+sources, and the command itself, such as the relaxed hand of `hapnet play`."""
 
 SCENE, DEVICE, RULE = "scene", "device", "rule"
-"""Chosen for what was not set: the scene's own defaults and units, what the device is, and hapnet's rules."""
+"""Sources of values that were not set: the scene's own defaults and units, the device's properties, hapnet's rules."""
 
 ASKED = frozenset({FILE, FLAG, PROGRAM, PAGE})
-"""The user set it, so nothing else may be used in its place."""
+"""The sources of values that the user set: no other value may replace them."""
 
 RESOLVED = frozenset({SCENE, DEVICE, RULE})
-"""Chosen for what was not set; the same parts choose it again."""
+"""The sources of values that were not set: `hapnet.assembly.resolve` may choose such a value again."""
 
 SOURCES = frozenset({*ASKED, *RESOLVED, RECORDING, COMMAND})
 
 Sources = tuple[tuple[str, str], ...]
-"""The source of each value that has one, by its parameter's dotted name, in their order."""
+"""Pairs of a parameter's dotted name and its source, for each value that has one."""
 
 
 def read(table: object) -> dict[str, str]:

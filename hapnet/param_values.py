@@ -1,4 +1,4 @@
-"""Parameters as text and tables: nested values under dotted names, text made into typed values, and ranges."""
+"""Parameters as text and tables: nested values under dotted names, conversion from text, and ranges."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from typing import Any, Self, cast
 from hapnet.errors import InvalidParameter
 
 LARGEST_SEED = 2**63 - 1
-"""What every reader of JSON and TOML can hold as a whole number of 64 bits."""
+"""The largest whole number that every reader of JSON and TOML can represent (64 bits)."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers that a parameter may have. For a matrix the range applies if it is given as one number."""
+    """The numbers that a parameter may have. For a matrix the range applies only if the value is a single number."""
 
     above: float | None = None
     at_least: float | None = None
@@ -46,11 +46,11 @@ NOT_NEGATIVE, POSITIVE = Range(at_least=0.0), Range(above=0.0)
 
 
 def parameter(default: object, doc: str, allowed: Allowed = Range()) -> Any:
-    """A field of a section: its default, what it means, and what it may be."""
+    """A field of a section: its default, its meaning, and its allowed values."""
     return dataclasses.field(default=default, metadata={"doc": doc, "allowed": allowed})
 
 
-_KINDS: dict[str, tuple[type, type, str]] = {  # the usual type, all that are taken, and what they are
+_KINDS: dict[str, tuple[type, type, str]] = {  # the usual type, the accepted type, and its description
     "str": (str, str, "a text"),
     "bool": (bool, bool, "True or False"),
     "int": (int, Integral, "a whole number"),
@@ -59,7 +59,7 @@ _KINDS: dict[str, tuple[type, type, str]] = {  # the usual type, all that are ta
 
 
 def check_kind(name: str, value: object, annotation: str) -> None:
-    """Raise InvalidParameter if `value` is not of the plain type that its parameter has; others are checked in use."""
+    """Raise InvalidParameter if `value` is not of its parameter's plain type; other types are checked in use."""
     usual, kind, words = _KINDS.get(annotation, (None, object, ""))
     if usual is None or type(value) is usual:
         return
@@ -80,19 +80,19 @@ def check_allowed(name: str, value: object, allowed: Allowed) -> None:
 
 
 def nested(section: Any) -> dict[str, Any]:
-    """All values, by name, those of a section in a dictionary of its own. Values do not change, so none is copied."""
-    found = ((one, getattr(section, one.name)) for one in fields(section))
+    """All values by name; a section's values are in a nested dictionary. Values are immutable, so none is copied."""
+    values = ((spec, getattr(section, spec.name)) for spec in fields(section))
     return {
-        one.name: nested(value) if is_dataclass(value) else value
-        for one, value in found
-        if is_dataclass(value) or one.metadata
+        spec.name: nested(value) if is_dataclass(value) else value
+        for spec, value in values
+        if is_dataclass(value) or spec.metadata
     }
 
 
 class Section:
-    """A dataclass of parameters that knows which values it was made with.
+    """A dataclass of parameters that records which values were passed to its constructor.
 
-    A copy by `dataclasses.replace` is made with all of them, so nobody knows which of these were meant: none.
+    `dataclasses.replace` passes all values, so for such a copy none counts as set by hand.
     """
 
     made_with: frozenset[str]
@@ -106,7 +106,7 @@ class Section:
 
 
 def set_by_hand(node: Any, prefix: str = "") -> Iterator[str]:
-    """The dotted names of the parameters that a section, or one in it, was made with."""
+    """The dotted names of the parameters that were passed to the constructor of a section or of its subsections."""
     for spec in fields(node):
         value = getattr(node, spec.name)
         if isinstance(value, Section):
@@ -129,7 +129,7 @@ def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any, dataclasses.
 
 
 def toml_value(value: object) -> str:
-    """The value as TOML, made from JSON. They differ in escaped surrogates, so none is escaped, and in the bare DEL."""
+    """The value as TOML, made from JSON; TOML allows no escaped surrogates (so none is escaped) and no bare DEL."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -143,13 +143,13 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def replaced(node: Any, tree: Mapping[str, Any]) -> Any:
-    """A copy of a section with the values that `tree` has for it."""
+    """A copy of a section with the values in `tree`, which is nested like the section."""
     changes = {name: replaced(getattr(node, name), v) if isinstance(v, dict) else v for name, v in tree.items()}
     return dataclasses.replace(node, **changes)
 
 
 def converted(name: str, value: object, default: Any, spec: dataclasses.Field[Any]) -> object:
-    """`value` in the type of its parameter, whose default and field are given; raises InvalidParameter otherwise."""
+    """`value` in the type of its parameter, given default and field. Raises InvalidParameter: it has another type."""
     matrix = spec.type == "Matrix"
     words = {str: "text", bool: "true or false", int: "a whole number", float: "a number"}[
         float if matrix else type(default)

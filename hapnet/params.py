@@ -1,4 +1,4 @@
-"""Every physical and timing parameter of a run. They are read from TOML and `--set`, and recorded with a run.
+"""Every physical and timing parameter of a run, read from TOML and `--set`, and recorded with the run.
 
 Defaults, units and meanings are in hapnet/param_sections.py, and in the laws' own files (hapnet/ext/laws).
 """
@@ -51,10 +51,10 @@ LawSection = TypeVar("LawSection")
 _BEFORE: Mapping[str, object] = {
     "rendering": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
     "contact_model.remembers": False, "contact_model.stop_s": 0.0, "contact_model.yields_below": 0.0}  # fmt: skip
-"""What recordings without such an entry were made with."""
+"""The values with which older recordings, which lack these entries, were made."""
 
 RENAMED: Mapping[str, str] = {"feel": "rendering"}
-"""Former names, which are read for one release more, and in recordings for ever."""
+"""Former names: accepted for one more release, and in recordings for ever."""
 
 
 ARMS = ("omni", "arm:FILE.urdf?tip=LINK")
@@ -82,18 +82,18 @@ def is_simulated(hardware: str) -> bool:
 
 
 def follows(params: Params) -> bool:
-    """True for a follower: a robot in the virtual mass's place."""
+    """True if a robot follows the device, in the virtual mass's place."""
     return params.follower.robot != "none"
 
 
 def is_real_robot(params: Params) -> bool:
-    """Whether that robot is a driver's."""
+    """True if the robot that follows is real: it has a driver."""
     return params.follower.robot not in ("none", "simulated")
 
 
 def known_damping(params: Params) -> float:
-    """The known part of the device's own damping [Ns/m]: a simulated one's, or the lower bound that a real one's user
-    trusts.
+    """The known part of the device's own damping [Ns/m]: the damping of a simulated device, or the trusted lower bound
+    for a real device.
     """
     device = params.device
     return device.own_damping if is_simulated(params.hardware) else device.trusted_damping
@@ -103,9 +103,9 @@ def known_damping(params: Params) -> float:
 class Params(Section):
     """All parameters of a run, each with the source of its value (`hapnet.param_sources`).
 
-    What was set stays set, also to the default: nothing else is then chosen in its place. A section that is made by
-    hand sets what it is made with, as ``Params(device=DeviceParams(damping=0.1))`` does; one that is made with all of
-    its values, as by `dataclasses.replace`, sets those that are not the default.
+    A value that was set is kept, even if it equals the default: no other value replaces it. A section made by hand
+    sets the values passed to it, as in ``Params(device=DeviceParams(damping=0.1))``. If all values are passed, as by
+    `dataclasses.replace`, it sets the values that differ from the default.
 
     >>> Params().set({"link.up": "4g", "device.stiffness": 200})
     Params().set({'device.stiffness': 200.0, 'link.up': '4g'})
@@ -124,9 +124,9 @@ class Params(Section):
     )
     coupling: str = _p("pspm", f"pspm; for comparison {', '.join(COUPLING_NAMES[1:])}, or your own as module:NAME")
     rendering: str = _p("auto", "hapnet (local contact model, prediction) or paper; auto: hapnet for pspm and zoh, "
-                   "with the other couplings what their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip
+                   "for the others as much as their authors allow", ("auto", "hapnet", "paper"))  # fmt: skip
     dof: int = _p(0, "degrees of freedom; 0: the scene's own", _NOT_NEGATIVE)
-    units: str = _p("auto", "of the axes: m or rad, for all or one for each as in m,m,rad; auto: the world's own")
+    units: str = _p("auto", "units of the axes: m or rad, for all or one per axis as in m,m,rad; auto: the world's own")
     duration_s: float = _p(10.0, "duration from pairing [s]; 0: until stopped", Range(at_least=0.0, at_most=1e9))
     record_hz: float = _p(200.0, "recorded samples of the device per second [Hz]", _POSITIVE)
     telemetry_hz: float = _p(
@@ -142,10 +142,10 @@ class Params(Section):
     wire: WireParams = field(default_factory=WireParams)
     contact_model: ContactModelParams = field(default_factory=ContactModelParams)
     laws: tuple[tuple[str, Any], ...] = ()
-    """The laws' own sections that are not as by default, by their names: a law's file says what is in its section."""
+    """The laws' own sections that differ from their defaults, by name; a law's file defines its section."""
     sources: Sources = field(default=(), compare=False)
     given: frozenset[str] = field(default=frozenset(), init=False)
-    """The names of all that has a source. Parameters are equal if their values are, and if the same ones are given."""
+    """The names of all values with a source. Two `Params` are equal if their values and these names are equal."""
 
     def __repr__(self) -> str:
         """Return text that makes the same parameters from the defaults."""
@@ -181,15 +181,15 @@ class Params(Section):
         return value
 
     def source(self, name: str) -> str:
-        """Where the value of the parameter with this dotted name comes from: one of `hapnet.param_sources`."""
+        """The source of the parameter with this dotted name: a constant of `hapnet.param_sources`."""
         return dict(self.sources).get(name, DEFAULT)
 
     def asked(self, name: str) -> bool:
-        """Whether the user set this parameter, so that no other value may be used."""
+        """Whether the user set this parameter, so that no other value may replace it."""
         return self.source(name) in ASKED
 
     def require(self, name: str, used: object, allowed: str) -> None:
-        """Raise InvalidParameter if the user set this parameter to another value than the one that is used."""
+        """Raise InvalidParameter if the user set this parameter to another value than `used`."""
         if self.asked(name) and self.get(name) != used:
             raise InvalidParameter(name, self.get(name), allowed)
 
@@ -208,11 +208,11 @@ class Params(Section):
             return found[name]
 
     def law_sections(self) -> dict[str, Any]:
-        """The laws' own parameters, by the names of their sections: of hapnet's, of `coupling`, and what was set."""
-        found = dict(sections())
-        with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
-            found |= sections_of(self.coupling)
-        return {name: kind() for name, kind in found.items()} | dict(self.laws)
+        """The laws' own sections by name: those of hapnet's laws and of `coupling`, and any others that were set."""
+        kinds = dict(sections())
+        with suppress(InvalidParameter):  # the code that uses the coupling reports the error
+            kinds |= sections_of(self.coupling)
+        return {name: kind() for name, kind in kinds.items()} | dict(self.laws)
 
     def leaves(self) -> Iterator[tuple[str, Any, Field[Any]]]:
         """(dotted name, value, field) of every parameter."""
@@ -221,9 +221,9 @@ class Params(Section):
             yield from leaves(section, f"{name}.")
 
     def set(self, changes: Mapping[str, object], source: str | Mapping[str, str] = PROGRAM) -> Params:
-        """A copy with these parameters set. Names are dotted; values are as TOML has them, or text from `--set`.
+        """A copy with these parameters set. Names are dotted; values have TOML's types, or are text from `--set`.
 
-        source : who sets them, one of `hapnet.param_sources`; or the source of each by its name.
+        source : the source of these values, a constant of `hapnet.param_sources`; or the source of each by its name.
 
         Raises InvalidParameter: there is no such parameter, or the value is not of its type, or is not allowed.
         """
@@ -234,7 +234,7 @@ class Params(Section):
         known = dict(self.sources)
         for name, value in typed.items():
             if isinstance(source, str) and source in RESOLVED and name in known and self.get(name) == value:
-                continue  # it was set to what is chosen now
+                continue  # the chosen value is the one that was set already
             known[name] = source if isinstance(source, str) else source.get(name, PROGRAM)
         tree["sources"] = tuple(known.items())
         for name, value in typed.items():
@@ -254,14 +254,14 @@ class Params(Section):
         return changed
 
     def unset(self, *names: str) -> Params:
-        """A copy in which these parameters are as if nobody had set them. Raises InvalidParameter: there is no such."""
+        """A copy in which these parameters are not set. Raises InvalidParameter: there is no such parameter."""
         defaults = {name: spec.default for name, _, spec in self.leaves()}
         changed = self.set({name: defaults.get(name) for name in names})
         kept = tuple((name, source) for name, source in changed.sources if name not in names)
         return dataclasses.replace(changed, sources=kept)
 
     def typed(self, changes: Mapping[str, object]) -> dict[str, Any]:
-        """The values that `set` would use: each is of its parameter's type, but it may be out of range.
+        """The values as `set` would store them: each has its parameter's type, but may be out of range.
 
         Raises InvalidParameter: there is no such parameter, or the value is not of its type.
         """
@@ -280,22 +280,22 @@ class Params(Section):
         return values
 
     def _sections_for(self, changes: Mapping[str, object]) -> dict[str, Any]:
-        """The sections of laws that are not hapnet's own, but that these changes need."""
-        asked = {name.partition(".")[0] for name in changes}
-        named = [name for name in published(GROUP) if name.replace("-", "_") in asked]
+        """The sections of laws of other packages, or of the user, to which these changes apply."""
+        prefixes = {name.partition(".")[0] for name in changes}
+        named = [name for name in published(GROUP) if name.replace("-", "_") in prefixes]
         found = sections_of(str(changes.get("coupling", self.coupling)), *named)
         return {name: kind() for name, kind in found.items()} | dict(self.laws)
 
     @classmethod
     def recorded(cls, flat: Mapping[str, object], sources: object = None) -> Params:
-        """The parameters of a recording. What an older version did not record yet is as it was then.
+        """The parameters of a recording. Parameters newer than the recording get the values that were in effect then.
 
-        Those of a law that is not installed here are left out. sources : as the recording has them; None, as in an
-        older one: all that is not the default was set.
+        Parameters of a law that is not installed here are left out. sources : from the recording; None, as in older
+        recordings: every value that differs from the default was set.
 
         Raises InvalidParameter: as `set`.
         """
-        with permitting(only_imported):  # whoever wrote the recording may have named any module
+        with permitting(only_imported):  # the recording may name any module
             return cls._recorded(flat, sources)
 
     @classmethod
@@ -306,10 +306,10 @@ class Params(Section):
         if plain.coupling in COUPLING_NAMES and not built_in(plain.coupling).takes_positions:
             known["rendering"] = (
                 "paper" if known.get("rendering", "paper") == "paper" else "auto"
-            )  # hapnet was every law's
+            )  # then "hapnet" was the default of every law
         by = {}
         if sources is not None:
-            with suppress(InvalidParameter):  # a later version may know others
+            with suppress(InvalidParameter):  # a later version may have other sources
                 by = read_sources(sources)
         defaults = {name: spec.default for name, _, spec in plain.leaves()}
         values = plain.typed({**_BEFORE, **known})
@@ -327,7 +327,7 @@ class Params(Section):
         return self.set(changes, FLAG)
 
     def load(self, file: Path) -> Params:
-        """A copy changed by a TOML file. With the sources, as `toml` writes them, the file stands for all parameters.
+        """A copy changed by a TOML file. A file with sources, as `toml` writes them, replaces all parameters.
 
         Raises InvalidParameter: it cannot be read, or has an unknown name.
         """
@@ -343,14 +343,14 @@ class Params(Section):
         return Params().set({name: value for name, value in changes.items() if name in by}, by)
 
     def changes(self) -> dict[str, Any]:
-        """The values that are set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` is
-        `params` again.
+        """The values that were set, by dotted names: ``Params().set(params.changes(), dict(params.sources))`` equals
+        `params`.
         """
         all_leaves = self.leaves() if self._given_of_laws() else leaves(self)  # only then are laws loaded
         return {name: value for name, value, _ in all_leaves if name in self.given}
 
     def _given_of_laws(self) -> frozenset[str]:
-        """The names of the laws' own parameters that are given."""
+        """The names of the laws' own parameters that were set."""
         return self.given - {name for name, *_ in leaves(self)}
 
     def flat(self) -> dict[str, Any]:
@@ -358,19 +358,19 @@ class Params(Section):
         return {name: value for name, value, _ in self.leaves()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the values for a recording: nested by sections; of the laws' own those of `coupling`, and the set
-        ones.
+        """Return the values for a recording, nested by sections; of the laws' sections only that of `coupling`, and
+        those with values that were set.
         """
-        found: Mapping[str, type[Any]] = {}
-        with suppress(InvalidParameter):  # whoever uses the coupling says what is wrong
-            found = sections_of(self.coupling)
-        own = {name: kind() for name, kind in found.items()} | dict(self.laws)
-        if asked := {name.partition(".")[0] for name in self._given_of_laws()} - own.keys():  # to its default
-            own |= {name: section for name, section in self.law_sections().items() if name in asked}
+        kinds: Mapping[str, type[Any]] = {}
+        with suppress(InvalidParameter):  # the code that uses the coupling reports the error
+            kinds = sections_of(self.coupling)
+        own = {name: kind() for name, kind in kinds.items()} | dict(self.laws)
+        if missing := {name.partition(".")[0] for name in self._given_of_laws()} - own.keys():  # set to the default
+            own |= {name: section for name, section in self.law_sections().items() if name in missing}
         return nested(self) | {name: nested(section) for name, section in own.items()}
 
     def described(self) -> Iterator[tuple[str, str, str]]:
-        """Dotted name, value as TOML has it, and meaning with unit of every parameter."""
+        """Dotted name, value in TOML, and meaning with unit of every parameter."""
         for name, value, spec in self.leaves():
             allowed = spec.metadata["allowed"]
             choice = "" if isinstance(allowed, Range) else f" ({' | '.join(allowed)})"
@@ -379,10 +379,10 @@ class Params(Section):
     def toml(self, *, sources: bool = False) -> str:
         """All parameters as TOML with their meanings: `--show-params` prints it and `--params` reads it.
 
-        What is not set is commented out. sources : for another process, which reads all of it by `load`: the source of
-        each value that is set is in a table of its own.
+        Values that were not set are commented out. sources : append a table with the source of each value that was
+        set, for another process that reads the text by `load`.
         """
-        lines = ["# Commented out: not set; a scene, a device or a rule may choose another value than this default."]
+        lines = ["# Commented out: not set; a scene, a device or a rule may replace this default."]
         section = ""
         by = dict(self.sources)
         for name, value, meaning in self.described():
@@ -402,7 +402,7 @@ _SECTIONS = {one.name for one in fields(Params)}
 RELAXED_HAND: Mapping[str, float] = MappingProxyType(
     {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
 )
-"""A hand that holds the handle loosely [kg, Ns/m, N/m]: it does not damp the vibrations that a firm one damps."""
+"""A hand that holds the handle loosely [kg, Ns/m, N/m]: it damps vibrations less than a firm hand does."""
 
 
 def _made(section: Field[Any]) -> type[Any]:

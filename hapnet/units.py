@@ -1,8 +1,8 @@
-"""The unit of each axis, metre or radian, and what follows from it: the unit of its force, the name of its column.
+"""The unit of each axis, metre or radian, and with it the unit of its force and the name of its column.
 
-A world declares its units, and whoever works with it must have the same: the device, the parameters and the other side.
-They are a text, ``m``, ``rad``, or one for each axis as in ``m,m,rad``. Names in code end in the units of metres
-(`position_m`, `force_N`): an axis in radians has its values there in rad, rad/s, Nm, Nm/rad, Nms/rad and kg m^2.
+A world declares its units; the device, the parameters and the other side must have the same units. They are a text:
+``m``, ``rad``, or a unit for each axis as in ``m,m,rad``. Names in code end in the units for metres
+(`position_m`, `force_N`); for an axis in radians these values are in rad, rad/s, Nm, Nm/rad, Nms/rad and kg m^2.
 
 The twelve coordinates of a pose (`hapnet.mechanics.pose`), all in metres, are the text ``pose``.
 """
@@ -19,13 +19,13 @@ METRES, RADIANS, POSE = "m", "rad", "pose"
 POSE_AXES = 12
 
 RADIANS_FOR = {"m": "rad", "mm": "mrad", "m/s": "rad/s", "mps": "radps", "N": "Nm", "N/m": "Nm/rad"}
-"""What a unit of an axis in metres is for one in radians; ``mps`` as fields' names have it."""
+"""For an axis in radians: the unit that replaces each unit of an axis in metres; ``mps`` occurs in names of fields."""
 
 
 def units_of(declared: object, dof: int, name: str = "units") -> tuple[str, ...]:
-    """The unit of each of `dof` axes, of a text as above.
+    """The unit of each of `dof` axes, from a text in the module's form.
 
-    Raises InvalidParameter: it is no such text.
+    Raises InvalidParameter: `declared` does not have this form.
     """
     if declared == POSE and dof == POSE_AXES:
         return (METRES,) * dof
@@ -36,18 +36,18 @@ def units_of(declared: object, dof: int, name: str = "units") -> tuple[str, ...]
 
 
 def text_of(units: tuple[str, ...]) -> str:
-    """The text of these units: one word where all are the same."""
+    """The text of these units: a single word if all are equal."""
     return ",".join(units if len(set(units)) > 1 else units[:1])
 
 
 def one_text(declared: object, dof: int, name: str = "units") -> str:
-    """The text that all have who mean these units. Raises InvalidParameter, as `units_of`."""
+    """The canonical text of these units. Raises InvalidParameter, as `units_of`."""
     units = units_of(declared, dof, name)
     return POSE if declared == POSE else text_of(units)
 
 
 def text_in(meta: Mapping[str, Any], dof: int) -> str:
-    """The text in a recording's description; metres where it says nothing that fits."""
+    """The units' text in a recording's description; metres if it has none that fits."""
     params = meta.get("params")
     try:
         return one_text(params.get("units") if isinstance(params, Mapping) else METRES, dof)
@@ -61,12 +61,12 @@ def units_in(meta: Mapping[str, Any], dof: int) -> tuple[str, ...]:
 
 
 def within(units: str | None, unit: str) -> str:
-    """The unit of a value, for axes in `units` (a text as above; None: metres): `unit`, that of radians, or both."""
-    words = [RADIANS_FOR.get(unit, unit) if one == RADIANS else unit for one in (units or METRES).split(",")]
+    """The unit of a value for axes in `units` (None: metres): `unit`, its counterpart for radians, or both."""
+    words = [RADIANS_FOR.get(unit, unit) if axis == RADIANS else unit for axis in (units or METRES).split(",")]
     return " or ".join(dict.fromkeys(words))
 
 
 def column(field: str, unit: str) -> str:
-    """The name of an axis's column of a field: position_m of an axis in rad is position_rad."""
+    """The name of a field's column for an axis in `unit`: for rad, position_m becomes position_rad."""
     stem, _, ending = field.rpartition("_")
     return f"{stem}_{RADIANS_FOR[ending]}" if unit == RADIANS else field

@@ -1,17 +1,17 @@
-"""Damping that is added through the set-position, most of it only where something oscillates.
+"""Damping that is added by moving the set-position, most of it only during oscillations.
 
     y' = y - b K^-1 v,      b = the largest of b_0, b_age(age), b_swing(envelope)
 
-* b_0 acts in free motion, where half of it is felt: a hand without any drag runs away from its prediction. In contact
-  it would only falsify the wall. The damper B itself is held, so the reserve must cover B v for as long as the watchdog
-  allows; a spring's force is covered by the energy that it stores (control/reserve.py).
-* b_age: an old answer says little about where the proxy is. From a second of age on, drag grows to 1.5 Ns/m. The hand
-  feels that its world is late, but nobody takes 0.1 N at 67 mm/s for a contact.
-* b_swing acts only if the world cannot send planes. It follows the envelope of the force's changes above some 2 Hz,
-  which rises at once and falls in two seconds. It is zero in contact and at rest, and small while a hand moves freely,
-  because the force is small. So it damps a limit cycle, and hardly a motion that the hand leads.
+* b_0 acts in free motion, where half of it is felt: without any drag a hand departs from its prediction. In contact it
+  would only falsify the wall. (A larger damper B would not do: B's force is held, so the reserve must cover B v for as
+  long as the watchdog allows, but a spring's force is covered by its stored energy, control/reserve.py.)
+* b_age: with an old answer the proxy's position is uncertain. From an age of 1 s on, drag grows to 1.5 Ns/m. The user
+  notices that the world is late, but does not mistake 0.1 N at 67 mm/s for a contact.
+* b_swing acts only if the world cannot send planes. It follows the envelope of the force's changes above about 2 Hz,
+  which rises at once and falls in two seconds. It is zero in contact and at rest, and small in free motion, because the
+  force is small. So it damps a limit cycle, but hardly a voluntary motion.
 
-It only removes energy, which PSPM harvests. `most` is the damping that a sampled servo renders stably.
+Added damping only removes energy, which PSPM harvests. `most` is the damping that a sampled servo renders stably.
 """
 
 from __future__ import annotations
@@ -26,27 +26,26 @@ from hapnet.records.record import Floats, MatrixOfAxes, Record, equation
 from hapnet.records.vectors import inner
 
 VELOCITY_S = 0.005
-"""Time constant of the velocity [s]: encoder counts are smoothed, and an oscillation of 6 Hz is delayed by a fifth of a
-radian."""
+"""Time constant of the velocity [s]: it smooths encoder counts, and delays an oscillation of 6 Hz by 0.2 radians."""
 
 AGED_S, OLD_S = 1.0, 2.0
-"""Between these ages drag grows from none to all of it [s]."""
+"""Between these ages of the answer, b_age grows from 0 to `OLD_NS_M` [s]."""
 
 OLD_NS_M = 1.5
-"""All of it [Ns/m]."""
+"""The largest b_age [Ns/m]."""
 
 SLOW_S = 0.2
-"""Slower changes of the force are not part of an oscillation [s]."""
+"""Time constant of the force's slow part, which does not count as oscillation [s]."""
 
 CALM_S = 2.0
 """Time constant with which an oscillation's envelope falls [s]."""
 
 MIN_N, SWING_N = 0.03, 0.1
-"""Between these amplitudes of the force, damping grows from none to all of it [N]; below the first it is not felt."""
+"""Between these amplitudes of the force, b_swing grows from 0 to its maximum [N]; the first is barely felt."""
 
 
 class AddedDamping(Record):
-    """Computes what is added to y.
+    """Computes y' from y.
 
     stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. least : b_0 [Ns/m]. most : the maximum of b [Ns/m].
     """
@@ -70,7 +69,7 @@ class AddedDamping(Record):
         """y' [m].
 
         age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
-        swings : whether b_swing acts, as there is no contact model.
+        swings : whether b_swing acts: the world cannot send planes.
         """
         self.velocity.step(dt, x)
         damping = wanted(self, age, freedom)
@@ -88,7 +87,7 @@ class AddedDamping(Record):
 
 @equation
 def wanted(added: AddedDamping, age: float, freedom: float) -> float:
-    """The largest of b_0 and b_age [Ns/m]."""
+    """The larger of b_0 and b_age [Ns/m]."""
     old = min(1.0, max(0.0, (age - AGED_S) / (OLD_S - AGED_S)))
     return max(freedom * added.minimum, old * min(OLD_NS_M, added.most))
 

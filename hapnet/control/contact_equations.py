@@ -1,4 +1,4 @@
-"""The equations of the device's local contact model, and their state; contact_model.py says what they are for."""
+"""The equations of the device's local contact model, and their state; contact_model.py explains the model."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ from hapnet.records.record import PLANES, Floats, MatrixOfAxes, OfAxes, OfPlanes
 from hapnet.records.vectors import copy, dot, equal, length, times
 
 FORGET_S = 0.5
-"""Time constant with which that shift goes when there is no contact [s]."""
+"""Time constant with which the planes' shift fades without contact [s]."""
 
 SETTLED_MPS = 0.02
-"""A proxy that moves faster along a normal says nothing about the plane [m/s]: its force is the mean over a step, its
-position the step's end. In contact it moves seven times slower than the hand, with the default springs."""
+"""If the proxy moves faster along a normal [m/s], its force does not locate the plane: the force is the mean over a
+step, the position that of its end. With the default springs it is seven times slower than the hand in contact."""
 
 SWEEPS = 32
-"""The most Gauss-Seidel sweeps over the planes. Orthogonal ones need one, and one more to see it."""
+"""The most Gauss-Seidel sweeps over the planes. Orthogonal planes need two; the second finds no change."""
 
 SETTLED_N = 1e-4
 """A sweep that changes no force by more than this [N] is the last."""
 
 PARALLEL = 1.0 - 1e-9
-"""Planes are springs side by side where the cosine between them is larger."""
+"""If the cosine between the normals of two planes is larger, they act as parallel springs."""
 
 YIELDING_S = 0.3
-"""Time constant with which the lead follows the level of the world's reservoir [s]: the hand must not notice."""
+"""Time constant with which the lead follows the level of the world's reservoir [s], slow enough not to be noticed."""
 
 
 class Answer(Record):
-    """The world's newest answer: its proxy's position and force, and `count` planes; below 0: it cannot send any.
+    """The world's newest answer: its proxy's position and force, and `count` planes; below 0: it cannot send planes.
 
-    pending : whether the next step takes it. sent_s : when it was sent; age_s : how old it was then [s]. reach_m,
-    level : as in `ProxySample`; below 0: not sent. before : y of what was known before, but for lead and fading [m].
+    pending : whether the next step must take it in. sent_s : time of sending [s]; age_s : its age on arrival [s].
+    reach_m, level : as in `ProxySample`; below 0: not sent. before : y from the planes before, without lead and fading
+    [m].
     """
 
     pending: int
@@ -55,23 +56,23 @@ class Answer(Record):
 
 
 class ContactState(Record):
-    """The contact model's knowledge of the world, and its filters.
+    """The state of the contact model: the known planes, and its filters.
 
     Attributes
     ----------
-    planes : those that are known, `count` of them. shifted : by how much all are moved [m]; goal : the shift that the
-        last answer asks for, if it `has_goal`. age : of that answer [s].
-    kept, kept_goal : the share of the lead that has not yielded, and where that goes.
-    freedom : 1 in free motion, 0 in contact. fading : what is left of a change of planes [m].
-    earlier, earlier_s : the proxy's position in the answer before [m], and when it was sent [s]; `has_earlier`.
-    start : where y begins [m], at the first step after a reset (`starts`).
-    bends : whether any of the planes does. seen : the planes as tangent planes. rubbing : the proxy where any of them
-        rubs.
-    acts : whether any of the surfaces has effects.
-    is_isotropic : whether the springs are alike in all directions.
-    made_x, made_s, made_fading, made_before, made_y : of the last step: x, s, fading, y without and with damping [m].
+    planes : the known planes, `count` of them. shifted : the displacement of all planes [m]; goal : the displacement
+        that the last answer implies, if it `has_goal`. age : of that answer [s].
+    kept, kept_goal : the share of the lead in use, and the value that it approaches.
+    freedom : 1 in free motion, 0 in contact. fading : the remaining compensation of a change of planes [m].
+    earlier, earlier_s : the proxy's position in the answer before [m], and its time of sending [s]; `has_earlier`.
+    start : y at the first step after a reset [m] (`starts`).
+    bends : whether any plane has curvatures. seen : the tangent planes. rubbing : the proxy, if any plane has friction.
+    acts : whether any surface has effects.
+    is_isotropic : whether the springs have the same stiffness in all directions.
+    made_x, made_s, made_fading, made_before, made_y : in the last step: x, s, fading, y without and with damping [m].
     s, touches : where the proxy rests [m], and whether it touches anything. forces : of the planes there [N].
-    leading, before : room for vectors. answer : the world's. in_use : always, but for the records of compiled code.
+    leading, before : temporary memory for vectors. answer : of the world. in_use : always 1, except in unused records
+        of compiled code.
     """
 
     in_use: int
@@ -115,23 +116,23 @@ class ContactState(Record):
     before: OfAxes
     answer: Answer
 
-    # What Python does at some points of a step. Compiled code has flat and smooth planes there, or what
-    # contact_surfaces.py has in their place.
+    # The parts of a step that Python overrides. Compiled code uses the functions for flat planes without friction, or
+    # those of contact_surfaces.py.
 
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
-        """Find y, once the lead is known."""
+        """Compute y, after the lead."""
         raise NotImplementedError
 
     def look(self, n: int, x: Vector) -> None:
-        """Find y of what is known, but for lead and fading, into `s` [m]."""
+        """Compute y from the known planes, without lead and fading, into `s` [m]."""
         raise NotImplementedError
 
     def compare(self, n: int) -> None:
-        """Find the shift that the answer asks for."""
+        """Find the shift that the answer implies."""
         raise NotImplementedError
 
     def use_planes(self, n: int, count: int) -> None:
-        """Use the planes of a new answer from now on; count : of its planes, with those that are remembered."""
+        """Use the planes of a new answer from now on; count : of its planes and the earlier planes that are kept."""
         raise NotImplementedError
 
 
@@ -152,7 +153,7 @@ def step(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
 
 @equation
 def _take(model: ContactState, n: int, x: Reals) -> None:
-    """The answer is known from now on. y does not jump because of it: the difference fades."""
+    """Take in the answer. y does not jump: the difference fades."""
     answer = model.answer
     look(model, n, x)
     copy(n, model.s, answer.before)
@@ -194,7 +195,7 @@ def _compiled_look(model: ContactState, n: int, x: Reals) -> None:
 
 @compiled_as(_compiled_look)
 def look(model: ContactState, n: int, x: Reals) -> None:
-    """As the method."""
+    """`ContactState.look`."""
     model.look(n, tuple(x))
 
 
@@ -213,7 +214,7 @@ def _compiled_keep(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
 
 @compiled_as(_compiled_keep)
 def keep(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
-    """An earlier plane, which the answer neither has nor denies, is known with those of the answer."""
+    """Keep an earlier plane, which the answer neither contains nor rules out, with the answer's planes."""
     planes: Any = answer.planes
     planes.append(one)
 
@@ -226,13 +227,13 @@ def _compiled_use_planes(model: ContactState, n: int, count: int) -> None:
 
 @compiled_as(_compiled_use_planes)
 def use_planes(model: ContactState, n: int, count: int) -> None:
-    """As the method."""
+    """`ContactState.use_planes`."""
     model.use_planes(n, count)
 
 
 @equation
 def _take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
-    """By how much y leads in free motion, into `model.leading`."""
+    """Compute the lead of y in free motion, into `model.leading`."""
     filter_velocity(model.velocity, n, dt, x)
     model.kept = model.kept + dt / (YIELDING_S + dt) * (model.kept_goal - model.kept)
     times(n, model.lead, model.velocity.velocity, model.leading)
@@ -242,7 +243,7 @@ def _take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
 
 @equation
 def finish(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
-    """y, for the place where the proxy rests."""
+    """Compute y from the place where the proxy rests."""
     model.freedom = model.freedom + dt / (model.fade_s + dt) * ((0.0 if model.touches else 1.0) - model.freedom)
     _settle(model, n, dt)
     for i in range(n):
@@ -259,7 +260,7 @@ def finish(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
 
 @equation
 def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -> None:
-    """The proxy's velocity since the answer before, into `model.leading` [m/s]; zero with the first."""
+    """Compute the proxy's velocity since the answer before, into `model.leading` [m/s]; zero for the first answer."""
     moved = model.has_earlier != 0 and sent_s > model.earlier_s
     span = sent_s - model.earlier_s
     for i in range(n):
@@ -272,10 +273,10 @@ def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -
 def compare_with(
     model: ContactState, first: int, count: int, earlier: Sequence[ContactPlane], n: int
 ) -> None:  # fmt: skip
-    """The shift with which the contact planes agree with the proxy's own position and force; if nothing is known, none.
+    """Find the shift with which the contact planes agree with the proxy's own position and force, if these suffice.
 
-    The force is of the step that has ended, so a plane that was not there before it proves nothing yet. The proxy's
-    velocity is in `model.leading`. first, count : of the answer's planes; earlier : those that were known before.
+    The force is that of the completed step, so a plane that is new since then cannot be compared yet. The proxy's
+    velocity is in `model.leading`. first, count : of the answer's planes; earlier : the planes known before.
     """
     position, force = model.answer.position, model.answer.force
     for i in range(n):
@@ -299,7 +300,7 @@ def compare_with(
                 if j != k and depth(other, n, position) > 0.0 and dot(n, other.normal, one.normal) > PARALLEL:
                     stiffness += other.stiffness
                     push -= other.stiffness * (depth(other, n, position) - deep)
-            error = deep - push / stiffness  # the planes are really so much deeper
+            error = deep - push / stiffness  # the true planes are deeper by this
         elif deep > 0.0 and length(n, force) == 0.0:
             error = deep
         else:
@@ -313,7 +314,7 @@ def compare_with(
 
 @equation
 def parallel(planes: Sequence[ContactPlane], first: int, stop: int, n: int, one: ContactPlane) -> int:
-    """The first of these planes that has the normal of this one; -1: there is none."""
+    """The index of the first of these planes that is parallel to `one`; -1: there is none."""
     for j in range(first, stop):
         if dot(n, planes[j].normal, one.normal) > PARALLEL:
             return j
@@ -322,7 +323,7 @@ def parallel(planes: Sequence[ContactPlane], first: int, stop: int, n: int, one:
 
 @equation
 def _settle(model: ContactState, n: int, dt: float) -> None:
-    """Let the shift approach what the last answer asks for."""
+    """Let the shift approach the last answer's goal."""
     if not model.has_goal:
         for i in range(n):
             model.goal[i] = 0.0
@@ -332,14 +333,14 @@ def _settle(model: ContactState, n: int, dt: float) -> None:
 
 @equation
 def forget_forces(model: ContactState) -> None:
-    """Let `rest` begin from nothing."""
+    """Let `rest` begin from zero forces."""
     for k in range(model.count):
         model.forces[k] = 0.0
 
 
 @equation
 def rest(model: ContactState, planes: Sequence[ContactPlane], count: int, n: int, x: Reals) -> None:
-    """Where the proxy rests on flat planes, into `model.s`; from the forces that were found before."""
+    """Compute where the proxy rests on flat planes, into `model.s`, starting from the forces of the last call."""
     s, forces = model.s, model.forces
     copy(n, x, s)
     model.touches = 0
@@ -377,7 +378,7 @@ def rest(model: ContactState, planes: Sequence[ContactPlane], count: int, n: int
 
 @equation
 def depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> float:
-    """How deep `place` is behind a plane as it is now [m]."""
+    """The depth of `place` behind a plane in its present position [m]."""
     along = 0.0
     for i in range(n):
         along += one.normal[i] * (place[i] - model.shifted[i])
@@ -386,8 +387,8 @@ def depth_now(model: ContactState, one: ContactPlane, n: int, place: Reals) -> f
 
 @equation
 def share(model: ContactState, spring: Spring, x: Reals, ybar: Reals, of_planes: Floats, added: Floats) -> None:
-    """The parts of the spring's force at x [N] that the planes and the added damping of the last step make; where the
-    spring is saturated, its parts shrink with it."""
+    """The parts of the spring's force at x [N] from the planes and from the added damping of the last step; if the
+    spring is saturated, its parts are scaled with it."""
     n, moved, damped = spring.dof, model.before, model.leading
     for i in range(n):
         moved[i] = x[i] - ybar[i]
@@ -403,7 +404,7 @@ def share(model: ContactState, spring: Spring, x: Reals, ybar: Reals, of_planes:
 
 @equation
 def fade(model: ContactState, n: int, dt: float, y: Floats) -> None:
-    """Add to y what is left of a change of planes."""
+    """Add the remaining compensation of a change of planes to y."""
     if length(n, model.fading) == 0.0:
         return
     share = model.fade_s / (model.fade_s + dt)

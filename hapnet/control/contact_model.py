@@ -1,30 +1,30 @@
 """The device's local contact model: y at every tick, from the own position and the planes that the world sends.
 
-A world's answer comes a round trip late. So the world sends, beside its proxy's position, the planes that the proxy
-touches or is near (`ProxySample`), and the device computes at every tick where the proxy rests for the position x now:
+A world's answer is a round trip late. So the world sends, beside its proxy's position, the planes that the proxy
+touches or is near (`ProxySample`), and the device computes at every tick where the proxy rests for its position x:
 
     s = x - K'^-1 sum f_i n_i,      f_i = max(0, K_i (n_i . s - w_i))                  the proxy's static equilibrium
     y = s + g K^-1 (B + b) v        only while free of contact: it cancels a part of the dampers' drag
 
-If the world sends how a surface bends, n_i and w_i are those of its tangent plane as seen from x at this tick
-(`hapnet.mechanics.curvature`): while the device slides over a ball, a flat plane is wrong before the next one comes.
-If it sends friction, the proxy sticks to the place where it rested at the last tick. It slides where sticking would
-take more than mu f_i (`hapnet.control.friction_cone`).
+If the world sends a surface's curvatures, n_i and w_i are those of its tangent plane at the point nearest to x at this
+tick (`hapnet.mechanics.curvature`): while the device slides over a ball, a flat plane becomes wrong before the next
+answer. If the world sends friction, the proxy sticks to the place where it rested at the last tick. It slides if
+sticking would need more than mu f_i (`hapnet.control.friction_cone`).
 
-PSPM then pays for y as for any other set-position (end of Section 3). So the model need not be right: a wrong plane
+PSPM then pays for y as for any other set-position (end of Section 3). So the model need not be correct: a wrong plane
 feels wrong, but creates no energy. Model-mediated teleoperation (Niemeyer, Mitra 2004; Xu et al. 2016) relies on the
-model for stability, and needs it to be right.
+model for stability, so there it must be correct.
 
-Five rules keep the model true:
+Five rules keep the model accurate:
 
 * A new set of planes takes effect over some milliseconds: the jump of y is compensated, and the compensation fades.
-* The proxy's own position and force say where its plane really was: w = n . x_p - f/K. While in contact, the filtered
+* The proxy's own position and force show where its plane really was: w = n . x_p - f/K. In contact, the filtered
   difference to the plane that was sent shifts all planes (`shift`). Free of contact, the proxy must be in front.
 * The world's proxy rests at a place along the surface. If the model's proxy sticks far away from there, it moves there.
-* A plane that is no longer sent is remembered until the world denies it: each answer says how far around the proxy the
-  world has looked. So a wall that was met once is felt at the next touch, however fast that is.
+* A plane that is no longer sent is kept until the world rules it out: each answer contains the distance up to which the
+  world looked around the proxy. So a wall that was met once is rendered at the next touch, at any speed.
 * A world that cannot send planes is felt through its proxy's position, with compensation of the device's own motion
-  since the time for which that position stands (`SelfMotion`).
+  since the time for which that position holds (`SelfMotion`).
 """
 
 from __future__ import annotations
@@ -53,15 +53,15 @@ _DEFAULTS = ContactModelParams()
 class ContactModel(ContactState):
     """Computes y from the own position and the planes that the world sent last.
 
-    More than twenty attributes: what was received, what follows from it, and three filters each change on their own.
+    More than twenty attributes: the received answer, the results from it, and three filters with their own states.
 
-    position : the device's at the start [m].
+    position : of the device at the start [m].
     compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N].
     lead : g K^-1 (B + b), (n, n) [s]: y leads the position by this times the velocity, in free motion.
     lead_s : time constant of that velocity [s]. fade_s : time constant with which a change of planes takes effect, and
-        the lead goes in contact [s]. shift_s : time constant of the planes' shift in contact [s].
-    yields_below : level of the world's reservoir below which the lead yields, so that the hand pays for what the
-        world's walls dissipate; 0: never. remembers : whether planes that are no longer sent stay known.
+        the lead fades in contact [s]. shift_s : time constant of the planes' shift in contact [s].
+    yields_below : level of the world's reservoir below which the lead shrinks, so that the hand pays for the energy
+        that the world's walls dissipate; 0: never. remembers : whether planes that are no longer sent are kept.
     share_without_planes : the share of the spring's stiffness with which a world without planes is felt.
     self_motion : computes y for a world that cannot send planes. added : damps the oscillations that remain.
     """
@@ -100,7 +100,7 @@ class ContactModel(ContactState):
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
-        """Forget all planes: their world was replaced. y continues at `position` [m]."""
+        """Forget all planes, as the world was replaced. y continues at `position` [m]."""
         n = len(position)
         self._still = (0.0,) * n
         self._know(())
@@ -117,7 +117,7 @@ class ContactModel(ContactState):
         self._self_motion.reset(position)
 
     def release(self, position: Vector) -> None:
-        """y continues at `position` [m]; what the world sent stays known, and how far the lead has yielded."""
+        """Continue y at `position` [m]; keep the planes, and the present share of the lead."""
         planes, reports, kept = self.planes, self._reports, (self.kept, self.kept_goal)
         self.reset(position)
         if reports:
@@ -126,7 +126,7 @@ class ContactModel(ContactState):
             report(self.rubbing, self.planes, self.count, len(position), False, position, 0.0)
 
     def _know(self, planes: Sequence[ContactPlane] | None) -> None:
-        """These are the planes from now on; None: the world cannot send any."""
+        """Use these planes from now on; None: the world cannot send planes."""
         self._reports: bool = planes is not None
         self.planes = list(planes or ())
         self.count = len(self.planes)
@@ -135,22 +135,22 @@ class ContactModel(ContactState):
 
     @property
     def shift(self) -> Vector:
-        """By how much all planes are moved, so that they agree with the proxy's force [m]."""
+        """The displacement of all planes with which they agree with the proxy's force [m]."""
         return tuple(self.shifted)
 
     @property
     def goes_on(self) -> bool:
-        """Whether the next step needs only its record: the world sends planes, all without effects."""
+        """True if the next step can be made on the record alone: the world sends planes, all without effects."""
         answer = self.answer
         reports = self._reports and not self.acts
         return reports and not (answer.pending and (answer.count < 0 or any(one.effects for one in answer.planes)))
 
     def went_on(self, dt: float, x: Vector) -> None:
-        """Such a step was made, on the record."""
+        """Account for a step that was made on the record."""
         self._self_motion.observe(dt, x)
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """The world's newest answer, and how old it is; see `CouplingState.receive`."""
+        """Take in the world's newest answer and its age; see `CouplingState.receive`."""
         proxy = sample if isinstance(sample, ProxySample) else ProxySample(vector_of(sample), 0.0, self._still, None)
         answer, position = self.answer, proxy.position
         answer.pending, answer.sent_s, answer.age_s = 1, sent_s, age_s
@@ -161,7 +161,7 @@ class ContactModel(ContactState):
         answer.count = -1 if proxy.planes is None else len(answer.planes)
 
     def grain_force(self, spring: Spring) -> Vector:
-        """The part of this spring's force that grains make [N]."""
+        """The part of this spring's force from grains [N]."""
         return grain_force(self, self._by_grain, spring)
 
     def step(self, dt: float, x: Vector) -> Vector:
@@ -178,7 +178,7 @@ class ContactModel(ContactState):
         compare_surfaces(self, n)
 
     def use_planes(self, n: int, count: int) -> None:
-        """The answer's planes, and those that are remembered, are known from now on."""
+        """Use the answer's planes, and the earlier planes that were kept, from now on."""
         answer = self.answer
         self._know(answer.planes if count >= 0 else None)
         if count < 0:
@@ -187,12 +187,12 @@ class ContactModel(ContactState):
             meet_planes(self, n)
 
     def _softened(self, x: Vector, y: Vector) -> Vector:
-        """y for a world that cannot send planes: its answer is late, and a stiff spring to it would ring."""
+        """y, moved towards x, for a world without planes: a stiff spring to its late answer would ring."""
         share = self._share_without_planes
         return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
 
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
-        """Find y."""
+        """Compute y."""
         if self._reports:
             if self.acts:
                 lift(self, x)
@@ -211,7 +211,7 @@ class ContactModel(ContactState):
         y[:] = damped
 
     def look(self, n: int, x: Vector) -> None:
-        """Find where the proxy rests for the device at x [m], and what effects add: y but for lead and fading."""
+        """Find where the proxy rests for the device at x [m], with effects: y without lead and fading."""
         if self._reports:
             if self.acts:
                 lift(self, x)

@@ -1,4 +1,4 @@
-"""A plane that the world sent, with what the device's local contact model needs of it."""
+"""A plane that the world sent, with the values that the device's local contact model derives from it."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from hapnet.records.record import PLANES, FloatRows, OfAxes, Reals, Record, equa
 from hapnet.records.vectors import copy, dot, times
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
-"""Two planes, sent one after the other, are the same surface if they differ by less."""
+"""Two planes, sent one after the other, are the same surface if their differences are below these limits."""
 
 MAX_EXTRAPOLATION_S = 0.2
-"""For how long a plane is assumed to go on moving [s]."""
+"""The longest time for which a plane's motion is extrapolated [s]."""
 
 
 class ContactPlane(Record):
-    """A plane as sent for `position` [m], with what follows from K'.
+    """A plane as sent for `position` [m], with values that depend on K'.
 
     Attributes
     ----------
     response : K'^-1 n [m/N]. softness : depth of the device per force, through the wall's spring and the virtual
-        coupling [m/N]. bends : how the surface bends; foot : the place for which that holds, on it [m].
-    grip : by how much mu is larger while it sticks. raised : by how much its grain lifts it [m].
-    effects : of the surface (Python's only).
+        coupling [m/N]. bends : the surface's curvatures; foot : its point at which they hold [m].
+    grip : excess of the static mu over the sliding mu. raised : the height of its grain [m].
+    effects : of the surface (not in compiled code).
     """
 
     normal: OfAxes
@@ -54,20 +54,20 @@ class ContactPlane(Record):
         understand(self, len(self.normal), compliance)
 
     def depth(self, position: Reals) -> float:
-        """How deep `position` [m] is behind the plane as sent [m]."""
+        """The depth of `position` [m] behind the plane as sent [m]."""
         return depth(self, len(self.normal), position)
 
     def withdrawn(self, reported: Sequence[ContactPlane], position: Vector, reach_m: float) -> bool:
-        """Whether a proxy at `position` [m] with these planes and no others within `reach_m` [m] rules this one out."""
+        """Whether an answer rules this plane out; it has a proxy's position [m], and all planes within `reach_m`."""
         return withdrawn(self, reported, len(reported), len(self.normal), position, reach_m)
 
     def now(self, age: float) -> float:
-        """The plane's offset now, without its grain [m]: a moving one goes on for a while."""
+        """The plane's present offset, without its grain [m]: a plane's motion is extrapolated for a while."""
         return now(self, age)
 
 
 def no_planes(compliance: FloatRows, n: int) -> list[ContactPlane]:
-    """Room for planes with n axes."""
+    """Memory for planes with n axes."""
     return [ContactPlane(Plane((0.0,) * n, 0.0, 1.0, 0.0), compliance, (0.0,) * n) for _ in range(PLANES)]
 
 
@@ -80,7 +80,7 @@ def understand(one: ContactPlane, n: int, compliance: FloatRows) -> None:
 
 @equation
 def stand_on(one: ContactPlane, n: int, position: Reals) -> None:
-    """Its foot is the place of the surface nearest to `position` [m]."""
+    """Set its foot to the point of the surface nearest to `position` [m]."""
     deep = depth(one, n, position)
     for i in range(n):
         one.foot[i] = position[i] + -deep * one.normal[i]
@@ -88,7 +88,7 @@ def stand_on(one: ContactPlane, n: int, position: Reals) -> None:
 
 @equation
 def see_from(one: ContactPlane, n: int, compliance: FloatRows, place: Reals, age: float, seen: ContactPlane) -> None:
-    """The flat plane that is tangent to the surface at this age [s] where it is nearest to `place` [m]."""
+    """The flat plane tangent to the surface at its point nearest to `place` [m], for this age of the plane [s]."""
     if not one.bends.count:
         copy_flat(one, n, seen)
         return
@@ -114,7 +114,7 @@ def copy_flat(source: ContactPlane, n: int, target: ContactPlane) -> None:
 
 @equation
 def copy_bent(source: ContactPlane, n: int, target: ContactPlane) -> None:
-    """Copy a plane, and how its surface bends."""
+    """Copy a plane and its curvatures."""
     copy_flat(source, n, target)
     copy(n, source.foot, target.foot)
     copy_bends(n, source.bends, target.bends)
@@ -136,7 +136,7 @@ def now(one: ContactPlane, age: float) -> float:
 
 @equation
 def same(one: ContactPlane, other: ContactPlane, n: int, position: Reals) -> bool:
-    """Whether these are the same surface, near enough, for a proxy at `position` [m]."""
+    """Whether these planes are about the same surface, for a proxy at `position` [m]."""
     apart = depth(one, n, position) - depth(other, n, position)
     alike = 1.0 / SAME_STIFFNESS < one.stiffness / other.stiffness < SAME_STIFFNESS
     return alike and abs(apart) < SAME_M and dot(n, one.normal, other.normal) > SAME_COSINE
@@ -144,7 +144,7 @@ def same(one: ContactPlane, other: ContactPlane, n: int, position: Reals) -> boo
 
 @equation
 def among(one: ContactPlane, others: Sequence[ContactPlane], count: int, n: int, position: Reals) -> bool:
-    """Whether it is the same surface as any of the first `count` others."""
+    """Whether a plane is the same surface as any of the first `count` others."""
     found = False
     for j in range(count):
         found = found or same(one, others[j], n, position)
@@ -155,7 +155,7 @@ def among(one: ContactPlane, others: Sequence[ContactPlane], count: int, n: int,
 def withdrawn(
     one: ContactPlane, reported: Sequence[ContactPlane], count: int, n: int, position: Reals, reach_m: float
 ) -> bool:
-    """`ContactPlane.withdrawn`. A plane that moves is not remembered: nobody knows where it is by now."""
+    """`ContactPlane.withdrawn`. A moving plane is never kept: its present position is unknown."""
     if one.velocity != 0.0 or -depth(one, n, position) <= reach_m:
         return True
     return among(one, reported, count, n, position)

@@ -1,4 +1,4 @@
-"""The equations of the device's local contact model where planes may bend or rub, in place of those for flat ones."""
+"""Equations of the local contact model for surfaces with curvature or friction; flat planes have simpler ones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from hapnet.records.record import AXES, Floats, Reals, equation
 from hapnet.records.vectors import copy, length
 
 SLIP_M = 5e-4
-"""A proxy that rubs and moves by more than this within a tick, beside the device's travel, takes some milliseconds."""
+"""A step of a proxy with friction that exceeds the device's travel by more than this is spread over some ticks [m]."""
 
 
 @equation
@@ -76,7 +76,7 @@ def look_at_surfaces(model: ContactState, n: int, x: Reals) -> None:
 
 @equation
 def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
-    """Find y among planes of all kinds."""
+    """Compute y among planes of all kinds."""
     rubbing, before, fading = model.rubbing, model.before, model.fading
     friction_cone.agree(rubbing, model.planes, n, dt)
     copy(n, rubbing.place, before)
@@ -93,13 +93,13 @@ def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: 
 
 @equation
 def keep_surface(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
-    """As `keep`, in compiled code."""
+    """`keep` in compiled code."""
     copy_bent(one, n, answer.planes[at])
 
 
 @equation
 def use_surface_planes(model: ContactState, n: int, count: int) -> None:
-    """As `use_planes`, in compiled code."""
+    """`use_planes` in compiled code."""
     answer, model.bends, model.count = model.answer, 0, count
     for k in range(count):
         copy_bent(answer.planes[k], n, model.planes[k])
@@ -110,9 +110,9 @@ def use_surface_planes(model: ContactState, n: int, count: int) -> None:
 
 @equation
 def meet_planes(model: ContactState, n: int) -> None:
-    """The proxy that rubs learns which planes are known now, and where the world's own touched them.
+    """Pass the present planes, and the place where the world's proxy touched them, to the proxy with friction.
 
-    The velocity of that one is in `model.leading`.
+    The velocity of the world's proxy is in `model.leading`.
     """
     answer, vague = model.answer, length(n, model.leading) * model.age
     touched = False
@@ -125,4 +125,4 @@ IN_PLACE_OF_FLAT_ONES: dict[Callable[..., Any], Callable[..., Any]] = {
     look: look_at_surfaces, respond: respond_among_surfaces, compare: compare_surfaces, keep: keep_surface,
     use_planes: use_surface_planes,
 }  # fmt: skip
-"""What is compiled where planes may bend or rub."""
+"""The functions to compile for surfaces with curvature or friction."""

@@ -1,7 +1,7 @@
-"""PSPM for a device whose coupling acts continuously between ticks: (2) acts within the tick.
+"""PSPM for a device with a coupling (2) that acts continuously, also between ticks.
 
-Only a simulated device can do this. It is the paper's device. It harvests by (10); where the actuators' limit acted,
-(10) is no lower bound, and it harvests what the damper really dissipated.
+Only a simulated device can do this; it is the paper's device. It harvests by (10). If the actuators' limit acted, (10)
+is not a lower bound, and it harvests the energy that the damper really dissipated.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ dissipated since then [J] if the actuators' limit kept it from acting in full; N
 
 
 class ContinuousServo(Record):
-    """PSPM for a device whose coupling acts continuously between ticks.
+    """PSPM for a device with a coupling that acts continuously between ticks.
 
     coupling : this side's set-position coupling.
     damping : B's diagonal [Ns/m].
@@ -35,8 +35,8 @@ class ContinuousServo(Record):
 
     Attributes
     ----------
-    due : PSPM runs in the tick at which so much time has passed since it last ran [s]. elapsed : that time [s]. The
-        servo has no other state but its coupling's and its sender's, so a batch may set it.
+    due : the longest time between two runs of PSPM [s]. elapsed : time since the last run [s]. The servo has no other
+        state besides its coupling's and its sender's, so a batch may set it.
     """
 
     due: float
@@ -61,9 +61,9 @@ class ContinuousServo(Record):
     def tick(
         self, dt: float, x: Vector, passage: Passage, work: float, kinetic: float, *, release: bool = False
     ) -> Update | None:
-        """A tick `dt` seconds after the last. Returns what to send, if PSPM ran.
+        """Do a tick `dt` seconds after the last. Returns what to send, if PSPM ran.
 
-        `release` lets the spring go (ybar = x).
+        `release` releases the spring (ybar = x).
         The ledger is at the human's port: `work` is the energy that the hand put in during the tick [J], `kinetic` the
         device's kinetic energy now [J].
         """
@@ -89,7 +89,7 @@ class ContinuousServo(Record):
         rest(self, self.coupling, dt, x, work, kinetic)
 
     def parts(self, x: Vector, force: Vector) -> ForceParts:
-        """The parts of the device's force at x [N]; all that the spring does not give is the damper's."""
+        """The parts of the device's force at x [N]; the force without the spring's part is the damper's."""
         spring = self.coupling.spring.force(self.coupling.set_position, x)
         return parts_of(self.coupling, self._model, x, spring, tuple(map(sub, force, spring)))
 
@@ -97,7 +97,7 @@ class ContinuousServo(Record):
 def parts_of(
     coupling: SetPositionCoupling, model: ContactModel | None, x: Vector, spring: Vector, damper: Vector
 ) -> ForceParts:
-    """The parts of a force."""
+    """The parts of a force, given those of spring and damper."""
     of_planes, added = [0.0] * len(x), [0.0] * len(x)
     if model is not None:
         share(model, coupling.spring, x, coupling.set_position, of_planes, added)
@@ -105,7 +105,7 @@ def parts_of(
 
 
 class Sender(Record):
-    """Decides which runs of PSPM send a sample, if not every one does; all of them send their energy.
+    """Decides which runs of PSPM send a sample; every run sends its energy.
 
     period : time between two samples [s]; 0: each run sends one.
 
@@ -176,7 +176,7 @@ def run(
 
 @equation
 def end(servo: ContinuousServo, coupling: SetPositionCoupling, x: Reals, kinetic: float) -> None:
-    """PSPM has run: the account, and whether to send."""
+    """Update the account after a run of PSPM, and decide whether to send a sample."""
     decide(servo.sender, servo.elapsed)
     servo.elapsed = 0.0
     ledgers.observe(coupling.ledger, kinetic + potential(coupling, x), coupling.account)
@@ -191,5 +191,5 @@ def _compiled_choose(coupling: SetPositionCoupling, model: ContactState, n: int,
 
 @compiled_as(_compiled_choose)
 def choose(coupling: SetPositionCoupling, model: ContactState | None, n: int, dt: float, x: Reals) -> None:
-    """Choose y for the next run, `dt` seconds after the last. Python asks the coupling's source, whatever it is."""
+    """Choose y for the next run, `dt` seconds after the last. In Python the coupling's source may be any object."""
     coupling.choose(dt, tuple(x))

@@ -1,10 +1,10 @@
-"""The protocols that every coupling implements, and adapters that make a simple law into a coupling.
+"""The protocols that every coupling implements, and adapters that turn a simple law into a coupling.
 
 A coupling has two ends. The device's end chooses the force to hold at each tick; the world's end makes each step of the
-virtual mass. Each end sends samples to the other, and may shuffle energy to it. The rest of a side sees an end's
-account and set-position through its `CouplingState`.
+virtual mass. Each end sends samples to the other, and may shuffle energy to it. The rest of a side reads an end's
+account and set-position from its `CouplingState`.
 
-Most laws need less. They implement `DeviceLaw` and `WorldLaw` below, and `LawServo` and `LawSteps` make these into the
+Most laws need less. They implement `DeviceLaw` and `WorldLaw` below, and `LawServo` and `LawSteps` turn these into the
 two ends. For such a law a step of the virtual mass M is
 
     (2M/T + g) vhat = 2M/T v + p + f                    g: drag [Ns/m], p: push [N], f: of the environment [N]
@@ -38,7 +38,7 @@ Made = TypeVar("Made")
 
 
 class ForceParts(NamedTuple):
-    """The parts of a device's force [N]. Spring and damper add up to it, unless a limit took something off."""
+    """The parts of a device's force [N]. Spring and damper add up to the force, unless a limit reduces it."""
 
     spring: Vector
     """K (ybar - x)."""
@@ -47,18 +47,18 @@ class ForceParts(NamedTuple):
     model: Vector
     """The part of the spring's force that comes from the local contact model's planes."""
     added_damping: Vector
-    """The part of it that is added damping."""
+    """The part of the spring's force that is added damping."""
 
 
 class Update(NamedTuple):
-    """The result of an update at either end: the sample to send, if it is time, and the energy to shuffle [J]."""
+    """The result of an update at either end: the sample to send, if one is due, and the energy to shuffle [J]."""
 
     sample: CouplingSample | None
     shuffled: float = 0.0
 
 
 class CouplingState(Protocol):
-    """The state of one end of a coupling, as a side's runtime, recording and summary read it."""
+    """The state of one end of a coupling, for a side's runtime, recording and summary."""
 
     ledger: Ledger
     energy_min: float
@@ -70,18 +70,18 @@ class CouplingState(Protocol):
 
     @property
     def modulated_share(self) -> float | None:
-        """The share of the updates in which the energy did not suffice for y; None: there was none."""
+        """The share of the updates in which the energy did not suffice for y; None: no updates."""
 
     @property
     def set_position(self) -> Vector:
-        """Where its spring is tied [m]; without a spring, where the other side is assumed to be.
+        """The point to which its spring is tied [m]; without a spring, the assumed position of the other side.
 
         Its distance from the position is the force divided by the coupling's stiffness: the deadband relies on that.
         """
 
     @property
     def target(self) -> Vector:
-        """Where its spring would be tied if the energy were there [m]."""
+        """The point to which its spring would be tied with unlimited energy [m]."""
 
     @property
     def reservoir(self) -> float: ...
@@ -92,25 +92,25 @@ class CouplingState(Protocol):
         """Energy stored in its spring at x [J]."""
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """A sample arrived. No sample arrives twice, and none comes from an earlier peer.
+        """Take in a sample that arrived. No sample arrives twice, and none comes from an earlier peer.
 
-        sent_s : when it was sent, on the other side's clock [s].
-        age_s : how old it is now [s]. Of a `ProxySample` that has aimed: since the device's own time for which it
-            stands, exactly. Of another sample: since it was sent, estimated from the minimum round trip.
+        sent_s : time at which it was sent, on the other side's clock [s].
+        age_s : its present age [s]. For a `ProxySample` with `aimed`: exactly, since the device's own time for which it
+            holds. For any other sample: since it was sent, estimated from the minimum round trip.
         """
 
     def credit(self, energy: float) -> None:
-        """Shuffled energy arrived [J]; the next update uses it, once."""
+        """Take in shuffled energy that arrived [J]; the next update uses it, once."""
 
     def on_peer_changed(self) -> float:
-        """A new peer, whose counts start at zero, has replaced the old one. Returns the energy to shuffle to it [J]."""
+        """Start again with a new peer; its counts start at zero. Returns the energy to shuffle to that peer [J]."""
 
 
 class DeviceCoupling(Protocol):
-    """A device's end whose force is held from tick to tick; its account is at the actuator's port."""
+    """A device's end that holds its force from tick to tick; its account is at the actuator's port."""
 
     force: Vector
-    """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
+    """The force held now [N]. A driver that measures the force really applied sets it before the next tick."""
     trusted_damping: Vector
 
     @property
@@ -125,23 +125,23 @@ class DeviceCoupling(Protocol):
 
     @property
     def quantisation(self) -> float | None:
-        """How far encoder quantisation can put the true slack below the measured one [J]; None: unknown."""
+        """The most by which encoder quantisation can put the true slack below the measured slack [J]; None: unknown."""
 
     @property
     def parts(self) -> ForceParts | None:
-        """The parts of the force of the last tick; None: this coupling does not know them."""
+        """The parts of the force of the last tick; None: this coupling does not compute them."""
 
     def figures(self) -> dict[str, Any]:
-        """The figures of the zero-order hold, by the summary's keys; empty if no such account is kept."""
+        """The figures of the zero-order hold, by the summary's keys; empty if the coupling keeps no such account."""
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
-        """A tick `dt` seconds after the last, at x [m] and v [m/s]. Sets `force`; returns what to send, if it is time.
+        """Do a tick `dt` seconds after the last, at x [m] and v [m/s]. Sets `force`; returns what to send, if any.
 
         `release`: the servo was late, so it renders no force until it is on time again.
         """
 
     def skippable_ticks(self, dt: float) -> int:
-        """How many of the coming ticks, `dt` seconds apart, return nothing if nothing arrives; 0 is always right."""
+        """The number of coming ticks, `dt` seconds apart, that return None if nothing arrives; 0 is always correct."""
 
     def stop(self) -> None:
         """Render no force from now until the next tick."""
@@ -156,11 +156,11 @@ class WorldCoupling(Protocol):
         """Move the mass through a step of `dt` seconds."""
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """The next step begins, at x(k) [m] and with D(k-1) [J]. It uses what has arrived by now."""
+        """Begin the next step, at x(k) [m] and with D(k-1) [J], with the samples that have arrived by now."""
 
 
 class Ends:
-    """Makes an end that computes the same faster, where it can. This one leaves all as they are."""
+    """Replaces ends by faster ones with the same results, where possible. This base class replaces none."""
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
         """The device's end, before its first tick."""
@@ -171,21 +171,21 @@ class Ends:
         return device
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
-        """The world's end, before its first step, which `mass` makes among `contacts`."""
+        """The world's end, before its first step; `mass` and `contacts` are those of its steps."""
         return steps
 
     def mass(self, steps: WorldCoupling, mass: Mass) -> Mass:
-        """The mass that takes the place of `mass` once `steps` is made for it."""
+        """The mass that replaces `mass` once `steps` is made for it."""
         return mass
 
 
 @equation
 def counted(world: Any, dt: float, x: Reals, kinetic: float, work: float, dissipated: float) -> Update:
-    """`update` of the world's end, a `WorldCoupling` or its record, with its ledger; the arguments are those of
+    """Update the world's end, a `WorldCoupling` or its record, and its ledger; the arguments are those of
     `WorldControl.step`.
 
     The ledger is checked before the law (steps to k-1 with ybar_{k-1}) and after it (with ybar_k): both pairings of
-    Theorem 1. D may be negative, where it was measured: then it is charged before the ledger is checked.
+    Theorem 1. A measured D may be negative: it is then charged before the ledger is checked.
     """
     coupling = world.coupling
     ledger = coupling.ledger
@@ -197,17 +197,17 @@ def counted(world: Any, dt: float, x: Reals, kinetic: float, work: float, dissip
 
 
 def update(world: WorldCoupling, dt: float, x: Reals, dissipated: float) -> Update:
-    """As the end's. In place of this and of `potential` compiled code has what a kind of end does (kernel/kinds.py)."""
+    """Call the end's `update`. Compiled code replaces this and `potential` by the end's own (ext/compiled/kinds.py)."""
     return world.update(dt, tuple(x), dissipated)
 
 
 def potential(coupling: CouplingState, x: Reals) -> float:
-    """As the coupling's [J]."""
+    """Call the coupling's `potential` [J]."""
     return coupling.potential(tuple(x))
 
 
 class Law(Protocol):
-    """The common part of both ends of a law. Each starts at rest at the position it is made with."""
+    """The common part of both ends of a law. An end starts at rest at its initial position."""
 
     @property
     def set_position(self) -> Vector:
@@ -217,14 +217,14 @@ class Law(Protocol):
         """As `CouplingState.receive`."""
 
     def on_peer_changed(self) -> None:
-        """A new peer, whose counts start at zero, has replaced the old one."""
+        """Start again with a new peer; its counts start at zero."""
 
 
 class DeviceLaw(Law, Protocol):
     """The device's end of a law."""
 
     def force(self, dt: float, x: Vector, v: Vector, held: Vector) -> Vector:
-        """The force on the device [N] to hold from now on.
+        """The force on the device [N], to hold until the next tick.
 
         dt : time since the last tick [s]. x, v : measured position [m] and velocity [m/s].
         held : the force really held since the last tick [N].
@@ -241,13 +241,13 @@ class WorldLaw(Law, Protocol):
     """The world's end of a law."""
 
     def begin(self) -> None:
-        """A step begins. It uses what has arrived by now."""
+        """Begin a step, with the samples that have arrived by now."""
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
         """Drag g [Ns/m] and push p [N] of a step of `dt` seconds."""
 
     def moved(self, dt: float, vhat: Vector, x: Vector, v: Vector) -> None:
-        """The mass has made that step with the mean velocity vhat [m/s]. It is now at x [m] with velocity v [m/s]."""
+        """Complete the step: the mass moved with the mean velocity vhat [m/s] to x [m], with velocity v [m/s] there."""
 
     def next_sample(self) -> CouplingSample:
         """The sample to send to the device, after each step."""
@@ -261,7 +261,7 @@ class LawState(LawAccount, Generic[L]):
     """The `CouplingState` of a law.
 
     law : this end of the law. initial_energy : this side's share of d^2 [J].
-    stamped : takes each sample with its stamp and its age, as `CouplingState.receive`, before the law does.
+    stamped : receives each sample before the law, with its time and its age, as `CouplingState.receive`.
     """
 
     def __init__(self, law: L, initial_energy: float, stamped: Stamped | None = None) -> None:
@@ -282,7 +282,7 @@ class LawState(LawAccount, Generic[L]):
         return self.law.set_position
 
     def potential(self, x: Vector) -> float:
-        """Zero [J]: a law keeps account of its own springs."""
+        """Zero [J]: a law counts the energy of its own springs."""
         return 0.0
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
@@ -302,7 +302,7 @@ class LawState(LawAccount, Generic[L]):
 class LawSteps:
     """A `WorldCoupling` made of the world's end of a law.
 
-    law, initial_energy, stamped : as those of `LawState`.
+    law, initial_energy, stamped : as in `LawState`.
     """
 
     def __init__(self, law: WorldLaw, initial_energy: float, stamped: Stamped | None = None) -> None:
@@ -316,7 +316,7 @@ class LawSteps:
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """A step begins. Returns the sample of the last step, to send to the device."""
+        """Begin a step. Returns the sample of the last step, to send to the device."""
         self.law.begin()
         return Update(self.law.next_sample())
 
@@ -328,15 +328,15 @@ class LawServo(HeldForce):
     period : time between the samples sent [s].
     position : the first measured position [m].
     initial_energy : this side's share of d^2 [J].
-    force_limit : maximum force to ask of the actuator [N]; the law gets the force really held.
-    stamped : as that of `LawState`.
+    force_limit : maximum force of the actuator [N]; the law receives the force really held.
+    stamped : as in `LawState`.
     """
 
     harvest = "measured"
     quantisation: ClassVar[float | None] = None
-    """None: how far encoders blur a law's account is unknown."""
+    """None: the effect of encoder quantisation on a law's account is unknown."""
     parts: ClassVar[ForceParts | None] = None
-    """None: a law's force need not have parts."""
+    """None: a law's force is not split into parts."""
 
     def __init__(
         self,
@@ -363,7 +363,7 @@ class LawServo(HeldForce):
 
     @property
     def force(self) -> Vector:
-        """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
+        """The force held now [N]. A driver that measures the force really applied sets it before the next tick."""
         return tuple(self.held)
 
     @force.setter
@@ -392,11 +392,11 @@ class LawServo(HeldForce):
 
 
 TICK_SLACK_S = 1e-9
-"""A clock in whole nanoseconds may measure a period one nanosecond short [s]."""
+"""Tolerance of a period [s]: a clock in whole nanoseconds may measure it one nanosecond short."""
 
 
 def ticks_before(due: float, elapsed: float, dt: float) -> int:
-    """How many ticks, `dt` seconds apart, come before the one in which `due` seconds have passed; `elapsed` have."""
+    """The number of ticks, `dt` seconds apart, before the tick in which `due` s have passed; `elapsed` s have now."""
     ticks, elapsed = 0, elapsed + dt
     while elapsed < due:
         ticks += 1

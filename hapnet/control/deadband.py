@@ -1,4 +1,4 @@
-"""Perceptual deadband: a side sends only those samples whose change the user at the other side could notice.
+"""Perceptual deadband: a side sends a sample only if the user at the other side could notice its change.
 
 After P. Hinterseer, S. Hirche, S. Chaudhuri, E. Steinbach, M. Buss, "Perception-based data reduction and transmission
 of haptic data in telepresence and teleaction systems" (IEEE Trans. Signal Processing 56, 2008): by Weber's law people
@@ -6,15 +6,15 @@ notice a change of a stimulus that exceeds a fixed fraction k of it. So a sample
 
     |s - s_sent| > k |s_sent|                                     s_sent: the last sample sent
 
-People notice changes of force of 7 to 10 %. What is compared depends on the kind of sample (derived here):
+People notice changes of force of 7 to 10 %. The comparison depends on the kind of sample (derived here):
 
 * A position x is not itself a stimulus, but the force that it causes is. The receiver's spring K is tied to x_sent. Its
-  other end is, apart from delays, at ybar, where this side's own spring is tied. So the force is K |ybar - x_sent|, and
-  sending x would change it by K |x - x_sent|. K cancels: send if |x - x_sent| > k |ybar - x_sent|.
+  other end is, apart from delays, at ybar, to which this side's own spring is tied. So the force is K |ybar - x_sent|,
+  and sending x would change it by K |x - x_sent|. K cancels: send if |x - x_sent| > k |ybar - x_sent|.
 * A motion is sent if its position is due by that rule, or its velocity by Weber's law: a velocity causes a force too.
 * A port's sample is a position or a force, and a total of energy. Holding back a total loses nothing.
 * Each wave carries energy, so none may be dropped. A wave held back is merged with the next: their mean over the sum of
-  their spans. Its energy |u|^2 T is at most the sum of theirs (Cauchy-Schwarz), so it stays passive.
+  their spans. Its energy |u|^2 T is at most the sum of both (Cauchy-Schwarz), so the line stays passive.
 
 Near zero, where Weber's law ends, changes below the `LEAST_...` constants count as not noticed. A vector's deadband is
 a ball. Set-position modulation stays passive with any deadband, because y may be any sequence.
@@ -44,17 +44,17 @@ MAX_S = 0.1
 within the 0.5 s after which a peer counts as silent, and a lost last change is repaired within this time."""
 
 MAX_WAVE_S = 0.02
-"""The same for waves: merging over a time delays them by as much, and waves suffer most from delay."""
+"""The maximum time for waves [s]: merging delays waves by this time, and wave laws suffer most from delay."""
 
 MIN_N = 0.005
-"""A change of force that nobody feels [N]: people feel tens of millinewtons at best."""
+"""A change of force that cannot be felt [N]: people feel tens of millinewtons at best."""
 MIN_M = 6e-5
-"""The same for a position [m]: with 100 N/m it makes about such a force. A common encoder resolves 0.055 mm, so a
-single count is not sent."""
+"""A change of position that causes about this force with 100 N/m [m]. A common encoder resolves 0.055 mm, so a single
+count is not sent."""
 MIN_MPS = 1e-3
-"""The same for a velocity [m/s], with 5 Ns/m."""
+"""A change of velocity that causes this force with 5 Ns/m [m/s]."""
 MIN_WAVE = 2e-3
-"""The same for a wave [sqrt(W)], u = f/sqrt(2b), with an impedance of 3 Ns/m."""
+"""A change of a wave that causes about this force, u = f/sqrt(2b), with an impedance of 3 Ns/m [sqrt(W)]."""
 
 
 class Deadband:
@@ -62,7 +62,7 @@ class Deadband:
 
     fraction : k, Weber's fraction; above 0, at most 1.
     longest_s : maximum time between two samples sent [s].
-    port : what the value of this side's `PortSample` samples is.
+    port : the quantity in this side's `PortSample` samples.
 
     Raises InvalidParameter: the fraction or the time is not allowed.
     """
@@ -82,7 +82,7 @@ class Deadband:
         self.on_peer_changed()
 
     def on_peer_changed(self) -> None:
-        """A new peer has received nothing yet: the next sample is sent."""
+        """Send the next sample: a new peer has received nothing yet."""
         self._sent_s: float | None = None
         self._value: Vector = ()
         self._velocity: Vector = ()
@@ -90,9 +90,10 @@ class Deadband:
         self._planes: tuple[Plane, ...] | None = None
 
     def offer(self, now_s: float, sample: CouplingSample, opposite: Vector) -> CouplingSample | None:
-        """Return the sample to send for `sample` at the time `now_s` [s]; None: nothing.
+        """Return the sample to send for `sample` at the time `now_s` [s]; None: send nothing.
 
-        opposite : ybar, where this side's spring is tied; without a spring, where the other side is assumed to be [m].
+        opposite : ybar, to which this side's spring is tied; without a spring, the assumed position of the other side
+            [m].
         """
         due = self._sent_s is None or now_s - self._sent_s >= self._longest_s
         sent = due or self._noticed(sample, opposite)
@@ -134,11 +135,11 @@ class Deadband:
 
 
 def _merged(waiting: WaveSample | None, wave: WaveSample) -> WaveSample:
-    """One wave in place of two: their mean over the sum of their spans."""
+    """Merge two waves into one: their mean over the sum of their spans."""
     if waiting is None:
         return wave
     span = waiting.span + wave.span
-    if span == 0.0:  # from a paused world
+    if span == 0.0:  # both are from a paused world
         return wave
     share = wave.span / span
     return WaveSample(tuple([u + share * (new - u) for u, new in zip(waiting.value, wave.value, strict=True)]), span)

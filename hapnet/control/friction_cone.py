@@ -1,17 +1,17 @@
-"""Where the proxy rests among planes that rub.
+"""The proxy's resting place among planes with friction.
 
-Beside the push f_i along its normal each plane holds the proxy with a traction t_i across it, |t_i| <= mu_i f_i:
+Beside the push f_i along its normal, each plane holds the proxy with a tangential traction t_i, |t_i| <= mu_i f_i:
 
     s = x - K'^-1 sum (f_i n_i + t_i)
 
-t_i keeps s from moving across the normal, away from where it rested before; beyond the cone it is mu_i f_i in that
-direction (Coulomb's law, a god-object with a friction cone: Harwin, Melder 2002). The place before is the whole state.
-A surface that sticks has a second, wider cone: beyond it the proxy slips at once, until mu_i f_i holds it again.
-In free motion it is the device's own, so contact begins without strain, and a proxy that sticks does not drift.
+t_i keeps s from moving tangentially, away from its last resting place; beyond the cone it is mu_i f_i in that direction
+(Coulomb's law, a god-object with a friction cone: Harwin, Melder 2002). The last resting place is the whole state. A
+surface that sticks has a second, wider cone: beyond it the proxy slips at once, until mu_i f_i holds it again. In free
+motion the resting place is the device's position: contact begins without strain, and a sticking proxy does not drift.
 
-The world's proxy sticks and slides by the same law, but later, and where the hand was predicted to be. So the two may
-stick at places that are a little apart. If they are far apart, as on an object that moves along its surface, the place
-here follows the world's. A proxy that moves is where it was predicted: its place is as vague as its way since.
+The world's proxy sticks and slides by the same law, but later, and near the predicted hand. So the two proxies may
+stick at slightly different places. If these are far apart, as on an object that moves along its surface, the place
+here follows the world's. The uncertainty of a moving proxy's place is its travel since the answer.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from hapnet.records.record import (
 from hapnet.records.vectors import added, copy, dot, length, times
 
 SWEEPS = 8
-"""The most Gauss-Seidel sweeps over the planes at a tick; the next tick goes on from there."""
+"""The most Gauss-Seidel sweeps over the planes in a tick; the next tick continues from there."""
 
 SETTLED_N = 1e-4
 """A sweep that changes no force by more than this [N] is the last."""
 
 AGREE_M, AGREE_S = 2e-3, 0.3
-"""The places may be so far apart [m]; if they are farther, that goes with this time constant [s]."""
+"""The largest accepted distance between the two places [m], and the time constant with which any excess fades [s]."""
 
 ROUNDS = 2
-"""How often several surfaces that bend are seen anew from where the proxy rests among their tangent planes."""
+"""The number of times that tangent planes of curved surfaces are computed at the proxy's new resting place."""
 
 
 class RubbingProxy(Record):
-    """The proxy of the local contact model, among planes of which some rub.
+    """The proxy of the local contact model, if any of the planes has friction.
 
-    compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N]. position : where it is [m].
+    compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N]. position : its place at the start [m].
 
-    give : at least the largest eigenvalue of the compliance [m/N]; is_isotropic : whether all are the same.
-    place : where it rested before: s of the last tick [m]. rubs : whether any of the planes rubs.
-    worlds : where the world's proxy rested, if it touched something (`has_worlds`) [m]; vague : its way since [m].
-    count, normals, forces, tractions : of the planes, from the last tick. before, and those after it: room.
-    seen : the planes as tangent planes.
+    give : an upper bound of the compliance's eigenvalues [m/N]; is_isotropic : whether all eigenvalues are the same.
+    place : its last resting place: s of the last tick [m]. rubs : whether any of the planes has friction.
+    worlds : resting place of the world's proxy [m], if it touched a plane (`has_worlds`); vague : its travel since [m].
+    count, normals, forces, tractions : of the planes, from the last tick. before to yielded: temporary memory.
+    seen : the tangent planes.
     """
 
     compliance: MatrixOfAxes
@@ -96,7 +96,7 @@ class RubbingProxy(Record):
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
-        """It touches nothing, at `position` [m]."""
+        """Start again at `position` [m], without contact."""
         self.place = list(position)
         self.rubs = self.has_worlds = self.count = 0
         self.vague = 0.0
@@ -106,8 +106,8 @@ class RubbingProxy(Record):
 def report(
     proxy: RubbingProxy, planes: Sequence[ContactPlane], count: int, n: int, touched: bool, place: Reals, vague: float
 ) -> None:
-    """The world's planes are these now. Its own proxy rested at `place` [m], if it touched anything, or goes on by
-    `vague` [m] until now."""
+    """Take in the world's planes. If the world's proxy touched anything, it rested at `place` [m], and has moved by at
+    most `vague` [m] since."""
     proxy.rubs, proxy.has_worlds, proxy.vague = 0, int(touched), vague
     copy(n, place, proxy.worlds)
     copy(proxy.count, proxy.forces, proxy.before)
@@ -131,7 +131,7 @@ def report(
 
 @equation
 def agree(proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, dt: float) -> None:
-    """If the world's proxy was far away along the surfaces, come nearer to it for `dt` seconds."""
+    """If the world's proxy is far away along the surfaces, move the place towards it, for a tick of `dt` seconds."""
     if not (proxy.has_worlds and proxy.rubs):
         return
     away, apart = proxy.away, AGREE_M + proxy.vague
@@ -152,8 +152,8 @@ def agree(proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, dt: float
 def rest(
     proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, x: Reals, shift: Reals, age: float, s: Floats
 ) -> bool:
-    """s [m] for the device at x [m], and whether it touches anything there. shift : of all planes [m]. age : of the
-    planes [s]. Surfaces that bend are seen from where the proxy was."""
+    """Compute s [m] for the device at x [m]; returns whether the proxy touches anything there. shift : of all planes
+    [m]. age : of the planes [s]. Tangent planes of curved surfaces are those at the last resting place."""
     bends = False
     for i in range(n):
         proxy.away[i] = proxy.place[i] - shift[i]
@@ -171,7 +171,7 @@ def rest(
 
 @equation
 def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s: Floats) -> None:
-    """`rest` on flat planes, from the forces that were found last."""
+    """`rest` on flat planes, starting from the last forces."""
     forces, tractions, wanted, yielded = proxy.forces, proxy.tractions, proxy.wanted, proxy.yielded
     copy(n, x, s)
     for k in range(proxy.count):
@@ -213,7 +213,7 @@ def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s:
 
 @equation
 def _take_across(n: int, vector: Floats, normal: Reals) -> None:
-    """Leave only the part of `vector` across `normal`."""
+    """Remove the part of `vector` along `normal`."""
     along = dot(n, normal, vector)
     for i in range(n):
         vector[i] = vector[i] + -along * normal[i]

@@ -1,8 +1,8 @@
 """The energy that the coupling's damper dissipated since the last update: D in (9).
 
 The paper's bound (10) uses only the extremes of the position, and holds for a continuous servo. A real servo computes
-the torque once a tick and holds it; then (10) is no lower bound. But the work of a held torque is known exactly from
-positions. So a sampled servo measures the dissipation, and the energy that the hold leaks is included.
+the torque once per tick and holds it; then (10) is not a lower bound. But the work of a held torque follows exactly
+from positions. So a sampled servo measures the dissipation, which includes the energy that the hold leaks.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: fl
 
     damping : b_ii [Ns/m].
     low, high : extremes of the position over the interval [m], both ends included.
-    interval : its length or an upper bound of it [s]; over an interval of 0 nothing was dissipated.
+    interval : its length or an upper bound of it [s]; an interval of 0 dissipates nothing.
     resolution : of the encoder [m]: chatter of one count is not motion, so one count is subtracted from the range.
     """
     return by_range(len(damping), damping, low, high, interval, resolution)
@@ -35,7 +35,7 @@ def by_range(n: int, damping: Reals, low: Reals, high: Reals, interval: float, r
 
 @equation
 def _lost(damping: float, travel: float) -> float:
-    """``b travel^2``; nothing if there is no travel."""
+    """``b travel^2``; 0 if there is no travel."""
     return damping * travel * travel if travel > 0.0 else 0.0
 
 
@@ -43,12 +43,12 @@ class MeasuredHarvest(Record):
     """Energy that a sampled, held torque took out of the device since the last update, less the change of phi.
 
     ``D_s = sum_j -tau_j . (x_{j+1} - x_j) - (phi at the end - phi at the start)``, both phi with the ybar held then.
-    It is exact for any device and any torque really applied, and needs no force sensor.
+    It is exact for any device if the torque is really applied, and needs no force sensor.
 
     Parameters
     ----------
     trusted_damping : a lower bound of the device's own damping on each axis [Ns/m], harvested too; 0 if unknown.
-    resolution : of the encoder [m]: chatter of one count is not motion that a damper dissipates.
+    resolution : of the encoder [m]: chatter of one count is not motion, and a damper dissipates nothing in it.
 
     Attributes
     ----------

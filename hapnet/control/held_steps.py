@@ -1,9 +1,9 @@
-"""A follower's servo: a robot in the virtual mass's place, whose force is held from tick to tick.
+"""A follower's servo: a robot in the virtual mass's place, with a force that is held from tick to tick.
 
 A follower is a device like the leader: PSPM, measured harvest and account at the actuator's port are those of
-`set_position_servo`. What it adds is its place in the world's half: y is the leader's motion, predicted, and the leader
-is sent a `ProxySample`. A real robot has this servo as a device has its own. A simulated one is moved by the steps of a
-world, each of which is a tick.
+`set_position_servo`. In addition it takes the world's place: its y is the leader's predicted motion, and it sends the
+leader a `ProxySample`. A real robot runs this servo as a device runs its own. A simulated robot is moved by the steps
+of a world; each step is a tick.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.vectors import added, inner
 
 REST_S = 0.2
-"""A robot that is released holds its set-position for so long first [s]: without a force it would only drift on."""
+"""A released robot first holds its set-position for this time, to come to rest [s]: without a force it would drift."""
 
 Feedback = Callable[[Vector, Vector, Vector], Vector]
-"""The position to send [m], of the follower's position, the set-position that it follows [m], and the force of its
-surroundings on it [N]."""
+"""Returns the position to send [m], from the follower's position [m], the set-position that it follows [m], and the
+force of its surroundings on it [N]."""
 
 
 def position(x: Vector, target: Vector, force: Vector) -> Vector:
-    """Position-position: the leader's spring is tied to where the follower is."""
+    """Position-position: the leader's spring is tied to the follower's position."""
     return x
 
 
 def reflected(stiffness: Vector) -> Feedback:
     """Position-force: the leader's spring renders the force on the follower. stiffness : its K along each axis [N/m].
 
-    With y = x_d + f/K, and x_d the leader's position that the follower follows, the spring's force is f where the
-    leader stands still. PSPM pays for y as for any other: the measured force need not be true.
+    With y = x_d + f/K, and x_d the leader's position that the follower follows, the spring's force is f while the
+    leader stands still. PSPM pays for y as for any other y: the measured force need not be correct.
     """
 
-    def say(x: Vector, target: Vector, force: Vector) -> Vector:
+    def feedback(x: Vector, target: Vector, force: Vector) -> Vector:
         return tuple([y + f / k for y, f, k in zip(target, force, stiffness, strict=True)])
 
-    return say
+    return feedback
 
 
 class FollowerServo(SampledServo):
@@ -53,8 +53,8 @@ class FollowerServo(SampledServo):
 
     Attributes
     ----------
-    feedback : see `LawMessage`. released : its leader has let go, so it renders no force once it has come to rest.
-    sensed : the force of its surroundings on it, as whoever moves the robot knows it [N].
+    feedback : see `Feedback`. released : its leader has released it, so it renders no force once it is at rest.
+    sensed : the force of its surroundings on it, set by the code that moves the robot [N].
     """
 
     def __init__(self, reporter: Teller | None, **servo: Any) -> None:
@@ -79,10 +79,10 @@ class FollowerServo(SampledServo):
 
 
 class HeldSteps(SetPositionSteps):
-    """The world's end of a simulated follower: a `WorldCoupling` whose mass is moved by a held force.
+    """The world's end of a simulated follower: a `WorldCoupling` that moves its mass by a held force.
 
-    period : of the servo [s]; a late step is made in parts so long. watchdog : a servo that is later than this renders
-        no force until it is on time again [s].
+    period : of the servo [s]; a late step is made in parts of this length. watchdog : a servo that is later than this
+        renders no force until it is on time again [s].
     """
 
     def __init__(self, servo: FollowerServo, period: float, watchdog: float) -> None:
@@ -108,26 +108,26 @@ class HeldSteps(SetPositionSteps):
         return done
 
     def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
-        """As `update`: the servo's ledger is at the actuator's port, and counts the force that was held."""
+        """As `update`: the servo's own ledger, at the actuator's port, counts the work of the held force."""
         return self.update(dt, x, dissipated)
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """A tick of the servo, `dt` seconds after the last, at x [m]."""
+        """Do a tick of the servo, `dt` seconds after the last, at x [m]."""
         return self.servo.tick(dt, x, self._velocity, release=dt > self._watchdog) or Update(None)
 
 
 def _joined(parts: list[Step], lengths: list[float]) -> Step:
-    """Steps of these lengths [s] one after the other, as one."""
+    """Join consecutive steps of these lengths [s] into one."""
     end, dt = parts[-1], math.fsum(lengths)
 
     def mean(vectors: list[Vector]) -> Vector:
         return tuple([inner(lengths, along) / dt for along in zip(*vectors, strict=True)])
 
     return Step(
-        mean([one.velocity for one in parts]),
-        mean([one.force for one in parts]),
-        added([one.work_J for one in parts]),
-        added([one.dissipated_J for one in parts]),
+        mean([part.velocity for part in parts]),
+        mean([part.force for part in parts]),
+        added([part.work_J for part in parts]),
+        added([part.dissipated_J for part in parts]),
         end.coupling_force,
         end.position,
         end.penetration_m,

@@ -1,7 +1,8 @@
 """A law's two ends as records, with equations that plain Python runs and numba compiles.
 
-An end of hapnet's own is a `DeviceEnd` or a `WorldEnd`. Its methods that take and give records are equations; from them
-these classes make what `DeviceLaw` and `WorldLaw` ask for. A user's own law needs none of this, and is not compiled.
+Each end of hapnet's own laws is a `DeviceEnd` or a `WorldEnd`. Their methods that work on records are equations; these
+classes wrap them into the methods of `DeviceLaw` and `WorldLaw`. A user's own law needs none of this, and is not
+compiled.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ UNTOLD = -1.0
 
 
 class LawMessage(Record):
-    """A message of an end: a position [m], a port's value [m or N] or a wave [sqrt(W)]; `more` : a motion's velocity
-    [m/s]; `amount` : a port's energy [J], a wave's span [s].
+    """A message of an end. value : a position [m], a port's value [m or N] or a wave [sqrt(W)]. more : a motion's
+    velocity [m/s]. amount : a port's energy [J] or a wave's span [s].
     """
 
     value: OfAxes
@@ -32,7 +33,7 @@ class LawMessage(Record):
 
 
 class End(Record):
-    """One end of a law; n : the number of axes. y : its set-position [m]. outgoing : what it sends next."""
+    """One end of a law. n : the number of axes. y : its set-position [m]. outgoing : its next message."""
 
     n: int
     y: OfAxes
@@ -65,7 +66,7 @@ class End(Record):
                 self.take(position, position, 0.0, UNTOLD)
 
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """A sample arrived: see `LawMessage`; of a wave `more` is its integral [sqrt(W) s] over `total_s` [s]."""
+        """Take in a sample: see `LawMessage`; for a wave `more` is its integral [sqrt(W) s] over `total_s` [s]."""
         raise NotImplementedError
 
     def _sample(self) -> CouplingSample:
@@ -79,12 +80,12 @@ class End(Record):
 
     @classmethod
     def lines(cls) -> dict[Callable[..., Any], Callable[..., Any]]:
-        """The functions to compile in place of those that ask an object of this end."""
+        """The functions to compile in place of the functions that call a Python object of this end."""
         return {}
 
 
 class DeviceEnd(End):
-    """The device's end of a law: a `DeviceLaw`. out : room for its force."""
+    """The device's end of a law: a `DeviceLaw`. out : memory for its force."""
 
     out: OfAxes
 
@@ -103,16 +104,16 @@ class DeviceEnd(End):
         return self._sample()
 
     def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
-        """`force`, into `out`."""
+        """Compute `force` into `out`."""
         raise NotImplementedError
 
     def say(self, x: Reals, v: Reals) -> None:
-        """`next_sample`, into `outgoing`."""
+        """Write the next sample into `outgoing`."""
         raise NotImplementedError
 
 
 class WorldEnd(End):
-    """The world's end of a law: a `WorldLaw`. push : of the running step [N]."""
+    """The world's end of a law: a `WorldLaw`. push : the push p of the running step [N]."""
 
     push: OfAxes
 
@@ -122,11 +123,11 @@ class WorldEnd(End):
 
     @equation
     def stamp(self, value: Reals, sent_s: float, age_s: float) -> None:
-        """A position or a port's value arrived: when it was sent, and how old it is, as `CouplingState.receive`."""
+        """Take in the time and the age of a position or port's value that arrived, as `CouplingState.receive`."""
 
     @equation
     def begin(self) -> None:
-        """A step begins. It uses what has arrived by now."""
+        """Begin a step, with the samples that have arrived by now."""
 
     def impedance(self, dt: float) -> tuple[float, Vector]:
         """Drag g [Ns/m] and push p [N] of a step of `dt` seconds."""
@@ -134,7 +135,7 @@ class WorldEnd(End):
         return drag, tuple(self.push)
 
     def drag(self, dt: float) -> float:
-        """The drag of a step; its push goes into `push`."""
+        """The drag of a step [Ns/m]; its push goes into `push`."""
         raise NotImplementedError
 
     def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
@@ -147,12 +148,12 @@ class WorldEnd(End):
         return self._sample()
 
     def say(self) -> None:
-        """`next_sample`, into `outgoing`."""
+        """Write the next sample into `outgoing`."""
         raise NotImplementedError
 
 
 class LawAccount(Record):
-    """The counters of a law's end. It has no reservoir, but the same share of d^2 as PSPM, so that margins compare.
+    """The account of a law's end: no reservoir, but the same share of d^2 as with PSPM, so that margins are comparable.
 
     account : that share [J]. shuffled : always 0.
     """
@@ -165,8 +166,8 @@ class LawAccount(Record):
 class HeldForce(Record):
     """The force of a law, held from tick to tick.
 
-    held : the force [N]. position : at the last tick [m]. due : a sample is sent in the tick at which so much time has
-    passed [s]; elapsed : since the last one. limit : maximum force to ask of the actuator [N].
+    held : the force [N]. position : at the last tick [m]. due : time between two sent samples [s]; elapsed : time since
+    the last of them [s]. limit : maximum force of the actuator [N].
     """
 
     n: int
@@ -179,7 +180,7 @@ class HeldForce(Record):
 
 @equation
 def tick(servo: HeldForce, account: LawAccount, law: DeviceEnd, dt: float, x: Reals, v: Reals) -> bool:
-    """Do a tick `dt` seconds after the last, at x [m] and v [m/s]; return whether a sample is to be sent."""
+    """Do a tick `dt` seconds after the last, at x [m] and v [m/s]; return whether a sample is due."""
     begin_tick(servo, account, x)
     if dt > 0.0:  # a law may divide by dt
         _render(servo, law, dt, x, v)
@@ -194,18 +195,18 @@ def _compiled_render(servo: HeldForce, law: DeviceEnd, dt: float, x: Reals, v: R
 
 @compiled_as(_compiled_render)
 def _render(servo: HeldForce, law: DeviceEnd, dt: float, x: Reals, v: Reals) -> None:
-    """The law's force is held; Python asks the law, whatever it is."""
+    """Hold the law's force; in Python the law may be any object."""
     servo.held[:] = law.force(dt, tuple(x), tuple(v), tuple(servo.held))
 
 
 def render(law: DeviceEnd, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
-    """`render` of the law, in whose place compiled code has that method of the law's class."""
+    """Call the law's `render`; compiled code replaces this function by the method of the law's class."""
     law.render(dt, x, v, held, out)
 
 
 @equation
 def begin_tick(servo: HeldForce, law: LawAccount, x: Reals) -> None:
-    """Count the work of the force that was held until the device came to x [m]."""
+    """Count the work of the force that was held while the device moved to x [m]."""
     work = 0.0
     for i in range(servo.n):
         work += servo.held[i] * (x[i] - servo.position[i])
@@ -226,7 +227,7 @@ def cut(servo: HeldForce) -> None:
 
 @equation
 def sends(servo: HeldForce, dt: float) -> bool:
-    """Whether a sample is to be sent in this tick, `dt` seconds after the last."""
+    """Whether a sample is due in this tick, `dt` seconds after the last."""
     servo.elapsed += dt
     if servo.elapsed < servo.due:
         return False

@@ -3,11 +3,11 @@
 With W the energy put in at this side's port since the start, V the energy stored in the device (or virtual mass) and
 its spring, E the reservoir's content, and the energy credited from and sent to the other side:
 
-    margin = W + V(0) + E(0) + credited - sent        what is left of this side's share of the bound
+    margin = W + V(0) + E(0) + credited - sent        the rest of this side's share of the bound
     slack  = margin - V - E                            the theorem's half: never below zero
 
-Each process checks its own half alone, with no common clock. The halves add up to the theorem because one side never
-credits more than the other has sent.
+Each process checks its own half, without a common clock. The halves add up to the theorem because a side never
+credits more energy than the other has sent.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from hapnet.records.record import Record, equation
 
 
 class Ledger(Record):
-    """Account of one side; all in joules.
+    """The energy account of one side; all values in joules.
 
     stored : V(0): kinetic and potential energy at the start.
     reservoir : E(0).
@@ -27,8 +27,8 @@ class Ledger(Record):
     ----------
     bound : this side's share of d^2: V(0) + E(0).
     stored : V at the last `observe`, or at the start. reservoir : E likewise; a deficit counts as negative.
-    carry, credited_carry, sent_carry : what rounding has added too much to the sums, which are compensated (Kahan). So
-        rounding does not show after days of ticks.
+    carry, credited_carry, sent_carry : excess in the sums by rounding, for compensated summation (Kahan): rounding
+        stays negligible after days of ticks.
     """
 
     bound: float
@@ -52,11 +52,11 @@ class Ledger(Record):
         self.stored, self.reservoir = stored, reservoir
 
     def credit(self, energy: float) -> None:
-        """Energy received from the other side, each joule once."""
+        """Add energy received from the other side, each joule once."""
         credit(self, energy)
 
     def send(self, energy: float) -> None:
-        """Energy shuffled to the other side."""
+        """Add energy shuffled to the other side."""
         send(self, energy)
 
     def put_in(self, work: float) -> None:

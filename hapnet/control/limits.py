@@ -1,4 +1,4 @@
-"""Limits on the set-position before PSPM: how far it may step, and what to do when the network is silent.
+"""Limits on the set-position before PSPM: its largest step, and its behaviour while the network is silent.
 
 Both only choose another y(k), so they cannot break passivity.
 """
@@ -18,7 +18,7 @@ def limit_step(n: int, start: Reals, goal: Floats, maximum: float) -> None:
     """Replace `goal` by the point towards it that is at most `maximum` [m] away from `start`.
 
     With ``maximum = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
-    projection is non-expansive, so ybar keeps the limit that y kept.
+    projection is non-expansive, so a limit on the step of y also holds for ybar.
     """
     far = distance(n, goal, start)
     if far <= maximum:
@@ -29,7 +29,7 @@ def limit_step(n: int, start: Reals, goal: Floats, maximum: float) -> None:
 
 
 class Silence(Record):
-    """Chooses y when nothing has arrived for a while: ``hold`` keeps it, ``release`` lets it follow the device.
+    """Chooses y while the peer is silent: ``hold`` keeps y, ``release`` lets it follow the device.
 
     policy : "hold" or "release".
     after : the peer is silent after this time without a sample [s].
@@ -45,7 +45,7 @@ class Silence(Record):
         self.releases, self.after = int(policy == "release"), after
 
     def step(self, dt: float, *, fresh: bool) -> bool:
-        """Advance by dt seconds. Returns True if y is to be released (ramped to x under the step limit)."""
+        """Advance by dt seconds. Returns True if y must be released (ramped to x under the step limit)."""
         return releases(self, dt, fresh)
 
 

@@ -1,15 +1,15 @@
 """Predicts the device's motion for the world's end of a coupling.
 
 The world receives positions late and in uneven steps. Its proxy follows a set-position with a lag of its own: with the
-implicit integrator it is B'/K' + T/2 behind in steps of T (theory: a ramp through one step of L_dp). So the predictor
-aims ahead by the sample's age plus that lag, and the proxy then stands where the device is now.
+implicit integrator this lag is B'/K' + T/2 in steps of T (theory: a ramp through one step of L_dp). So the predictor
+predicts by the sample's age plus that lag, and the proxy is then at the device's present position.
 
-A parabola is fitted to all positions of the last 36 ms by least squares. One position per step would leave the velocity
-to two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Section 3).
+A parabola is fitted to all positions of the last 36 ms by least squares. With a single position per step, the velocity
+would depend on two noisy time stamps. A prediction is only another y(k), so it cannot break passivity (end of Sec. 3).
 
-A wall stops the hand, but a parabola runs on into the wall and bounces back out of it, and each time the wall
-dissipates energy that the hand never paid. So along the normal of a plane that the world sends, motion behind the plane
-is predicted to die away (`depth_ahead`).
+A wall stops the hand, but a parabola continues into the wall and bounces back out of it, and each time the wall
+dissipates energy that the hand has not paid for. So along the normal of a plane that the world sends, the predicted
+motion behind the plane dies away (`depth_ahead`).
 """
 
 from __future__ import annotations
@@ -39,24 +39,23 @@ from hapnet.records.vectors import copy, dot
 _DEFAULTS = ContactModelParams()
 
 SHORTEST_SPAN_S = 0.01
-"""A velocity needs positions over this time [s]; a parabola needs three times as much."""
+"""The shortest time span of positions for a velocity [s]; a parabola needs three times as much."""
 
 MOST = 1024
-"""The most positions in a predictor's window; of more it takes the newest."""
+"""The most positions in a predictor's window; it keeps the newest."""
 
 STEP_GAIN = 0.1
-"""Of the running mean of the world's steps: the next step is not known when y is chosen."""
+"""Gain of the running mean of the world's steps, which replaces the next step: that is unknown when y is chosen."""
 
 
 @equation
 def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: float) -> float:
-    """How deep a hand will be behind a plane that stops it [m]; below 0: in front of it (ours).
+    """The predicted depth of a hand behind a plane that stops it [m]; below 0: in front of it (ours).
 
-    Behind the plane a travel v t shrinks to v t / (1 + t/tau), in both directions; in front of it nothing changes. Also
-    compiled for the kernel, as it stands.
+    Behind the plane a travel v t shrinks to v t / (1 + t/tau), in both directions; in front of it nothing changes.
 
-    depth : of the newest position [m]. free : as predicted without the plane [m]; one of the two must be above 0.
-    speed : into the plane, at the newest position [m/s]. ahead : how far ahead [s], above 0 if depth is not.
+    depth : of the newest position [m]. free : depth as predicted without the plane [m]; either must be above 0.
+    speed : into the plane, at the newest position [m/s]. ahead : time to predict [s], above 0 unless depth is above 0.
     stop_s : tau [s].
     """
     if depth <= 0.0:
@@ -69,19 +68,19 @@ def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: f
 
 
 class MotionPredictor(Record):
-    """Fits the positions received lately, and continues the fitted motion.
+    """Fits a parabola to the positions received last, and extrapolates it.
 
     Parameters
     ----------
-    window : how far back the fit reaches from the newest position [s].
-    maximum : the longest time to predict [s]; a hand may change its mind within its reaction time.
-    max_curve : for how long an acceleration is predicted to last [s]; beyond it the velocity stays.
+    window : time span of the fit, back from the newest position [s].
+    maximum : the longest time to predict [s]; a hand may change its motion within its reaction time.
+    max_curve : the longest time for which the acceleration continues [s]; after it the velocity is constant.
 
     Attributes
     ----------
     times, places : from `start` on, `count` positions [m] with their stamps [s], the newest last.
     position, velocity, half : the fit at the newest stamp: position, velocity, half of the acceleration, if it is
-        `fitted`. first, second : room for the polynomials of the fit.
+        `fitted`. first, second : temporary memory for the polynomials of the fit.
     """
 
     window: float
@@ -119,29 +118,29 @@ class MotionPredictor(Record):
 
     @property
     def newest_s(self) -> float | None:
-        """When the newest position was sent, on its sender's clock [s]; None: there is none."""
+        """The time of sending of the newest position, on its sender's clock [s]; None: no position."""
         return self.times[self.start + self.count - 1] if self.count else None
 
     def reset(self) -> None:
-        """Forget all positions: their sender was replaced."""
+        """Forget all positions, as their sender was replaced."""
         self.start = self.count = self.fitted = 0
 
     def receive(self, position: Vector, sent_s: float) -> None:
-        """A position arrived [m], with its sender's time stamp [s]. One that was overtaken is used as well."""
+        """Take in a position [m] with its sender's time stamp [s]; positions may arrive out of order."""
         n = len(position)
         if len(self.position) != n:
             self.make_room(n)
         note(self, n, position, sent_s)
 
     def make_room(self, n: int) -> None:
-        """Make room for positions with n axes."""
+        """Allocate memory for positions with n axes."""
         self.places = [[0.0] * n for _ in range(MOST)]
         self.position, self.velocity, self.half = ([0.0] * n for _ in range(3))
 
     def at(self, ahead: float) -> tuple[Vector, float]:
-        """The position `ahead` seconds after the newest, and how far ahead that prediction really is [s].
+        """The position `ahead` seconds after the newest, and the time that was really predicted [s].
 
-        There must be a position. The prediction reaches at most `longest` ahead.
+        There must be a position. The prediction is limited to `maximum` seconds.
         """
         predicted = list(self.position)
         ahead = predict(self, len(predicted), ahead, predicted)
@@ -162,7 +161,7 @@ def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
                 return
             at -= 1
     if end == MOST:
-        if p.start == 0:  # the oldest goes, whatever the window
+        if p.start == 0:  # the oldest is dropped, whatever the window
             if at == 0:
                 return
             p.start, p.count = 1, p.count - 1
@@ -185,7 +184,7 @@ def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
 
 @equation
 def predict(p: MotionPredictor, n: int, ahead: float, out: Floats) -> float:
-    """`MotionPredictor.at`: the position into `out`; returns how far ahead it really is [s]."""
+    """`MotionPredictor.at`: the position into `out`; returns the time that was really predicted [s]."""
     fit(p, n)
     ahead = min(max(ahead, 0.0), p.maximum)
     curve = min(ahead, p.max_curve)
@@ -252,19 +251,19 @@ class Around(Record):
 
 
 class PredictedDevice(Record):
-    """Computes the world's y: where the device will be when the proxy has followed.
+    """Computes the world's y: the device's predicted position at the time when the proxy gets there.
 
     Parameters
     ----------
-    position : the mass's at the start [m].
-    lag : B'/K' [s]. predictor : predicts the device's motion. stop_s : time constant with which it dies away behind a
-        plane [s]; 0: planes change nothing.
+    position : of the mass at the start [m].
+    lag : B'/K' [s]. predictor : predicts the device's motion. stop_s : time constant with which the predicted motion
+        dies away behind a plane [s]; 0: planes change nothing.
 
     Attributes
     ----------
-    y : the last y [m]. age : of the newest position [s]; fresh : whether one has come since the last step.
-    mean_step : of the world's steps [s]. aimed_s : the time at which y aims, on the device's clock [s]; has_aimed : is
-        there one? around : what stands around the virtual mass. in_use : always, but for the records of compiled code.
+    y : the last y [m]. age : of the newest position [s]; fresh : whether a position has come since the last step.
+    mean_step : of the world's steps [s]. aimed_s : the time for which y is predicted, on the device's clock [s], if it
+        `has_aimed`. around : the planes around the mass. in_use : always 1, except in unused records of compiled code.
     """
 
     in_use: int
@@ -289,7 +288,7 @@ class PredictedDevice(Record):
         self.reset(position)
 
     def reset(self, position: Vector) -> None:
-        """Forget the device's motion: another has taken its place. y continues at `position` [m]."""
+        """Forget the device's motion, as the device was replaced. y continues at `position` [m]."""
         self.predictor.reset()
         self.y = list(position)
         self.age = self.mean_step = self.aimed_s = 0.0
@@ -297,7 +296,7 @@ class PredictedDevice(Record):
         self.see(())
 
     def see(self, planes: Sequence[Plane]) -> None:
-        """These stand around the virtual mass; whoever moves the mass says so before each step."""
+        """Set the planes around the virtual mass; the code that moves the mass must call this before each step."""
         around = self.around
         around.count = len(planes)
         for k, plane in enumerate(planes):
@@ -306,7 +305,7 @@ class PredictedDevice(Record):
 
     @property
     def turn_s(self) -> float:
-        """How long it takes until the device has an answer to what it does, roughly [s]: a round trip and a step."""
+        """The approximate time from a motion of the device to its answer [s]: a round trip and a step."""
         return turn_s(self)
 
     def release(self, position: Vector) -> None:
@@ -314,7 +313,7 @@ class PredictedDevice(Record):
         self.reset(position)
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """The device's position, and how old it is; see `CouplingState.receive`."""
+        """Take in the device's position and its age; see `CouplingState.receive`."""
         self.predictor.receive(vector_of(sample), sent_s)
         if sent_s == self.predictor.newest_s:
             self.age = age_s
@@ -326,7 +325,7 @@ class PredictedDevice(Record):
         return tuple(self.y)
 
     def stands_for(self, dt: float) -> float:
-        """The time on the device's clock for which the proxy stands after a step of `dt` seconds [s]; 0: unknown."""
+        """The time on the device's clock for which the proxy holds after a step of `dt` seconds [s]; 0: unknown."""
         return stands_for(self, dt)
 
 
@@ -351,7 +350,7 @@ def look_ahead(predicted: PredictedDevice, n: int, dt: float) -> None:
 
 @equation
 def aim(predicted: PredictedDevice, n: int, dt: float) -> float:
-    """y into `predicted.y`, but for planes; returns how far ahead it is predicted [s], 0 without a position."""
+    """Compute `predicted.y` without planes; returns the time that is predicted [s], 0 without a position."""
     p = predicted.predictor
     if not predicted.fresh:
         predicted.age += dt
@@ -368,7 +367,7 @@ def aim(predicted: PredictedDevice, n: int, dt: float) -> float:
 
 @equation
 def stop(predicted: PredictedDevice, n: int, normal: Reals, offset: float, velocity: float, ahead: float) -> None:
-    """Let a plane stop y; one that moves takes the hand with it, so it changes nothing."""
+    """Let a plane stop y; a moving plane takes the hand along, so it changes nothing."""
     p = predicted.predictor
     depth, free = dot(n, normal, p.position) - offset, dot(n, normal, predicted.y) - offset
     if velocity != 0.0 or (depth <= 0.0 and free <= 0.0):

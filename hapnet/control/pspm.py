@@ -12,7 +12,7 @@ D is the energy dissipated since the last instant: a bound from the positions' e
 harvest.py), or exact (the virtual world). A measured D may be negative.
 
 A servo that holds its torque outputs energy between two instants. The reserve covers that energy: the spring's jumps
-use only what E(k) holds above the reserve (see reserve.py).
+use only the part of E(k) above the reserve (see reserve.py).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from hapnet.records.record import OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
 
 _ROUNDING = 2.0**-50
-"""Relative to the terms whose differences are D and phi: a shortfall below this is rounding, not a deficit."""
+"""A shortfall below this share of the terms in D and phi is rounding, not a deficit."""
 
 Shuffle = Literal["harvested", "all"]
 SHUFFLES: tuple[Shuffle, ...] = ("harvested", "all")
@@ -53,7 +53,7 @@ class Modulation(NamedTuple):
     sent: float
     """E_x(k), shuffled to the other side."""
     discarded: float
-    """Surplus neither kept nor sent."""
+    """Surplus that is neither kept nor sent."""
     jump: float
     """Pbar(k), the spring's jump (11)."""
 
@@ -83,7 +83,7 @@ class SetPositionModulator(Record):
     force_limit : the force at which the spring saturates [N], see `Spring`.
     energy : E(0) [J]; None: the ceiling, as in the paper. A restarted side starts with 0.
     reserve : energy that the spring's jumps must leave in the reservoir [J]; at most the ceiling.
-    held_m, drag_N : of a torque that is held, as `hapnet.control.reserve.spendable`; 0: none is held.
+    held_m, drag_N : for a held torque, see `hapnet.control.reserve.spendable`; 0: no torque is held.
     injects : whether the energy in the spring comes back by itself, see `hapnet.control.reservoir_level`.
 
     Raises InvalidParameter: a value is not allowed, or the dimensions do not agree.
@@ -92,11 +92,10 @@ class SetPositionModulator(Record):
     ----------
     ybar : the modulated set-position [m]. energy : E(k) [J].
     deficit : the part of a measured, negative D that the reservoir could not cover [J].
-    modulated : whether ybar differs from the y of the last update. stored : phi after it [J]. sent, discarded, jump :
-    of it,
-        as in `Modulation`.
-    level : how full the reservoir was after it, see `hapnet.control.reservoir_level`.
-    offset : room for an offset, while `modulate` runs.
+    modulated : whether ybar differs from the y of the last update. stored : phi after that update [J].
+    sent, discarded, jump : of the last update, as in `Modulation`.
+    level : the reservoir's level after the last update, see `hapnet.control.reservoir_level`.
+    offset : temporary memory of `modulate`.
     """
 
     ybar: OfAxes
@@ -166,15 +165,15 @@ class SetPositionModulator(Record):
         return self.energy - self.deficit
 
     def split_reservoir(self, most: float = math.inf) -> float:
-        """Take half of the energy out of the reservoir, but at most `most` [J]. Returns what was taken [J]."""
+        """Take half of the energy out of the reservoir, but at most `most` [J]. Returns the energy taken [J]."""
         given = max(0.0, min(self.energy / 2.0, most))
         self.energy -= given
         return given
 
     def give(self, dt: float, peer_level: float, keep: float) -> float:
-        """Take out of the reservoir what the other side needs more (`hapnet.control.reservoir_level`) [J].
+        """Take out energy that the other side needs more (`hapnet.control.reservoir_level`). Returns that energy [J].
 
-        dt : since the last update [s]. peer_level : the other side's. keep : as in `modulate`.
+        dt : time since the last update [s]. peer_level : the other side's level. keep : as in `modulate`.
         """
         return give(self, dt, peer_level, keep)
 
@@ -217,9 +216,9 @@ class SetPositionModulator(Record):
         return ArrayModulation(np.array(r.set_position), *r[1:])
 
     def modulate(self, y: Vector, x: Vector, dissipated: float, received: float, keep: float = 0.0) -> Modulation:
-        """As `update`, for a servo: the arguments are not checked, they must be finite and of the right dimension.
+        """As `update`, for a servo: the arguments are not checked; they must be finite and of the right dimension.
 
-        keep : energy that spring and reservoir together should keep [J]: it does not count as surplus.
+        keep : energy that spring and reservoir together should keep [J]; it does not count as surplus.
         """
         modulate(self, y, x, dissipated, received, keep)
         return Modulation(self.set_position, self.energy, self.deficit, self.sent, self.discarded, self.jump)
@@ -256,7 +255,7 @@ def modulate(m: SetPositionModulator, y: Reals, x: Reals, dissipated: float, rec
 
 @equation
 def give(m: SetPositionModulator, dt: float, peer_level: float, keep: float) -> float:
-    """`SetPositionModulator.give`; a level below 0 is not known, and nothing is given."""
+    """`SetPositionModulator.give`; a level below 0 means unknown, and the result is then 0."""
     own = reservoir_level.level(m.energy, 0.0, m.reserve, m.ceiling, m.modulated != 0)
     spare = m.energy - max(m.reserve, keep - m.stored)
     given = reservoir_level.gift(dt, own, peer_level, m.ceiling - m.reserve, spare)
@@ -273,7 +272,7 @@ def _bring_within(m: SetPositionModulator, y: Reals, x: Reals, spendable: float)
     springs.nearest(m.spring, offset, spendable)
     for i in range(n):
         ybar[i] = x[i] - offset[i]
-    # phi computed from ybar, as all other code does: the subtraction may have moved it by an ulp
+    # phi is computed from ybar, as in all other code: the subtraction may have changed ybar by an ulp
     after = springs.between(m.spring, ybar, x)
     excess = 2.0**-50
     while after > spendable >= 0.0:

@@ -3,21 +3,21 @@
 A torque tau, computed at a tick and held until the next, outputs ``tau . dx``. Whatever the hand does, the device moves
 at most ``a = v T + r`` in one tick: v is its maximum speed, T the period, r an encoder count times the root of the
 number of axes, as each axis is rounded. So a torque costs at most ``|tau| a``; this needs no damping in the device. If
-the force may change by at most D a tick, a force F cannot end at once: reduced by D a tick, it costs at most
+the force may change by at most D per tick, a force F cannot end at once: reduced by D per tick, it costs at most
 
     L(F) = a S(F),    S(F) = F + (F - D) + (F - 2 D) + ...      (the positive terms; S(F) = F without a limit)
 
 Let P = phi + E be the energy in spring and reservoir, with the harvest of the current interval. The servo renders only
 torques with ``L(|tau|) <= P``. At the next tick ``P' >= P - |tau| a >= L(|tau|) - |tau| a = L(|tau| - D)``: a torque
 smaller by D may be rendered, and so on down to zero. So P never falls below 0 and the force never steps by more than D
-in a tick, whatever force spring and damper ask for. With an empty account neither renders any force.
+in a tick, whatever the force of spring and damper. With an empty account the servo renders no force.
 
-The torque must not make the device faster than its declared speed. While it is reduced, a force F along d changes the
+The torque must not accelerate the device above its declared speed. While it is reduced, a force F along d changes the
 velocity of the smallest mass m by at most ``S(F) T / m d``; so the servo also keeps ``|x' + S(|tau|) T / m d| <= v``.
 (A held damper with ``B T > 2 m`` would reverse the device's velocity at each tick, faster each time.)
 
-The reserve is what E must hold so that the account never limits the force of spring and damper. With K the largest
-stiffness, a spring of force F_s stores at least ``F_s^2 / 2K``, and the damper adds at most ``B v``:
+The reserve is the energy that E must hold so that the account never limits the force of spring and damper. With K the
+largest stiffness, a spring of force F_s stores at least ``F_s^2 / 2K``, and the damper adds at most ``B v``:
 
     reserve = max over F_s of   L(min(F_s + B v, F_max)) - F_s^2 / 2K           brought down tick by tick
               and of            (v h + r) min(F_s + B v, F_max) - F_s^2 / 2K    held for h = T + watchdog, then dropped
@@ -26,20 +26,20 @@ An account that holds less than the reserve covers a smaller force: with P in sp
 P / (v h + r), damper included, may be held (`spendable`). So a nearly empty reservoir still renders a small force: the
 hand works against it, and the reservoir fills again.
 
-Software cannot act while it does not run. The second line covers a servo that is away for as long as the watchdog
-allows. Where it was away for longer it may be so again (`HoldTime`), and a device without a watchdog of its own then
-goes on with the torque for ``A = v h + r``, h being that longer time. From then on the torque must be paid for over A:
-with ``F_0 = D floor(A / a)`` the guard puts in place of L
+Software cannot act while it does not run. The second line covers a servo that stalls for as long as the watchdog
+allows. A servo that stalled for longer may stall again (`HoldTime`), and a device without a watchdog of its own then
+holds the torque over ``A = v h + r``, h being that longer time. From then on the account must pay for the torque over
+A: with ``F_0 = D floor(A / a)`` the guard replaces L by
 
     L_A(F) = A F                            up to F_0
              a (S(F) - S(F_0)) + A F_0      above
 
 L_A(F) >= A F, so the account covers the overrun whenever it begins. And ``L_A(F) - a F >= L_A(F - D)``, so the force
-still ends by steps of D. (Above F_0 that is an equality. Below, it says ``A D >= a F``. Where F - D < F_0 < F, with
-``m = floor(A / a)`` and F = F_0 + e, it says ``(D - e) (A - a m) >= 0``.)
+still ends by steps of D. (Above F_0 this is an equality. Below, it is ``A D >= a F``. For F - D < F_0 < F, with
+``m = floor(A / a)`` and F = F_0 + e, it is ``(D - e) (A - a m) >= 0``.)
 
-An overrun that is longer than any that is remembered may output more than the account holds: only hardware can remove
-the torque then. It is counted, see `SampledServo.overrun_leak`.
+An overrun that is longer than all remembered overruns may output more than the account holds: only hardware can remove
+the torque then. This energy is counted, see `SampledServo.overrun_leak`.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ from hapnet.records.record import Floats, Reals, Record, equation
 from hapnet.records.vectors import distance, dot, length
 
 FORGET_S = 10.0
-"""How long an overrun is remembered in full, and then half of it [s]."""
+"""The time for which an overrun is remembered in full, and the time in which it is then halved [s]."""
 
 FARTHEST_M = 1.0
-"""However long a torque is held, no desktop device moves farther [m]."""
+"""The largest travel of a desktop device, however long a torque is held [m]."""
 
 _SHARE = 1.0 - 1e-9
 _ROUNDING_J = 1e-12
@@ -64,7 +64,7 @@ _ROUNDING_J = 1e-12
 
 
 class ForceGuard(Record):
-    """Limits a servo's force: its length, its change a tick, and what the account can cover.
+    """Limits a servo's force: its length, its change per tick, and its cost to the account.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ class ForceGuard(Record):
     Attributes
     ----------
     has_account : whether the account limits the force.
-    square, linear, constant : ``S(F) <= square F^2 + linear F + constant``, with equality where F is an odd number of
+    square, linear, constant : ``S(F) <= square F^2 + linear F + constant``, with equality if F is an odd number of
         half steps.
-    held_m, plain, more : A, F_0 and ``A F_0 - a S(F_0)`` of L_A; 0, infinite and 0 where L counts.
+    held_m, plain, more : A, F_0 and ``A F_0 - a S(F_0)`` of L_A; 0, infinite and 0 while L applies.
     """
 
     limit: float
@@ -111,9 +111,9 @@ class ForceGuard(Record):
         self.plain = math.inf
 
     def cover(self, held_m: float) -> None:
-        """From now on the account must also pay for a force that is held over a travel of `held_m`, A [m]; 0: not.
+        """From now on the account must also pay for a force held over the travel `held_m`, A [m]; 0: only per tick.
 
-        Nothing changes where no account limits the force, or where A is no longer than the travel in a tick.
+        Nothing changes if no account limits the force, or if A is no longer than the travel in a tick.
         """
         self.held_m = held_m if self.has_account and held_m > self.reach else 0.0
         if self.held_m and self.step != math.inf:
@@ -166,7 +166,7 @@ def _affordable(guard: ForceGuard, energy: float) -> float:
 
 @equation
 def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
-    """`ForceGuard.admit`: replaces `wanted` by the force to hold. Returns whether it is another."""
+    """`ForceGuard.admit`: replaces `wanted` by the force to hold. Returns whether the force changed."""
     size = length(n, wanted)
     ramped = size * (size * guard.square + guard.linear) + guard.constant
     if (
@@ -176,7 +176,7 @@ def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, ener
         and distance(n, wanted, held) <= guard.step
         and ramped <= guard.inertia * (guard.speed - length(n, v))
     ):
-        return False  # nearly always; `_limit` computes exactly
+        return False  # the usual case; `_limit` computes exactly
     return _limit(guard, n, size, wanted, held, v, energy)
 
 
@@ -210,10 +210,10 @@ def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, 
 
 @equation
 def _shorten(guard: ForceGuard, n: int, size: float, force: Floats, held: Reals, most: float) -> None:
-    """The force of length `most` [N] between `force` and the shortest force within one step of `held`.
+    """Replace `force` by the force of length `most` [N] between it and the shortest force within one step of `held`.
 
-    If that shortest force is longer than `most`, it is taken: the account can cover it, see above. Every force between
-    the two is within one step of `held`.
+    If this shortest force is longer than `most`, it is the result: the account can cover it, see the module's text.
+    Every force between the two is within one step of `held`.
     """
     if guard.step == math.inf:
         share = most / size
@@ -237,13 +237,13 @@ def _shorten(guard: ForceGuard, n: int, size: float, force: Floats, held: Reals,
 
 
 class HoldTime:
-    """How long a torque may next be held before the servo is back, judged by how late it was so far (ours).
+    """Estimates how long a torque may be held before the servo's next tick, from its overruns so far (ours).
 
-    A servo that was away may next be away for as long: for the longest absence of the last `FORGET_S`, and after that
-    for half of it in each further `FORGET_S`, so that a force does not come back at once.
+    A servo that stalled may stall again for as long: for the longest overrun of the last `FORGET_S`. After that the
+    estimate halves in each further `FORGET_S`, so that the force returns gradually.
 
-    allowed : so long a torque may be held without any of this [s].
-    most : a longer absence costs no more than this one [s].
+    allowed : the time for which a torque may always be held [s].
+    most : the longest overrun to consider [s]; a longer one costs no more.
     """
 
     __slots__ = ("_age", "_before", "_maximum", "allowed", "expected", "most")
@@ -251,11 +251,11 @@ class HoldTime:
     def __init__(self, allowed: float, most: float = math.inf) -> None:
         self.allowed, self.most = allowed, most
         self.expected: float = allowed
-        """How long the next torque may be held [s]."""
-        self._maximum = self._before = self._age = 0.0  # of the present span of FORGET_S, and of the one before it
+        """The time for which the next torque may be held [s]."""
+        self._maximum = self._before = self._age = 0.0  # of the present span of FORGET_S, and of the span before
 
     def tick(self, dt: float, held: float) -> None:
-        """A tick `dt` seconds after the last. Until then a torque may have been held for `held` seconds of it."""
+        """Count a tick `dt` seconds after the last; a torque may have been held for `held` seconds of them."""
         self._age += dt
         if self._age > FORGET_S:
             self._before = self._maximum if self._age <= 2.0 * FORGET_S else 0.0
@@ -271,32 +271,32 @@ class Holding(NamedTuple):
     speed: float
     """Maximum speed of the device, as declared [m/s]."""
     time: float
-    """How long a torque may be held before it is dropped, h [s]."""
+    """The longest time for which a torque is held before it is dropped, h [s]."""
     needed: float
-    """Energy that the account must hold for it [J]; infinite if no account is enough."""
+    """Energy that the account must hold for that torque [J]; infinite if no account is enough."""
     reserve: float
-    """Energy that the account keeps for it [J]: what is needed, unless the ceiling is too low for that."""
+    """Energy that the account keeps for that torque [J]: `needed`, unless the ceiling is too low."""
     far: float
-    """v h + r: how far the device moves while a torque is held for h [m]."""
+    """v h + r: the largest travel while a torque is held for h [m]."""
     drag: float
-    """B v, the most of the damper [N]."""
+    """B v, the damper's largest force [N]."""
 
     def far_in(self, time: float) -> float:
-        """How far the device moves while a torque is held for `time` [s], A in place of `far` [m]."""
+        """The largest travel while a torque is held for `time` [s]: A, in place of `far` [m]."""
         return self.far + self.speed * (time - self.time)
 
     @property
     def most(self) -> float:
-        """The time in which the device has moved as far as it can, at least `time` [s]."""
+        """The time in which the device can move `FARTHEST_M`, at least `time` [s]."""
         return self.time + max(0.0, FARTHEST_M - self.far) / self.speed
 
 
 @equation
 def spendable(at_hand: float, reserve: float, held_m: float, drag_N: float, stiffness: float) -> float:
-    """The most energy that the spring may hold [J], of all in spring and reservoir; also compiled as it stands.
+    """The most energy that the spring may hold [J], of the energy P in spring and reservoir.
 
-    at_hand : P [J]. reserve : as above [J]. held_m : v h + r [m]; 0: no force is held. drag_N : B v [N].
-    stiffness : the largest of K [N/m].
+    at_hand : P [J]. reserve : see the module's text [J]. held_m : v h + r [m]; 0: no force is held. drag_N : B v [N].
+    stiffness : the largest eigenvalue of K [N/m].
     """
     free = at_hand - reserve
     if held_m <= 0.0 or at_hand <= 0.0:
@@ -309,7 +309,7 @@ def spendable(at_hand: float, reserve: float, held_m: float, drag_N: float, stif
 
 @equation
 def ramp(force: float, step: float) -> float:
-    """S(F) [N]: the sum over ticks of a force's length while it is reduced by `step` a tick [N]."""
+    """S(F) [N]: the sum over ticks of a force's length while it is reduced by `step` per tick [N]."""
     if force <= 0.0:
         return 0.0
     if step == math.inf:
@@ -341,7 +341,7 @@ def reserve(
     """The energy that the reservoir must keep [J]; infinite if no energy is enough.
 
     stiffness, damping : the largest of K [N/m] and of B [Ns/m]. speed : maximum speed [m/s].
-    period : T [s]. hold : how long a torque may be held before it is dropped, h [s]. rounding : r [m].
+    period : T [s]. hold : the longest time for which a torque is held, h [s]. rounding : r [m].
     limit, step : of the force [N], as in `ForceGuard`.
     """
     reach, far = speed * period + rounding, speed * hold + rounding

@@ -9,7 +9,7 @@ from hapnet.mechanics.plane import Plane
 
 
 class PositionSample(NamedTuple):
-    """A position [m], and how full its sender's reservoir is (`hapnet.control.reservoir_level`)."""
+    """A position [m], and the level of its sender's reservoir (`hapnet.control.reservoir_level`)."""
 
     position: Vector
     level: float
@@ -32,8 +32,8 @@ class PortSample(NamedTuple):
 class WaveSample(NamedTuple):
     """A wave variable [sqrt(W)], averaged over a time span [s].
 
-    total, total_s : the integral of all waves that its sender sent so far, this one included [sqrt(W) s], and the sum
-        of their spans [s]. Of a received wave only; empty if its sender does not send it.
+    total, total_s : the integral of all waves sent so far, including this wave [sqrt(W) s], and the sum of their spans
+        [s]. Only in a received wave; empty if its sender does not send it.
     """
 
     value: Vector
@@ -43,28 +43,28 @@ class WaveSample(NamedTuple):
 
 
 class ProxySample(NamedTuple):
-    """The virtual mass's position, and what its world knows of the place."""
+    """The virtual mass's position, and the surfaces around it."""
 
     position: Vector
-    """[m]"""
+    """Position of the virtual mass [m]."""
     aimed_s: float
-    """The time on the device's clock for which the position stands [s]; 0: the world does not know."""
+    """The time on the device's clock for which the position holds [s]; 0: unknown."""
     force: Vector
-    """Of the environment on the mass in the last step [N]; zero: it moves freely."""
+    """Mean force of the environment on the mass in the last step [N]; zero: it moves freely."""
     planes: tuple[Plane, ...] | None
-    """The planes that it touches or is near; None: this world cannot send planes."""
+    """The planes that the mass touches or is near; None: this world cannot send planes."""
     reach_m: float | None = None
-    """There are no other planes within this distance of it [m]; None: not known."""
+    """No other planes are within this distance of the mass [m]; None: unknown."""
     level: float | None = None
-    """How full the world's reservoir is (`hapnet.control.reservoir_level`); None: it does not report that."""
+    """The level of the world's reservoir (`hapnet.control.reservoir_level`); None: it is not sent."""
 
 
 CouplingSample = Vector | PositionSample | MotionSample | PortSample | WaveSample | ProxySample
-"""What one side sends to the other. A bare vector is a position [m]."""
+"""A sample from one side to the other. A bare vector is a position [m]."""
 
 
 def level_of(sample: CouplingSample) -> float | None:
-    """How full the sender's reservoir is, if the sample says so."""
+    """The level of the sender's reservoir; None: the sample does not contain it."""
     match sample:
         case PositionSample(_, level) | ProxySample(_, _, _, _, _, level):
             return level

@@ -1,4 +1,4 @@
-"""y for a world that cannot send planes: its answer, plus the device's own motion since the time for which it stands.
+"""y for a world that cannot send planes: its position, plus the device's own motion since the time of that position.
 
     y = y_w + sigma (x(t) - x(t - R)),      sigma = max(0, 1 - |y_w - x(t - R)| / distance)
 
@@ -17,9 +17,9 @@ from hapnet.control.smoothing import low_passed
 
 
 class SelfMotion:
-    """Computes y from the world's positions and the own ones.
+    """Computes y from the world's positions and the device's own positions.
 
-    distance : where sigma is 0 [m]. smoothing : time constant [s]. history : maximum of R [s].
+    distance : at which sigma becomes 0 [m]. smoothing : time constant [s]. history : maximum of R [s].
     """
 
     def __init__(self, *, distance: float = 0.015, smoothing: float = 0.02, history: float = 2.0) -> None:
@@ -37,7 +37,7 @@ class SelfMotion:
         self._target: tuple[Vector, float] = (position, 0.0)
 
     def observe(self, dt: float, x: Vector) -> None:
-        """The device is at x [m], `dt` seconds after the last time."""
+        """Store the device's position x [m], `dt` seconds after the last call."""
         self._now += dt
         past = self._past
         past.append((self._now, x))
@@ -45,13 +45,13 @@ class SelfMotion:
             past.popleft()
 
     def receive(self, position: Vector, age_s: float) -> None:
-        """The world's position [m], which stands for the own position `age_s` ago."""
+        """Take in the world's position [m], which holds for the own position `age_s` ago."""
         then = self.own(age_s)
         sigma = max(0.0, 1.0 - math.dist(position, then) / self.distance)
         self._target = tuple([y - sigma * x for y, x in zip(position, then, strict=True)]), sigma
 
     def own(self, ago: float) -> Vector:
-        """The own position so long ago [m]; the oldest known, if that is later."""
+        """The own position `ago` seconds ago [m], or the oldest that is stored."""
         past = self._past
         since = bisect_left(past, self._now - ago, key=lambda one: one[0])
         return past[min(since, len(past) - 1)][1]
@@ -61,7 +61,7 @@ class SelfMotion:
         return tuple([b + self._sigma * a for b, a in zip(self._base, x, strict=True)])
 
     def step(self, dt: float, x: Vector, lead: Vector) -> Vector:
-        """y [m], `dt` seconds after the last step; `lead` is added as far as the proxy follows."""
+        """y [m], `dt` seconds after the last step; `lead`, weighted by sigma, is added."""
         base, sigma = self._target
         self._base = low_passed(dt, self.smoothing, self._base, base)
         (self._sigma,) = low_passed(dt, self.smoothing, (self._sigma,), (sigma,))

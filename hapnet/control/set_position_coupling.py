@@ -26,7 +26,7 @@ from hapnet.records.vectors import copy
 
 
 class Modulator(Protocol):
-    """Turns a received set-position y into the one that the spring is tied to, ybar."""
+    """Turns a received set-position y into ybar, to which the spring is tied."""
 
     @property
     def set_position(self) -> Vector: ...
@@ -55,7 +55,7 @@ class Modulator(Protocol):
 
 
 class Source(Protocol):
-    """Computes y from all that has arrived."""
+    """Computes y from the samples that have arrived."""
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """As `CouplingState.receive`."""
@@ -67,44 +67,44 @@ class Source(Protocol):
         """Start again at `position` [m]: the peer was replaced."""
 
     def release(self, position: Vector) -> None:
-        """Go on from `position` [m]: the spring was released, but the peer is the same."""
+        """Continue from `position` [m]: the spring was released, but the peer is the same."""
 
 
 class Arrived(NamedTuple):
     """The received values that the next update uses."""
 
     set_position: Vector
-    """The newest that was received [m]."""
+    """The newest set-position received [m]."""
     credit: float
     """Shuffled energy that no update has used yet [J]."""
     has_sample: bool
-    """Has either of them arrived since the last update?"""
+    """Whether either of them has arrived since the last update."""
 
 
 class SetPositionCoupling(Record):
-    """One side's coupling between its position x and what the other side sends.
+    """One side's coupling between its position x and the set-positions from the other side.
 
-    More than twenty attributes: y passes source, stages, silence, step limit and modulator, and each step is counted.
+    More than twenty attributes: y passes source, stages, silence, step limit and modulator, and each has its counts.
 
     modulator : `SetPositionModulator` or `ZeroOrderHold`, at rest at the side's position.
     stages : filters and predictors before the modulator.
-    source : computes y, before the stages, from all that has arrived; None: y is the newest set-position.
-    silence : what to do when nothing arrives.
-    max_step : how far the set-position may move in one update [m]; infinite: no limit.
+    source : computes y, before the stages, from all samples that have arrived; None: y is the newest set-position.
+    silence : the policy while nothing arrives.
+    max_step : the largest step of the set-position in one update [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
-    kept_for_peers : when the reservoir holds at most twice this [J], a new peer gets a hundredth of it, not half.
-    shares : whether it reports how full its reservoir is, and sends energy to a side that needs it more.
+    kept_for_peers : if the reservoir holds at most twice this energy [J], a new peer gets a hundredth of it, not half.
+    shares : whether this side reports its reservoir's level, and sends energy to a side that needs it more.
 
     Attributes
     ----------
     passive : whether the modulator is PSPM, not a zero-order hold. ledger : its account.
-    y : the set-position that is being chosen [m]. aim : y(k) after the stages and silence, before the step limit [m].
-    received : the newest set-position that came [m]; fresh : since the last update, sent at `sent_s` [s].
-    waiting : energy that has come and that no update has used yet [J]. has_sample : whether either has come so.
+    y : the set-position of the next update [m]. aim : y(k) after the stages and silence, before the step limit [m].
+    received : the newest set-position received [m]; fresh : whether it is new; sent_s : time of sending [s].
+    waiting : received energy that no update has used yet [J]. has_sample : whether the next update has new input.
     account : the reservoir's content as the ledger counts it [J]: energy less deficit.
-    peer_level : how full the other side's reservoir is; below 0: it does not report that.
-    updates, modulated : how many there were, and of these, how many could not pay for the whole of y.
-    shuffled : the energy to send, of the last update [J].
+    peer_level : the level of the other side's reservoir; below 0: unknown.
+    updates, modulated : the number of updates, and of those in which the energy did not suffice for y.
+    shuffled : the energy to send from the last update [J].
     """
 
     modulator: SetPositionModulator
@@ -169,7 +169,7 @@ class SetPositionCoupling(Record):
 
     @property
     def modulated_share(self) -> float | None:
-        """The share of the updates that could not pay for the whole of y; None: there was none yet."""
+        """The share of the updates in which the energy did not suffice for y; None: no updates yet."""
         return self.modulated / self.updates if self.updates else None
 
     @property
@@ -189,11 +189,11 @@ class SetPositionCoupling(Record):
 
     @property
     def level(self) -> float | None:
-        """How full the reservoir is, as the other side is to know; None: it is not sent."""
+        """The reservoir's level, to be sent to the other side; None: it is not sent."""
         return self.modulator.level if self.shares else None
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """A set-position arrived [m]; see `CouplingState.receive`."""
+        """Take in a set-position that arrived [m]; see `CouplingState.receive`."""
         if self.shares:
             level = level_of(sample)
             self.peer_level = -1.0 if level is None else level
@@ -202,7 +202,7 @@ class SetPositionCoupling(Record):
         receive(self, len(self.received), vector_of(sample), sent_s)
 
     def credit(self, energy: float) -> None:
-        """Shuffled energy arrived [J]; the next update uses it, once."""
+        """Take in shuffled energy that arrived [J]; the next update uses it, once."""
         credit(self, energy)
 
     @property
@@ -211,16 +211,16 @@ class SetPositionCoupling(Record):
         return Arrived(tuple(self.received), self.waiting, bool(self.has_sample))
 
     def restore(self, arrived: Arrived) -> None:
-        """The next update uses this instead."""
+        """Replace the received values that the next update uses."""
         self.received, self.waiting, self.has_sample = list(arrived[0]), arrived[1], int(arrived[2])
 
     def on_peer_changed(self) -> float:
-        """A new peer has replaced the old one. Returns the energy to shuffle to it [J]: half of the reservoir.
+        """Start again with a new peer. Returns the energy to shuffle to it [J]: half of the reservoir.
 
         The new peer starts with an empty reservoir and could render no force. A little energy is enough: the hand then
-        works against a small force and puts in more. So a nearly empty reservoir gives only a hundredth, and keeps some
-        for later peers. The stages start again, because the new peer's clock and position have nothing to do with the
-        old one's.
+        works against a small force and puts in more. So a nearly empty reservoir gives only a hundredth, and keeps the
+        rest for later peers. The stages start again, because the new peer's clock and position are unrelated to the
+        old peer's.
         """
         self.stages.reset(self.target)
         if self.source is not None:
@@ -253,7 +253,7 @@ class SetPositionCoupling(Record):
         self.y[:] = self.received if self.source is None else self.source.step(dt, x)
 
     def rest(self) -> None:
-        """Stay at ybar until a sample arrives; the motion that came before does not count any more."""
+        """Stay at ybar until a sample arrives; samples received before are discarded."""
         at = self.set_position
         self.received, self.aim, self.fresh = list(at), list(at), 0
         self.stages.reset(at)
@@ -274,7 +274,7 @@ class SetPositionCoupling(Record):
         return self._result()
 
     def _result(self) -> Modulation:
-        """Of the last update, with all that is to be sent."""
+        """The result of the last update, with all energy to send."""
         modulator = self.modulator
         return Modulation(
             modulator.set_position,
@@ -288,7 +288,7 @@ class SetPositionCoupling(Record):
 
 @equation
 def receive(coupling: SetPositionCoupling, n: int, set_position: Reals, sent_s: float) -> None:
-    """`SetPositionCoupling.receive`, but for its level and its source."""
+    """`SetPositionCoupling.receive`, without level and source."""
     copy(n, set_position, coupling.received)
     coupling.sent_s = sent_s
     coupling.fresh = coupling.has_sample = 1
@@ -317,7 +317,7 @@ def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float
     if releases(coupling.silence, dt, fresh):
         copy(n, x, y)
     if coupling.silence.elapsed > coupling.silence.after:
-        coupling.peer_level = -1.0  # energy sent now would be lost with the link, or find a full reservoir
+        coupling.peer_level = -1.0  # energy sent now would be lost with the link, or discarded by a full reservoir
     copy(n, y, coupling.aim)
     if coupling.max_step != math.inf:
         limit_step(n, coupling.modulator.ybar, y, coupling.max_step)
@@ -326,7 +326,7 @@ def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float
 
 @equation
 def _run(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, keep: float) -> None:
-    """Run the modulator with `coupling.y`, and count what it did."""
+    """Run the modulator with `coupling.y`, and count its results."""
     received = coupling.waiting
     coupling.waiting = 0.0
     coupling.has_sample = 0
@@ -360,7 +360,7 @@ def _compiled_modulate(
 def _modulate(
     coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, received: float, keep: float
 ) -> float:
-    """Tie the spring to a new ybar; returns the energy to send [J]. Python asks the modulator, whatever it is."""
+    """Tie the spring to a new ybar; returns the energy to send [J]. In Python the modulator may be of any class."""
     modulator = coupling.modulator
     sent = modulator.modulate(tuple(coupling.y), tuple(x), dissipated, received, keep).sent
     if coupling.peer_level >= 0.0:
@@ -369,10 +369,10 @@ def _modulate(
 
 
 class SetPositionSteps:
-    """The world's end: a `WorldCoupling` whose mass has its own spring, tied to ybar.
+    """The world's end: a `WorldCoupling` with a spring of its own, which ties the mass to ybar.
 
     coupling : this side's set-position coupling.
-    reporter : makes the sample of the proxy and of what is around it; None: only its position is sent.
+    reporter : makes the sample of the proxy and of the surfaces around it; None: only its position is sent.
     """
 
     def __init__(self, coupling: SetPositionCoupling, reporter: Teller | None = None) -> None:
@@ -390,7 +390,7 @@ class SetPositionSteps:
         return counted(self, dt, x, kinetic, work, dissipated)
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """Run PSPM at the start of a step. The sample for the device is x, with what is known of the place."""
+        """Run PSPM at the start of a step. The sample for the device is x, with the surfaces around it."""
         reporter = self.reporter
         if reporter is not None:
             reporter.look(dt, x)

@@ -1,7 +1,7 @@
-"""PSPM and force of a device whose torque is computed once a tick from the encoders' counts and held, as on hardware.
+"""PSPM and force of a device with a torque that is computed once per tick from encoder counts, and held.
 
-The harvest is measured, or computed by (10), which then needs damping in the device itself. The other kind of servo is
-in continuous_servo.py.
+The harvest is measured, or computed by (10), which then needs damping in the device itself. The continuous servo is in
+continuous_servo.py.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from hapnet.records.vectors import added, copy, distance, length
 Harvest = Literal["range", "measured"]
 
 RESTS, RUNS, SENDS, ASKS = range(4)
-"""What came of a tick: PSPM did not run; it ran; there is something to send besides; y is to be chosen first."""
+"""The result of a tick: PSPM did not run; it ran; it ran, and a sample is due; the caller must choose y first."""
 
 ITSELF, ASKING, CHOSEN = range(3)
-"""Who chooses y: the tick itself; its caller, who is then asked; its caller, who has been asked."""
+"""y is chosen by the tick itself; by its caller, which must still do it; by its caller, which has done it."""
 
 
 class SampledServo(Record):
-    """PSPM and force of a device whose torque is held from tick to tick; its ledger is at the actuator's port.
+    """PSPM and force of a device with a torque that is held from tick to tick; its ledger is at the actuator's port.
 
-    More than twenty attributes: what a force may cost under zero-order hold follows from the limits, the path since the
-    last tick and the account together, and each tick changes all of them.
+    More than twenty attributes: the cost of a force under zero-order hold depends on the limits, on the path since the
+    last tick and on the account, and each tick changes all of them.
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ class SampledServo(Record):
 
     Attributes
     ----------
-    held : the force that is held now [N]. commanded : the one that the guard admitted last [N].
+    held : the force that is held now [N]. commanded : the last force that the guard admitted [N].
     position, velocity : at the last tick [m], [m/s]. low, high : the position's extremes since PSPM last ran [m].
-    measured : the harvest since then. ranged : whether it is (10). potential : phi then [J]. elapsed : since then [s].
-    due : PSPM runs in the tick at which so much time has passed [s].
-    guarded : number of ticks whose force the guard changed; clipped : whether it has changed one since PSPM last ran.
-    speed_max : maximum speed measured over one tick [m/s]; `rounding` is taken off the travel.
+    measured : the harvest since PSPM last ran. ranged : whether the harvest is (10). potential : phi at that time [J].
+    elapsed : time since PSPM last ran [s]. due : the time between two runs of PSPM [s].
+    guarded : number of ticks in which the guard changed the force; clipped : whether it did since PSPM last ran.
+    speed_max : maximum speed measured over a tick [m/s]; `rounding` is subtracted from the travel.
     before, torque_path, boundary : for `quantisation`: the force that was held before, the sum of its changes [N], and
         its maximum distance from the spring's force [N].
-    wanted, pull : room for forces while a function of this module runs.
+    wanted, pull : temporary memory for forces.
     """
 
     n: int
@@ -116,16 +116,16 @@ class SampledServo(Record):
         self.trusted_damping: Vector = trusted_damping or (0.0,) * n
         self.holding = holding
         self.overrun_leak: float = 0.0
-        """Energy that held torques output beyond the account while the servo was late for too long [J]."""
+        """Energy that held torques output beyond the account while the servo was later than allowed [J]."""
         self.overrun_risk: float = 0.0
-        """The most that may have been output beyond the account meanwhile and taken back unseen [J]; 0 if the path is
-        known, see `follow`."""
+        """The most energy that the device may have output beyond the account and taken back in between [J]; 0 if its
+        path is known, see `follow`."""
         self.force_ends_s: float = math.inf
-        """The device ends the force by itself when no command has come for so long [s]; infinite: it does not."""
+        """Time without a command after which the device itself ends the force [s]; infinite: it does not."""
         self.guard = guard or ForceGuard()
         self._max_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
         self._hold_time = HoldTime(self._max_hold, math.inf if holding is None else holding.most)
-        self._followed: tuple[float, float, float] | None = None  # for how long, P then, and the smallest P since
+        self._followed: tuple[float, float, float] | None = None  # time followed, P at its start, smallest P since
         self.measured = MeasuredHarvest(self.trusted_damping, resolution)
         self.position, self.low, self.high = list(position), list(position), list(position)
         for name in ("held", "commanded", "before", "velocity", "wanted", "pull"):
@@ -134,13 +134,13 @@ class SampledServo(Record):
         self.limit_gifts()
 
     def limit_gifts(self) -> None:
-        """From now on the coupling gives a new peer no more than the force that is held can spare."""
+        """From now on the coupling sends a new peer at most the energy that the held force can spare."""
         if self.guard.has_account:
             self.coupling.spare = self._spare
 
     @property
     def force(self) -> Vector:
-        """The force held now [N]. A driver that knows the force really applied sets it before the next tick."""
+        """The force held now [N]. A driver that measures the force really applied sets it before the next tick."""
         return tuple(self.held)
 
     @force.setter
@@ -149,7 +149,7 @@ class SampledServo(Record):
 
     @property
     def quantisation(self) -> float:
-        """How far the true slack can lie below the measured one, because positions are whole counts [J].
+        """The largest error of the slack because positions are whole counts [J]: true slack below measured slack.
 
         On each axis the true position is within r/2 of the count. Summing the torque's work by parts, the difference is
         at most r/2 times the sum of all changes of the held torque, plus a term for the spring's curvature at the end.
@@ -194,10 +194,10 @@ class SampledServo(Record):
         return stored(self, self.coupling) - self.guard.needed(tuple(self.commanded))
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
-        """A tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
+        """Do a tick `dt` seconds after the last at measured position x [m] and velocity v [m/s].
 
         Sets `force`; `release` sets it to zero (ybar = x). Returns what to send, if PSPM ran. The harvest up to a
-        release is always measured, because (10) does not account for a torque held for so long.
+        release is always measured, because (10) does not cover a torque held for so long.
         """
         coupling = self.coupling
         if dt > self._max_hold or self._hold_time.expected > self._max_hold:
@@ -212,7 +212,7 @@ class SampledServo(Record):
         return sent(self.sender, coupling, x)
 
     def come(self, dt: float, x: Vector) -> None:
-        """The device has come to x [m] in `dt` seconds, in which the force was held."""
+        """Account for `dt` seconds in which the force was held and the device moved to x [m], on time or late."""
         if dt > self._max_hold or self._followed is not None:
             self._overrun(dt, x)
         else:
@@ -223,13 +223,13 @@ class SampledServo(Record):
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
     def is_late(self, dt: float) -> bool:
-        """Whether this tick is late, `dt` seconds after the last, or one was lately. Then it counts what that costs."""
+        """Whether this tick, `dt` seconds after the last, or a recent one is late; the overrun must then be counted."""
         return dt > self._max_hold or self._hold_time.expected > self._max_hold or self._followed is not None
 
     def follow(self, dt: float, x: Vector) -> None:
-        """The device has come to x [m] in further `dt` seconds, under the force that is held, while the servo is late.
+        """Account for further `dt` seconds in which a late servo held the force and the device moved to x [m].
 
-        For a device whose path is known. The next `tick` gets the time since the last tick all the same.
+        For a device whose path is known. The `dt` of the next `tick` is nevertheless the time since the last tick.
         """
         coupling = self.coupling
         since, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
@@ -237,7 +237,7 @@ class SampledServo(Record):
         self._followed = since + dt, before, min(minimum, stored(self, coupling))
 
     def _overrun(self, dt: float, x: Vector) -> None:
-        """As `move`, after `dt` seconds, part of which `follow` has counted; counts output beyond the account."""
+        """As `move`, for the part of `dt` seconds that `follow` has not counted; counts output beyond the account."""
         coupling = self.coupling
         followed, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
         move(self, coupling, dt - followed, x)
@@ -249,7 +249,7 @@ class SampledServo(Record):
         self._followed = None
 
     def _expect(self, dt: float) -> None:
-        """Limit the force to what the account can pay for through another absence like those before."""
+        """Limit the force so that the account can pay for another overrun like those before."""
         self._hold_time.tick(dt, min(dt, self.force_ends_s))
         late = self.holding is not None and self._hold_time.expected > self._max_hold
         self.guard.cover(self.holding.far_in(self._hold_time.expected) if late and self.holding is not None else 0.0)
@@ -264,7 +264,7 @@ class SampledServo(Record):
 
 @equation
 def move(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
-    """Account for `dt` seconds in which the force was held and the device came to x [m]."""
+    """Account for `dt` seconds in which the force was held and the device moved to x [m]."""
     n, harvest = servo.n, servo.measured
     travel = distance(n, x, servo.position)
     if dt > 0.0 and travel > servo.speed_max * dt:
@@ -279,7 +279,7 @@ def move(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals
 
 @compiled_as(move)
 def _come(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
-    """As `move`; Python asks whether the servo is late."""
+    """As `move`; in Python the servo may also be late."""
     servo.come(dt, tuple(x))
 
 
@@ -300,7 +300,7 @@ def tick(
     servo: SampledServo, coupling: SetPositionCoupling, model: ContactState | None, dt: float, x: Reals, v: Reals,
     who: int,
 ) -> int:  # fmt: skip
-    """`SampledServo.tick` without a release. who : chooses y; one who is asked ticks once more when that is done."""
+    """`SampledServo.tick` without a release. who : chooses y; after `ASKS` the caller calls again with `CHOSEN`."""
     result = RESTS
     if who == CHOSEN or hold_on(servo, coupling, dt, x):
         if who == ASKING:
@@ -343,7 +343,7 @@ def _dissipated(servo: SampledServo, coupling: SetPositionCoupling, x: Reals) ->
 
 @equation
 def end_held(servo: SampledServo, coupling: SetPositionCoupling, x: Reals) -> None:
-    """PSPM has run: the next interval begins."""
+    """Begin the next interval after a run of PSPM."""
     decide(servo.sender, servo.elapsed)
     servo.potential = potential(coupling, x)
     servo.elapsed = 0.0
@@ -354,7 +354,7 @@ def end_held(servo: SampledServo, coupling: SetPositionCoupling, x: Reals) -> No
 
 @equation
 def render(servo: SampledServo, coupling: SetPositionCoupling, x: Reals, v: Reals) -> None:
-    """Hold the force of spring and damper from now on, as far as the guard admits it."""
+    """Hold the force of spring and damper from now on, as limited by the guard."""
     n, guard, wanted = servo.n, servo.guard, servo.wanted
     copy(n, v, servo.velocity)
     springs.force(coupling.modulator.spring, x, coupling.modulator.ybar, servo.pull)
@@ -370,7 +370,7 @@ def render(servo: SampledServo, coupling: SetPositionCoupling, x: Reals, v: Real
 
 @equation
 def blur(servo: SampledServo, coupling: SetPositionCoupling) -> None:
-    """Add up the changes of the force: they bound how far encoders blur its work, see `quantisation`."""
+    """Add up the changes of the force: they bound the error of its work by encoder counts, see `quantisation`."""
     path = 0.0
     for i in range(servo.n):
         path += abs(servo.held[i] - servo.before[i])

@@ -16,7 +16,7 @@ from hapnet.records.vectors import copy
 
 
 class Stage(Protocol):
-    """One step of data processing on the received set-position."""
+    """A processing stage of the received set-position."""
 
     def reset(self, position: Vector) -> None:
         """Start again at rest at `position` [m]."""
@@ -67,7 +67,7 @@ class FilteredVelocity(Record):
         self.known, self.filtered, self.velocity = 0, [0.0] * n, [0.0] * n
 
     def reset(self) -> None:
-        """Start again at rest, wherever the next position is."""
+        """Start again at rest, at the next position."""
         self.known = 0
 
     def step(self, dt: float, x: Vector) -> Vector:
@@ -96,7 +96,7 @@ class SmoothingFilter(Record):
 
     Attributes
     ----------
-    has_state : whether there is a state yet. in_use : always, but for the records of compiled code.
+    has_state : whether there is a state yet. in_use : always 1, except in unused records of compiled code.
     """
 
     time_constant: float
@@ -134,14 +134,14 @@ class VelocityPredictor(Record):
 
     The velocity is computed from the sender's time stamps, so jitter does not disturb it and no common clock is needed.
 
-    horizon : how far to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
+    horizon : time to predict beyond the sample's arrival [s], for example the link's delay; 0 or above.
     maximum : the longest extrapolation [s], however long the silence.
 
     Attributes
     ----------
-    last, last_s : the newest sample [m], and when it was sent [s]; has_last : whether there is one. velocity : of the
-        last two [m/s]; has_velocity : whether there are two. age : time since the newest came [s]. in_use : as of a
-        `SmoothingFilter`.
+    last, last_s : the newest sample [m], and its time of sending [s]; has_last : whether there is a sample.
+    velocity : between the last two samples [m/s]; has_velocity : whether there are two. age : time since the newest
+        sample came [s]. in_use : as in `SmoothingFilter`.
     """
 
     horizon: float
@@ -178,7 +178,7 @@ def extrapolate(stage: VelocityPredictor, n: int, dt: float, y: Floats, fresh: b
     stage.age += dt
     if fresh:
         if stage.has_last and sent_s < stage.last_s - stage.maximum:
-            stage.has_last = stage.has_velocity = 0  # reordering never reaches so far back: a restarted sender's clock
+            stage.has_last = stage.has_velocity = 0  # older than reordering explains: the sender's clock has restarted
             stage.age = 0.0
         newer = stage.has_last == 0 or sent_s > stage.last_s
         if stage.has_last and newer:
@@ -202,7 +202,7 @@ class Pipeline(Record):
 
     Attributes
     ----------
-    predictor, smoothing : its stages as compiled code has them, in this order; each may be unused.
+    predictor, smoothing : the stages in compiled code, in this order; each may be unused.
     """
 
     predictor: VelocityPredictor

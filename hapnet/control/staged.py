@@ -1,8 +1,8 @@
-"""The stages before any law whose ends take set-positions: they choose what the law takes for the other side's.
+"""The stages before any law that takes set-positions: they replace the other side's position for the law.
 
-At the device the local contact model chooses at every tick, from what the world sends and the own position; at the
-world the prediction chooses at every step. The law's own controllers stand behind, so what it claims of a port for any
-set-position holds as before. A claim that needs the other side's real position does not.
+At the device the local contact model computes it at every tick, from the world's samples and the own position; at the
+world the prediction computes it at every step. The law's own controllers follow, so a claim that holds for any
+set-position remains valid. A claim that needs the other side's real position does not.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from hapnet.control.reporter import Teller
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 
 Takes = Callable[[Vector], CouplingSample]
-"""The sample in which a law takes a set-position [m]."""
+"""Converts a set-position [m] to the law's kind of sample."""
 
 
 class StagedDevice:
     """The device's end of a law, with the local contact model before it.
 
-    law : the law's end. model : chooses the set-position. takes : makes the law's kind of sample of it.
+    law : the law's end. model : computes the set-position. takes : converts the set-position to the law's sample.
     """
 
     def __init__(self, law: DeviceLaw, model: ContactModel, takes: Takes) -> None:
@@ -34,11 +34,11 @@ class StagedDevice:
         return self._law.set_position
 
     def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """Take a message of the world, as `CouplingState.receive`."""
+        """Take in a message of the world, as `CouplingState.receive`."""
         self._model.receive(sample, sent_s, age_s)
 
     def receive(self, sample: CouplingSample) -> None:
-        """Do nothing: the model has it."""
+        """Do nothing: the model has received the sample."""
 
     def on_peer_changed(self) -> None:
         self._model.reset(self._law.set_position)
@@ -57,7 +57,7 @@ class StagedDevice:
 
 
 class StagedWorld:
-    """The world's end of a law, with the prediction before it. The arguments are as those of `StagedDevice`."""
+    """The world's end of a law, with the prediction before it. The arguments are like those of `StagedDevice`."""
 
     def __init__(self, law: WorldLaw, predicted: PredictedDevice, takes: Takes) -> None:
         self._law, self._predicted, self._takes = law, predicted, takes
@@ -67,18 +67,18 @@ class StagedWorld:
         return self._law.set_position
 
     def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """The device's position, as `CouplingState.receive`."""
+        """Take in the device's position, as `CouplingState.receive`."""
         self._predicted.receive(sample, sent_s, age_s)
 
     def receive(self, sample: CouplingSample) -> None:
-        """Do nothing: the prediction has it."""
+        """Do nothing: the prediction has received the sample."""
 
     def on_peer_changed(self) -> None:
         self._predicted.reset(self._law.set_position)
         self._law.on_peer_changed()
 
     def aim(self, dt: float, x: Vector) -> None:
-        """Choose the set-position of a step of `dt` seconds from x [m]."""
+        """Compute the set-position for a step of `dt` seconds from x [m], and pass it to the law."""
         self._law.receive(self._takes(self._predicted.step(dt, x)))
 
     def begin(self) -> None:
@@ -95,7 +95,7 @@ class StagedWorld:
 
 
 class StagedSteps(LawSteps):
-    """A `WorldCoupling` made of such an end; `teller` makes the sample of what is around its proxy."""
+    """A `WorldCoupling` made of a `StagedWorld`; `reporter` makes the samples of the proxy and its surroundings."""
 
     def __init__(self, law: StagedWorld, initial_energy: float, reporter: Teller) -> None:
         super().__init__(law, initial_energy, law.stamped)
@@ -107,7 +107,7 @@ class StagedSteps(LawSteps):
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """A step begins. Returns what the device is to know of the place; the law's own sample is not sent."""
+        """Begin a step. Returns the sample of the proxy and the planes around it; the law's own sample is not sent."""
         self._reporter.look(dt, x)
         self._staged.aim(dt, x)
         super().update(dt, x, dissipated)

@@ -1,4 +1,4 @@
-"""Theorem 1 as a run goes on: the energy put in at both ports, in virtual time."""
+"""Theorem 1 during a run: the energy put in at both ports, in virtual time."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from hapnet.records.record import Record, equation
 
 
 class TwoPort(Record):
-    """Theorem 1 over both ports: the minimum over time of the energy put in at both, plus d^2.
+    """Theorem 1 over both ports: the minimum over time of the energy put in at both; with d^2 added, the margin.
 
     For every time T the world's sum includes the step that has begun by then. A step's work is known only at its end.
     So each step is paired with the smallest work of the device's port since it began, both with and without that step.
 
     Attributes
     ----------
-    minimum : the least sum up to the running step [J]. at_device, at_world : the ports' W. device_low : the device's
-    lowest
-        since the running step began; device_min : up to there.
-    before : the minimum up to the end of the start; NaN: that is still to come. open : the device's lowest in the step
-        in which the start ended, up to there; NaN: no such step runs.
+    minimum : the smallest sum up to the running step [J]. at_device, at_world : the ports' W [J].
+    device_low : the smallest W of the device since the running step began; device_min : before that.
+    before : the minimum up to the end of the start phase; NaN: the phase has not ended. open : the smallest W of the
+        device in the step in which that phase ended, up to its end; NaN: no such step is running.
     """
 
     minimum: float
@@ -36,7 +35,7 @@ class TwoPort(Record):
 
     @equation
     def begin(self) -> None:
-        """End the start: `later` counts from now on."""
+        """End the start phase: `later` counts from now on."""
         lowest = min(self.minimum, self.device_low + self.at_world)
         self.before = lowest if math.isnan(self.before) else min(lowest, self.before)
         self.device_min = min(self.device_min, self.device_low)
@@ -45,13 +44,13 @@ class TwoPort(Record):
 
     @property
     def lowest(self) -> float:
-        """The minimum so far [J]. The running step counts without its work, which is not known yet."""
+        """The minimum so far [J]. The running step counts without its work, which is known only at its end."""
         minimum = min(self.minimum, self.device_low + self.at_world)
         return minimum if math.isnan(self.before) else min(minimum, self.before)
 
     @property
     def later(self) -> float | None:
-        """The minimum since the start ended [J]; None: it has not ended."""
+        """The minimum since the start phase ended [J]; None: it has not ended."""
         return None if math.isnan(self.before) else min(self.minimum, self.device_low + self.at_world)
 
     @property
@@ -84,4 +83,4 @@ class TwoPort(Record):
 
 
 begin, on_device, on_world = TwoPort.begin, TwoPort.device, TwoPort.world
-"""As equations call them."""
+"""The methods of `TwoPort` for equations."""

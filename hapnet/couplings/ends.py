@@ -1,5 +1,4 @@
-"""Makes the ends of a coupling from laws, with the stages before them where ``rendering = "hapnet"``
-(control/staged.py)."""
+"""Makes the ends of a coupling from laws; with ``rendering = "hapnet"`` the stages precede them (control/staged.py)."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ from hapnet.params import Params
 
 T = TypeVar("T")
 Springs = Callable[[CouplingStart[T]], Params]
-"""The parameters in which `device` and `world` have the law's own springs and dampers."""
+"""Returns parameters in which `device` and `world` have the law's own springs and dampers."""
 
 
 def held_law(
@@ -29,16 +28,16 @@ def held_law(
 ) -> Callable[[CouplingStart[T]], DeviceCoupling]:
     """Makes the device's end of a coupling from a law that holds its force.
 
-    law : makes it. takes : what the law is given as a set-position, where that is not just the vector.
-    springs : says what its spring is, where that is not `device`'s; the stages choose set-positions for that spring.
+    law : makes the law. takes : converts a set-position for the law, if the law does not take the plain vector.
+    springs : returns the law's spring, if it is not `device`'s; the stages choose set-positions for that spring.
     """
 
     def make(start: CouplingStart[T]) -> DeviceCoupling:
-        device, made = start.params.device, law(start)
+        device, device_law = start.params.device, law(start)
         model = rendering.at_device(_staged(start, springs))
-        staged = None if model is None else StagedDevice(made, model, takes)
+        staged = None if model is None else StagedDevice(device_law, model, takes)
         return LawServo(
-            staged or made,
+            staged or device_law,
             period=device.pspm_period_s,
             position=start.position,
             initial_energy=start.initial_energy,
@@ -55,21 +54,22 @@ def stepped_law(
     takes: Takes = lambda set_position: set_position,
     springs: Springs[T] = lambda start: start.params,
 ) -> Callable[[CouplingStart[T]], WorldCoupling]:
-    """Makes the world's end of a coupling from a law; the arguments are as those of `held_law`."""
+    """Makes the world's end of a coupling from a law; the arguments are like those of `held_law`."""
 
     def make(start: CouplingStart[T]) -> WorldCoupling:
         staged = _staged(start, springs)
         if not staged.tuning.contact_model:
             return LawSteps(law(start), start.initial_energy)
         predicted = rendering.at_world(staged)
-        ahead = StagedWorld(law(start), predicted, takes)
-        return StagedSteps(ahead, start.initial_energy, Teller(start.position, predicted, *rendering.reach(staged)))
+        staged_law = StagedWorld(law(start), predicted, takes)
+        reporter = Teller(start.position, predicted, *rendering.reach(staged))
+        return StagedSteps(staged_law, start.initial_energy, reporter)
 
     return make
 
 
 def _staged(start: CouplingStart[T], springs: Springs[T]) -> CouplingStart[RenderingTuning]:
-    """The start of the stages before a law."""
+    """The `CouplingStart` for the stages before a law."""
     params = springs(start)
     tuning = rendering.tuned(params) if params.rendering == "hapnet" else RenderingTuning()
     return replace(start, params=params, tuning=tuning)  # type: ignore[arg-type,return-value]

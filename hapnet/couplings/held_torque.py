@@ -15,10 +15,10 @@ from hapnet.mechanics.encoders import rounding
 from hapnet.params import DeviceParams
 
 UNKNOWN_MASS = 1e9
-"""Mass assumed for a device that does not declare its own [kg]: so heavy that no torque speeds it up."""
+"""The mass of a device that does not declare its own [kg]: so heavy that no torque accelerates it."""
 
 LIGHT_MASS = 0.01
-"""No handle that a hand holds is lighter [kg]."""
+"""The smallest mass of a handle that a hand can hold [kg]."""
 
 RESERVED_SHARE = 0.5
 """Largest share of the ceiling that is kept in reserve: the spring needs the rest to move."""
@@ -27,7 +27,7 @@ RESERVED_SHARE = 0.5
 def guard(device: DeviceParams, harvest: Harvest, dof: int) -> tuple[ForceGuard, Holding]:
     """The guard of the force, and the values it was computed from.
 
-    It limits the force, and if the force's work is measured, also keeps it within the energy account.
+    The guard limits the force. If the force's work is measured, it also keeps the force within the energy account.
     """
     period, speed = 1.0 / device.servo_hz, device.greatest_speed
     holding = _holding(device, dof)
@@ -63,15 +63,14 @@ def _holding(device: DeviceParams, dof: int) -> Holding:
 
 
 def ceiling_for(device: DeviceParams) -> float:
-    """The ceiling that covers a held torque of this device's spring on one axis [J]; infinite if none does."""
+    """The ceiling that covers a held torque of this device's spring on one axis [J]; infinite if no ceiling does."""
     return _holding(device, 1).needed / RESERVED_SHARE
 
 
 def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
-    """Warnings about forces that will not be rendered as asked, or that may output more than the account holds.
+    """Warnings about forces that will be limited, or that may output more energy than the account holds.
 
-    Raises InvalidParameter: the range harvest is asked for, and the device has less own damping than a held spring
-    needs.
+    Raises InvalidParameter: the range harvest is set, but the device has less own damping than a held spring needs.
     """
     if harvest == "range":
         return _range(device, dof)
@@ -94,8 +93,8 @@ def check(device: DeviceParams, harvest: Harvest, dof: int) -> list[str]:
         )
     elif device.mass == UNKNOWN_MASS and floor > LIGHT_MASS:
         warnings.append(
-            f"device.damping {B:g} is held for a tick and slows down only masses above {floor:.3g} kg; it is not known "
-            f"whether this device is heavier, as it declares no smallest_mass"
+            f"device.damping {B:g} is held for a tick and slows down only masses above {floor:.3g} kg; this device may "
+            f"be lighter, as it declares no smallest_mass"
         )
     return warnings
 

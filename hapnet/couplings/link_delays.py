@@ -1,4 +1,4 @@
-"""The link's delays that a law is tuned for, as a designer would know them."""
+"""The link's delays that a law is tuned for: the values that a designer would know in advance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Delays(NamedTuple):
     one_way_s: float
     """Typical delay, the mean of both directions."""
     round_trip_bound_s: float
-    """Rarely exceeded. A recorded link exceeds it a tenth of the time in each direction: nobody tunes for outages."""
+    """Rarely exceeded bound. A recorded link exceeds it a tenth of the time in each direction: outages do not count."""
 
 
 _RECORDED = (0.5, 0.9)
@@ -25,7 +25,7 @@ _RECORDED = (0.5, 0.9)
 
 
 def delays(up: LinkProfile, down: LinkProfile, path_s: float = 0.0) -> Delays:
-    """The delays of the emulated link, its jitter's tail included. `path_s`: round trip of the network below it [s]."""
+    """Delays of the emulated link, with its jitter's tail. `path_s`: round trip of the real network under it [s]."""
     typical, bound = np.sum([_one_way_s(profile) for profile in (up, down)], axis=0).tolist()
     return Delays((typical + path_s) / 2.0, bound + path_s)
 

@@ -1,7 +1,7 @@
-"""Passive set-position modulation (Lee, Huang 2009): a spring on each side, whose end moves as far as a reservoir pays.
+"""Passive set-position modulation (Lee, Huang 2009): each side's spring end moves as far as its reservoir can pay.
 
-Algorithm 1, which modulates a set-position, is hapnet/control/pspm.py: servo, world and compiled code are built on it.
-Its parameters are those of each side's spring and reservoir, `device` and `world`.
+Algorithm 1, which modulates a set-position, is in hapnet/control/pspm.py; servo, world and compiled code use it.
+The parameters are those of each side's spring and reservoir, in `device` and `world`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _modulator(
 
 
 def _covers(params: Params, tuning: RenderingTuning, virtual: bool) -> bool:
-    """True, except with the range harvest under zero-order hold: that relies on own damping (`held_torque.check`)."""
+    """True, except with the range harvest under zero-order hold, which relies on own damping (`held_torque.check`)."""
     device = params.device
     sampled = device.servo == "sampled" or (device.servo == "auto" and (tuning.contact_model or not virtual))
     return not (sampled and device.harvest == "range")

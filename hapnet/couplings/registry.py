@@ -1,4 +1,4 @@
-"""The couplings, by the names that a user gives them. Each is loaded when it is asked for."""
+"""The couplings, by the names in `--coupling`. Each is loaded on first use."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class _BuiltIn(Mapping[str, CouplingSpec[Any]]):
 
 
 COUPLINGS: Mapping[str, CouplingSpec[Any]] = _BuiltIn()
-"""hapnet's own."""
+"""hapnet's own couplings."""
 
 
 def coupling(name: str) -> CouplingSpec[Any]:
-    """The coupling of that name: hapnet's own, one that a package publishes, or a user's own, given as ``module:NAME``.
+    """The coupling of that name: hapnet's own, a published one's name, or a user's own as ``module:NAME``.
 
-    Raises InvalidParameter: there is no coupling of that name, or the object is not a `CouplingSpec`, or its parameters
-    have the name of another section.
+    Raises InvalidParameter: there is no coupling of that name, the object is not a `CouplingSpec`, or its section has
+    the name of another section.
     """
     if name in COUPLINGS:
         return COUPLINGS[name]
@@ -52,27 +52,27 @@ def coupling(name: str) -> CouplingSpec[Any]:
         raise InvalidParameter("coupling", name, f"{allowed} (this is a {type(spec).__name__})")
     if spec.parameters is not None and sections().get(spec.section, spec.parameters) is not spec.parameters:
         raise InvalidParameter(
-            f"section of the coupling {name}", spec.section, "a name that no other law's section has"
+            f"section of the coupling {name}", spec.section, "a name that no other law's section uses"
         )
     return spec
 
 
 def known(name: object) -> CouplingSpec[Any] | None:
-    """hapnet's own coupling of that name; None for a user's own, of which only the name is known."""
+    """hapnet's own coupling of that name; None for a user's own coupling, which is not loaded here."""
     return COUPLINGS.get(str(name))
 
 
 def limited(name: object) -> bool:
-    """Whether the coupling of this name limits the set-position's step, as PSPM does. False for a user's own."""
+    """Whether the coupling of this name limits the set-position's step, as PSPM does. False for a user's coupling."""
     spec = known(name)
     return spec is not None and spec.limited
 
 
 def jointly_passive(name: object) -> bool:
-    """Whether energy passes through the link itself with the coupling of this name, so that neither side keeps a half.
+    """Whether the coupling of this name passes energy through the link itself, so that no side keeps its own half.
 
-    Then the energy put in at one port alone means nothing; only the sum of both ports at the same time does. The answer
-    is yes for a user's own law.
+    Then the energy put in at one port alone proves nothing; only the sum over both ports at the same time does. True
+    for a user's own law.
     """
     spec = known(name)
     return name is not None if spec is None else spec.joint
@@ -81,9 +81,9 @@ def jointly_passive(name: object) -> bool:
 def ideal_stiffness(params: Params, wall: float) -> float:
     """The stiffness that a hand would feel at a wall of stiffness `wall` [N/m], over an ideal link, at rest [N/m].
 
-    PSPM and others with two springs: the device's spring K is stretched by the part K_w/(K' + K_w) of the penetration,
-    because the proxy follows by K'/(K' + K_w) of it. Couplings with one spring: that spring and the wall in series,
-    with the stiffness that the user asked for, even if the law's rule makes it softer.
+    With two springs, as in PSPM: the device's spring K is stretched by the part K_w/(K' + K_w) of the penetration,
+    because the proxy follows by the part K'/(K' + K_w). With one spring: this spring and the wall are in series, with
+    the stiffness that the user set, even if the law's rule makes it softer.
     """
     K = scalar_stiffness(params)
     K_world = params.world.stiffness
@@ -95,11 +95,11 @@ def ideal_stiffness(params: Params, wall: float) -> float:
 
 
 SENT_A_SILENCE = 5
-"""A deadband sends at least this many samples in the time after which a peer counts as silent."""
+"""With a deadband, a side sends at least this many samples in the time after which a peer counts as silent."""
 
 
 def deadband(params: Params, role: Role) -> Deadband | None:
-    """The deadband that decides which samples this side sends; None: it sends all."""
+    """The deadband that decides which samples this side sends; None: it sends every sample."""
     if params.wire.deadband == 0.0:
         return None
     spec = coupling(params.coupling)

@@ -1,8 +1,8 @@
-"""The rendering of set-position couplings: what stands before PSPM, and every number of it, by rule.
+"""The rendering of set-position couplings: the stages before PSPM, and the rule for each of their numbers.
 
-``rendering = "paper"``: the newest set-position goes to PSPM as it is, every `device.pspm_period_s`.
-``rendering = "hapnet"``: the rules below; ``rendering = "auto"``: one of these, by the law. All of it only chooses y,
-or adds dissipation, so Theorem 1 holds for both.
+``rendering = "paper"``: the newest set-position goes to PSPM unchanged, every `device.pspm_period_s`.
+``rendering = "hapnet"``: the rules below; ``rendering = "auto"``: either, depending on the law. The stages only choose
+y or add dissipation, so Theorem 1 holds with both.
 
 | what | rule | source |
 |---|---|---|
@@ -12,12 +12,12 @@ or adds dissipation, so Theorem 1 holds for both.
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
 | behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |
 | planes sent | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
-| planes known | until the world, which says how far it looks, no longer sends them | a wall mostly stands still |
+| planes kept | until an answer that covers their place no longer contains them | a wall mostly stands still |
 | the lead yields | below the level `contact_model.yields_below` of the world's reservoir | (below) |
 
-A world that cannot send planes is felt through its late answers, with 100 N/m at most: a stiffer spring rings.
-A plane must be sent before the hand is there, however fast it is. If the world's reservoir is low, the hand pays for
-what the walls dissipate: the lead shrinks in proportion. In contact the hand feels the wall and nothing else.
+A world that cannot send planes is felt through its delayed proxy, with 100 N/m at most: a stiffer spring rings.
+A plane must be sent before a hand of any speed reaches it. If the world's reservoir is low, the hand pays for the
+energy that the walls dissipate: the lead shrinks in proportion. In contact the hand feels only the wall.
 """
 
 from __future__ import annotations
@@ -54,18 +54,18 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
 """`CouplingSpec.searched` of both couplings with this rendering."""
 
 PREDICT_S = (
-    "the world predicts the device where delay and lag are at most this [s]; 0, or with the paper's rendering: never"
+    "the world predicts the device if delay and lag are at most this [s]; 0, or with the paper's rendering: never"
 )
-"""The meaning of a law's parameter for `predicts`."""
+"""The help of a law's parameter for `predicts`."""
 
 
 @dataclass(frozen=True)
 class RenderingTuning:
-    """The tuning of the contact model. contact_model : whether the device computes y from the planes that the world
-    sends. If not, the rest is 0.
+    """The tuning of the contact model.
 
-    lag_s : B'/K'. damping_Ns_m : b. lead_s : the velocity's factor in y. reach_m : planes that are so near are sent.
-    reach_speed_mps : and those that a device so fast could reach before it receives them.
+    contact_model : whether the device computes y from the planes that the world sends; if not, the other fields are 0.
+    lag_s : B'/K'. damping_Ns_m : b. lead_s : factor of the velocity in y. reach_m : planes up to this far are sent.
+    reach_speed_mps : so are planes that a device of this speed could reach before it receives them.
     """
 
     contact_model: bool = False
@@ -82,7 +82,7 @@ def tune(params: Params, link: Delays) -> RenderingTuning:
 
 
 def tuned(params: Params) -> RenderingTuning:
-    """The numbers of the table above."""
+    """The tuning by the rules in the table above."""
     device = params.device
     wanted = 2.0 * params.contact_model.damping_ratio * math.sqrt(largest(device.stiffness) * device.mass)
     added = min(max(0.0, wanted - largest(device.damping)), RENDERED_DAMPING)
@@ -127,24 +127,24 @@ def share_without_planes(params: Params) -> float:
 
 
 def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
-    """How far planes are sent [m], and how fast a device receives those farther away in time [m/s]."""
+    """The distance within which planes are sent [m], and the speed of the device that extends it [m/s]."""
     return start.tuning.reach_m, start.tuning.reach_speed_mps
 
 
 def at_world(start: CouplingStart[Any]) -> PredictedDevice:
-    """Return the model that computes the world's y, if it is not the newest set-position."""
+    """Return the predictor that computes the world's y, for laws that do not use the newest set-position."""
     params = start.params
     return PredictedDevice(start.position, lag_s(params), predictor(params), params.contact_model.stop_s)
 
 
 def predicts(params: Params, link: Delays, longest_s: float) -> bool:
-    """Whether the world of a law at the device predicts the device. Only if no prediction is longer than this [s]."""
+    """Whether the world predicts the device for a law at the device: if no prediction is longer than `longest_s`."""
     horizon_s = link.one_way_s + lag_s(params) + params.world.step_max_s / 2.0
     return params.rendering != "paper" and horizon_s <= longest_s
 
 
 def predictor(params: Params) -> MotionPredictor:
-    """Predicts from the positions that arrive."""
+    """The predictor of motion from the positions that arrive."""
     model = params.contact_model
     return MotionPredictor(model.window_s, model.longest_s, model.curve_s)
 
@@ -160,7 +160,7 @@ def _eigenvalues(matrix: object) -> Array:
 
 
 def largest(matrix: object) -> float:
-    """The largest number of what may be a number, one for each axis, or a matrix."""
+    """The largest eigenvalue; `matrix` is a number, one number for each axis, or a matrix."""
     return float(np.max(_eigenvalues(matrix)))
 
 

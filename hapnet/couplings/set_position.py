@@ -1,4 +1,4 @@
-"""The ends of couplings with a spring on each side, tied to a set-position that a modulator chooses from what came."""
+"""The ends of couplings with a spring on each side, tied to a set-position that a modulator computes from samples."""
 
 from __future__ import annotations
 
@@ -30,22 +30,21 @@ from hapnet.mechanics.spring import Spring, shared_spring
 from hapnet.params import DeviceParams, Params, WorldParams
 
 KEPT_FOR_PEERS = 0.002
-"""Share of its ceiling that the world keeps for devices that start again: with an empty account they render no
-force."""
+"""Share of its ceiling that the world keeps for restarted devices: with an empty account they render no force."""
 
 Side = DeviceParams | WorldParams
 MakeModulator = Callable[[Side, Spring, Vector, float, float, Holding | None], Modulator]
-"""The side's parameters, spring, position [m], energy at the start [J], reserve [J], and the torque that is held."""
+"""Arguments: the side's parameters, spring, position [m], energy at the start [J], reserve [J], and held torque."""
 
-RESET_FORCE = "a force below this counts as none for the observer's reset [N]; 0: it is never reset"
-RESET_S = "the observer forgets a surplus after so long without force [s]"
-"""The meanings of a law's parameters for `hapnet.ext.laws.parts.virtual_coupling.Reset`."""
+RESET_FORCE = "a force below this counts as zero for the reset of the account [N]; 0: no reset"
+RESET_S = "time without force after which the account drops its surplus [s]"
+"""The help of a law's parameters for `hapnet.ext.laws.parts.virtual_coupling.Reset`."""
 
 S = TypeVar("S", bound=SampledServo)
 
 _WORLDS = ("stiffness", "damping", "ceiling_J", "shuffle", "smoothing_s", "predict_s", "on_silence", "silence_after_s")
 _ROBOTS = ("servo_hz", "mass", "resolution_m", "force_limit_N", "step_limit_N", "greatest_speed")
-"""Parameters of a follower's servo that `world` has, and those that `follower` has."""
+"""The parameters of a follower's servo that come from `world`, and those that come from `follower`."""
 
 BOTH_SIDES = frozenset({"device", "world"})
 
@@ -53,7 +52,7 @@ BOTH_SIDES = frozenset({"device", "world"})
 def plain(
     side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
 ) -> Modulator:
-    """The `MakeModulator` that holds what came."""
+    """The `MakeModulator` of the plain coupling: it holds the received set-position."""
     return ZeroOrderHold(spring, position, energy)
 
 
@@ -86,7 +85,7 @@ def _coupling(
 
 
 def _max_step(side: Side, spring: Spring, limited: bool) -> float:
-    """How far ybar may move in one update [m], so that the spring's force steps by at most its limit."""
+    """The largest step of ybar in one update [m] that keeps the step of the spring's force within its limit."""
     if not limited or not side.step_limit_N:
         return math.inf
     return side.step_limit_N / spring.ellipsoid.largest
@@ -114,7 +113,7 @@ def _at_device(
 
 
 def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
-    """The maximum times between two runs of PSPM, and between two positions sent [s]; 0: every tick, every run."""
+    """The longest times between two runs of PSPM, and between two sent positions [s]; 0: every tick, every run."""
     period = start.params.device.pspm_period_s
     return (0.0, period) if start.tuning.contact_model else (period, 0.0)
 
@@ -139,7 +138,7 @@ def _held(
     model: ContactModel | None,
     kind: Callable[..., S] = SampledServo,  # type: ignore[assignment]
 ) -> S:
-    """A servo that holds its force; source : chooses y, which is the model's if there is one."""
+    """A servo that holds its force; source : computes y (the contact model, if there is one)."""
     device, dof = start.params.device, len(start.position)
     guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
     if limited:
@@ -162,7 +161,7 @@ def _held(
 
 
 def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
-    """The world's end, which sends what is around its proxy unless the rendering is the paper's."""
+    """The world's end; unless the rendering is the paper's, it also sends the surfaces around its proxy."""
     if not start.tuning.contact_model:
         return SetPositionSteps(_at_world(start, make, limited, None))
     source = rendering.at_world(start)
@@ -184,7 +183,7 @@ def servo_of(params: Params) -> DeviceParams:
 
 
 def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> FollowerServo:
-    """The servo of a robot in the virtual mass's place; `device` of the parameters is the robot's (`servo_of`)."""
+    """The servo of a robot in the virtual mass's place; the parameters' `device` describes the robot (`servo_of`)."""
     params, source, reporter = start.params, None, None
     if start.tuning.contact_model:
         lag = rendering.largest(params.world.damping) + params.follower.own_damping
@@ -196,8 +195,8 @@ def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limite
 def plain_world(start: CouplingStart[Any]) -> WorldCoupling:
     """The world's end of the plain coupling, for laws at the device only: it sends its proxy's position.
 
-    With ``rendering = "hapnet"`` it sends what is around the proxy. Where the tuning `predicts`, y is the device's
-    predicted position: such a law claims nothing for this port, so any y is allowed.
+    With ``rendering = "hapnet"`` it also sends the surfaces around the proxy. If the tuning `predicts`, y is the
+    device's predicted position: such a law claims nothing for this port, so any y is allowed.
     """
     if start.params.rendering == "hapnet":
         return _world(replace(start, tuning=rendering.tuned(start.params)), plain, False)
@@ -217,7 +216,7 @@ def _at_world(
 
 
 class SetPositionEnds(NamedTuple):
-    """The functions of a `CouplingSpec` that make the ends of such a coupling."""
+    """The functions of a `CouplingSpec` that make the ends of a coupling with two springs."""
 
     device: Callable[[CouplingStart[RenderingTuning]], DeviceCoupling]
     continuous: Callable[[CouplingStart[RenderingTuning]], ContinuousServo]

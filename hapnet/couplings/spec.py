@@ -1,7 +1,7 @@
-"""Describes a coupling to the rest of hapnet: its names, its tuning by the published rule, and its two ends.
+"""The description of a coupling for the rest of hapnet: its names, its tuning by the published rule, its two ends.
 
-A law of the user's own is a file with a `CouplingSpec`, given as ``--coupling module:NAME``: see examples/own_law.py.
-A law of the library is such a file here, with ``LAW = CouplingSpec(...)``: see "Add to it" in hapnet/README.md.
+A user's own law is a file with a `CouplingSpec`, given as ``--coupling module:NAME``: see examples/own_law.py.
+A law of the library is a file of hapnet/ext/laws with ``LAW = CouplingSpec(...)``: "Add to it" in hapnet/README.md.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ T_contra = TypeVar("T_contra", contravariant=True)
 class CouplingStart(Generic[T_co]):
     """The values from which one end of a coupling is made when its side starts.
 
-    tuning : what the rule chose. position : where device or mass is at rest [m]. initial_energy : the side's share of
-    d^2 [J]; 0 after a restart. kinetic : kinetic energy of device or mass [J].
+    tuning : the values chosen by the law's rule. position : of device or mass at rest [m]. initial_energy : the side's
+    share of d^2 [J]; 0 after a restart. kinetic : kinetic energy of device or mass [J].
     """
 
     params: Params
@@ -60,50 +60,50 @@ class CouplingStart(Generic[T_co]):
 
 
 class Covers(Protocol[T_contra]):
-    """Returns whether the coupling claims both ports to be passive with these parameters and this tuning. If they then
-    are not, the claim was not kept. `virtual`: only the emulated link is between the sides (virtual time)."""
+    """True if the coupling claims both ports to be passive with these parameters and this tuning. A run that is not
+    passive then breaks the claim. `virtual`: only the emulated link is between the sides (virtual time)."""
 
     def __call__(self, params: Params, tuning: T_contra, virtual: bool) -> bool: ...
 
 
 @dataclass(frozen=True)
 class Untuned:
-    """The tuning of a law that has nothing to choose."""
+    """The tuning of a law without values to choose."""
 
 
 @dataclass(frozen=True)
 class CouplingSpec(Generic[T]):
     """A coupling law.
 
-    More than twenty attributes: all that the rest of hapnet asks about a law stands here, and has a default.
+    More than twenty attributes: the rest of hapnet reads every property of a law here; all but six have a default.
 
-    name : what users call it. title : its full name. source : who published it. claim : when it is passive, according
-        to its source.
+    name : the name in `--coupling`. title : the full name. source : the publication. claim : when the law is passive,
+        according to its source.
     device, world : make the two ends. continuous : makes a device's end that acts within a simulated device's tick;
         None: its force is held.
-    follower : makes the servo of a robot in the virtual mass's place, from parameters whose `device` is the robot's;
-        None: only a robot whose coupling acts within its step can follow.
-    tuning : a frozen dataclass whose field names carry units. tune : applies the law's own rule to the parameters and
-        the link's delays. Without them a law has nothing to choose.
-    parameters : the law's own, a frozen dataclass of `hapnet.param_values.parameter`s, which `Params.of` finds by its
-        class; None: it has none. section : of `Params`, in which they are; "": it has the law's name.
+    follower : makes the servo of a robot in the virtual mass's place, from parameters with the robot as `device`;
+        None: only a robot with a coupling that acts within its step can follow.
+    tuning : a frozen dataclass with units in its field names. tune : applies the law's own rule to the parameters and
+        the link's delays. A law without both has no values to choose.
+    parameters : a frozen dataclass of `hapnet.param_values.parameter`s, which `Params.of` finds by its class; None: the
+        law has none of its own. section : their section of `Params`; "": the section has the law's name.
     shared : fields of the tuning that must have the same value at both ends.
     device_sends, world_sends : the messages that carry the ends' samples.
-    sends_planes : does the world send its proxy with the planes around it, and do the stages stand before the law, if
-        the rendering is left to it?
+    sends_planes : with ``rendering = "auto"``, whether the world sends its proxy with the planes around it, and the
+        stages precede the law.
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
     limited : whether it limits the set-position's step, and the force to what the account covers under a
         zero-order hold.
-    scaled : whether the felt force is K/K' of the virtual one, as with PSPM.
-    springs : the springs through which a wall is felt at rest [N/m]: K and K', as with PSPM, or the only one, K. None:
-        they are not known, so neither is how stiff a wall is felt.
+    scaled : whether the felt force is K/K' of the virtual force, as with PSPM.
+    springs : the springs through which a wall is felt at rest [N/m]: K and K', as with PSPM, or a single spring K.
+        None: unknown, so the felt stiffness of a wall is unknown too.
     halves : whether each side keeps a half of Theorem 1, with its own reservoir.
-    joint : whether energy passes through the link itself. Then the energy put in at one port alone means nothing.
-    covers : when does it claim to be passive? allowance_J : energy that may then come out beyond d^2 [J].
+    joint : whether energy passes through the link itself. Then the energy put in at one port alone proves nothing.
+    covers : see `Covers`. allowance_J : energy that may come out beyond d^2 within the claim [J].
     warn : warnings for the user before the start.
-    compiled : the records of its two ends, where hapnet compiles the law (None: a set-position's); no user's own.
+    compiled : the records of its two ends, if hapnet compiles the law (None: a set-position end); never a user's law.
     searched : parameters that a tuning of the law may change, each with its range or its choices. Ranges end at what a
-        desktop device renders stably, and nothing that a claim rests on is among them.
+        desktop device renders stably, and parameters that a claim depends on are excluded.
     """
 
     name: str
@@ -163,7 +163,7 @@ class CouplingSpec(Generic[T]):
         return {self.device_sends, self.world_sends} <= {Position, Motion}
 
     def staged(self, params: Params) -> bool:
-        """Whether the stages stand before the law."""
+        """Whether the stages precede the law."""
         return params.rendering == "hapnet" or (params.rendering == "auto" and self.sends_planes)
 
     def recorded(self, tuning: Mapping[str, Any] | None) -> T | None:
@@ -179,7 +179,7 @@ def two_springs(params: Params, tuning: object) -> tuple[Matrix, Matrix]:
 
 
 def scalar_stiffness(params: Params) -> float:
-    """K [N/m] of the device's side, for laws whose stiffness is one number.
+    """K [N/m] of the device's side, for laws with a single number as stiffness.
 
     Raises InvalidParameter: K has one number per axis, or is a matrix.
     """

@@ -1,26 +1,26 @@
-"""K by rule, where `device.stiffness` is 0: as stiff as the device renders well; and how stiff a wall is felt.
+"""The rule for K if `device.stiffness` is 0: as stiff as the device renders well; and the stiffness felt at a wall.
 
-A held spring K on a device with own damping b is passive up to (Colgate and Schenkel 1997)
+A held spring K on a device with own damping b is passive if (Colgate and Schenkel 1997)
 
     K < 2 (b - B) / T,      T: the servo's period
 
-The rule takes half of that, or half of the largest stiffness that the device declares, because at the bound itself
-nothing is left for late ticks. A simulated device's b is known, and the smaller of the two counts. A real device's b is
-unknown, or a lower bound that `hapnet doctor --device --damping` measured. The declaration alone gives at most 350 N/m;
-a measured b may only raise that: nobody who measures gets a softer spring.
+The rule takes half of this bound, or half of the largest stiffness that the device declares, because at the bound
+there is no margin for late ticks. A simulated device's b is known, and the smaller of the two counts. A real device's
+b is unknown, or a lower bound measured by `hapnet doctor --device --damping`. The declaration alone gives at most
+350 N/m; a measured b may only raise this limit, so measuring never makes the spring softer.
 
 Encoders: a count of r changes the force by K r, and the device oscillates if that is large. Half of K r = 0.1 N is the
-limit. (The usual bound, 2 f / r with f the device's dry friction (Abbott, Okamura 2005), needs an f that is not known.)
+limit. (The usual bound is 2 f / r (Abbott, Okamura 2005), but the device's dry friction f is not known.)
 
-Measured harvest keeps PSPM passive for any K, so the rule only concerns the rendering. A device that declares too
+Measured harvest keeps PSPM passive for any K, so the rule only affects the rendering. A device that declares too
 little, and the paper's rendering, get the paper's 100 N/m.
 
 A wall is felt through the springs of the coupling, over an ideal link, at rest, as
 
     felt = 1 / (1/K + K'/(K K_w))
 
-The wall K_w is in series with the world's spring K', as the proxy moves in it; K/K' scales that force at the device,
-whose own spring K is in series too: no wall is felt stiffer than K. A law with one spring has ``1 / (1/K + 1/K_w)``.
+The wall K_w is in series with the world's spring K', as the proxy moves into the wall. K/K' scales this force at the
+device. Its own spring K is in series too, so no wall feels stiffer than K. With one spring: ``1 / (1/K + 1/K_w)``.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from typing import TypedDict
 from hapnet.param_sections import Matrix
 
 SHARE = 0.5
-"""Of the bound, and of the declared stiffness."""
+"""The share of the bound, and of the declared stiffness, that the rule uses."""
 
 PAPERS = 100.0
-"""K of the paper's Section 4, reconstructed [N/m]. The rule chooses no less, if the device can render it."""
+"""K of the paper's Section 4, reconstructed [N/m]: the rule's minimum, if the device can render it."""
 
 MOST = 350.0
-"""The most where damping or declaration is missing [N/m]: half of what a Phantom Omni renders (700 N/m, from CHAI3D's
+"""The largest K if damping or declaration is missing [N/m]: half of a Phantom Omni's stiffness (700 N/m, from CHAI3D's
 device table)."""
 
 COUNT_N = 0.1
-"""What a count of the encoders may change the force by, at the bound [N]."""
+"""The largest change of the force by one encoder count, at the bound [N]."""
 
 
 def colgate_bound(own_damping: float, damping: float, servo_hz: float) -> float:
-    """The stiffness below which a held spring is passive by itself [N/m]; 0 or less: there is none.
+    """The stiffness below which a held spring is passive by itself [N/m]; 0 or less: no spring is.
 
     own_damping, damping : b of the device, B of the coupling [Ns/m]. servo_hz : 1/T [Hz].
     """
@@ -61,12 +61,12 @@ def default_stiffness(
     resolution_m: float = 0.0,
     exact: bool = True,
 ) -> float:
-    """K [N/m].
+    """K by the rule [N/m].
 
     own_damping : the device's own damping [Ns/m]; 0: unknown. damping, servo_hz : as `colgate_bound`.
-    declared : the smallest and the largest stiffness that the device renders, as it says [N/m]; None: it does not say.
-    resolution_m : of its encoders [m]; 0: unknown, or none. exact : whether `own_damping` is the damping, not a lower
-        bound.
+    declared : the smallest and the largest stiffness that the device declares [N/m]; None: it declares none.
+    resolution_m : of its encoders [m]; 0: unknown, or exact. exact : whether `own_damping` is the true damping, not a
+        lower bound.
     """
     bound = SHARE * colgate_bound(own_damping, damping, servo_hz) if own_damping else 0.0
     minimum, maximum = declared or (0.0, MOST)
@@ -90,12 +90,12 @@ class Felt(TypedDict):
 
 
 def felt(springs: Sequence[Matrix] | None, wall: float | None) -> Felt:
-    """Return how a wall of this stiffness [N/m] is felt; None: there is none. Springs that are no scalars are left out.
+    """Return how a wall of this stiffness [N/m] is felt; None: no wall. With a spring that is no scalar: None.
 
-    springs : what the law says of them (`CouplingSpec.springs`).
+    springs : the result of `CouplingSpec.springs`.
     """
-    known = [one for one in springs or () if isinstance(one, float)]
-    return of_springs(known if known and len(known) == len(springs or ()) else None, wall)
+    scalars = [spring for spring in springs or () if isinstance(spring, float)]
+    return of_springs(scalars if scalars and len(scalars) == len(springs or ()) else None, wall)
 
 
 def of_springs(springs: list[float] | None, wall: float | None) -> Felt:

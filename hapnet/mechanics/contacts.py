@@ -1,18 +1,18 @@
-"""The interfaces between a world and what moves in it: the surroundings of the proxy, and the mass that is moved.
+"""The interfaces between a world and its proxy: the surroundings that act on it, and the mass that moves.
 
 In each step of length T the proxy, a virtual mass on its virtual coupling, has a mean velocity vhat with
 
     A vhat = c + f                                          A = 2M/T + B' + K' T/2, see `hapnet.plant.integrator`
 
-where f is the force of its surroundings. The surroundings get A (as a function that applies its inverse) and the
+where f is the force of its surroundings. The surroundings receive A (as a function that applies its inverse) and the
 velocity ``A^-1 c`` that the step would have without them. They return f and vhat. So contact, friction and bodies that
 the proxy deforms are solved together with the step, whatever its length. Bodies make their own step in the same call,
-which comes once a step. Theorem 1 holds for any f. It remains to show that the surroundings do not output more energy
-than they have: with U = `stored_J` and S = `supplied_J`,
+which comes once per step. Theorem 1 holds for any f. In addition, the surroundings must not output more energy than
+they have: with U = `stored_J` and S = `supplied_J`,
 
     -sum f . vhat T + S - (U - U(0)) >= 0
 
-A physics engine that integrates the proxy itself does not fit here: it brings a `Mass` of its own.
+A physics engine that integrates the proxy itself does not use this interface: it has its own `Mass`.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ Inverse = Callable[[Vector], Sequence[float]]
 
 
 class Observed(NamedTuple):
-    """An observer's account of surroundings that promise nothing: the energy seen, and the part taken back."""
+    """An observer's account of surroundings that may be active: their excess energy, and the part taken back."""
 
-    given_J: float  #: energy that they would have given out beyond what they had, summed over the steps
-    paid_J: float  #: what damping took back
-    undone: int = 0  #: substeps of an engine that were made again
-    undone_J: float = 0.0  #: what an engine's bodies lost where they were stopped for that
-    overlaps: int = 0  #: pairs of bodies that began inside one another
+    given_J: float  #: energy that they would have output beyond what they had, summed over the steps
+    paid_J: float  #: the part that damping took back
+    undone: int = 0  #: substeps of an engine that were repeated
+    undone_J: float = 0.0  #: energy that an engine's bodies lost because they were stopped for a repeated substep
+    overlaps: int = 0  #: pairs of bodies that overlapped at the start
 
 
 @runtime_checkable
 class Surroundings(Protocol):
-    """Everything around the proxy that acts on it; `dof` is n. What has a body here need not be written."""
+    """Everything around the proxy that acts on it; `dof` is n. Methods with a body here are optional."""
 
     @property
     @abstractmethod
@@ -51,7 +51,7 @@ class Surroundings(Protocol):
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
-        """Make one step. Returns the force f (n,) [N] and vhat (n,) [m/s], with ``A vhat = c + f``.
+        """Make a step. Returns the force f (n,) [N] and vhat (n,) [m/s], with ``A vhat = c + f``.
 
         dt : T [s], also the length of the surroundings' own step. position : x_k [m] at the step's start.
         velocity : ``A^-1 c`` [m/s]. inverse : applies A^-1.
@@ -63,17 +63,17 @@ class Surroundings(Protocol):
 
     @property
     def supplied_J(self) -> float:
-        """Total work put in by obstacles that are moved from outside; 0 if none is moved."""
+        """Total work put in by obstacles that are moved from outside; 0 if no obstacle is moved."""
         return 0.0
 
     @property
     def observed(self) -> Observed | None:
-        """The account of their observer; None: they promise to be passive, nothing observes them."""
+        """The account of their observer; None: they are passive by design, so they are not observed."""
         return None
 
     @property
     def contact_force(self) -> Vector | None:
-        """Of all contacts on the proxy, the mean over the last step (n,) [N]; None: f is that force."""
+        """The mean force of all contacts on the proxy in the last step (n,) [N]; None: f is that force."""
         return None
 
     def require_outside(self, position: Sequence[float]) -> None:
@@ -86,27 +86,27 @@ class Surroundings(Protocol):
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """The planes that a proxy at `position` (n,) [m] touches, or has within `reach_m` [m]: at most four, the
-        deepest or nearest first. A curved obstacle gives its tangent plane at the nearest point, and how its surface
-        bends there, if it is known (`Plane.curvatures`). The device feels these planes and nothing else.
+        deepest or nearest first. A curved obstacle returns its tangent plane at the nearest point, with its curvatures
+        there, if they are known (`Plane.curvatures`). The device renders only these planes.
 
         None: this world cannot send planes, or has forces that no plane describes.
         """
         return None
 
     def plane(self, position: Sequence[float]) -> Plane | None:
-        """The plane that a proxy at `position` (n,) [m] touches: of several, the one where it is deepest. Or None."""
+        """The plane in which a proxy at `position` (n,) [m] is deepest; None: it touches no plane."""
         deepest = next(iter(self.planes(position, 0.0) or ()), None)
         return None if deepest is None or deepest.depth(position) <= 0.0 else deepest
 
     def penetration(self, position: Sequence[float]) -> float:
-        """Penetration depth of `position` (n,) in the obstacle where it is deepest [m]; 0 outside, or not known."""
+        """Largest penetration depth of `position` (n,) in an obstacle [m]; 0 outside, or if it is unknown."""
         plane = self.plane(position)
         return 0.0 if plane is None else plane.depth(position)
 
 
 def doing(work_J: float, force: Vector, moved: Sequence[float]) -> Vector:
-    """The force nearest to `force` (n,) [N] that does this work on the way `moved` (n,) [m]: what a step that was made
-    in parts applied in the mean. As it is, if nothing moved.
+    """The force nearest to `force` (n,) [N] that does this work along `moved` (n,) [m]: the mean force of a step that
+    was made in parts. `force` itself if nothing moved.
     """
     if not (square := inner(moved, moved)) > 0.0:
         return force
@@ -123,11 +123,11 @@ class Step(NamedTuple):
     dissipated_J: float  #: |vhat|_B'^2 T, dissipated by the virtual coupling's damper; the exact D of PSPM
     coupling_force: Vector  #: tau [N]
     position: Vector  #: x_{k+1} [m]
-    penetration_m: float  #: depth of x_{k+1} in the wall where it is deepest, 0 outside
+    penetration_m: float  #: largest depth of x_{k+1} in a wall, 0 outside
 
 
 class Mass(Protocol):
-    """The mass at the virtual coupling, as the world's end of a law moves it; see `hapnet.plant.integrator`."""
+    """The mass at the virtual coupling, moved by the world's end of a law; see `hapnet.plant.integrator`."""
 
     @property
     def position(self) -> Vector: ...
@@ -135,15 +135,15 @@ class Mass(Protocol):
     def velocity(self) -> Vector: ...
     @property
     def kinetic_J(self) -> float:
-        """Its kinetic energy; 0 if that belongs to the environment."""
+        """Its kinetic energy; 0 if the environment counts that energy."""
 
     @property
     def waits(self) -> bool:
-        """Whether it begins where the device is first, which it then must know."""
+        """Whether it starts at the device's first position, and so waits for it."""
         return False
 
     def port_J(self, counted_J: float) -> float:
-        """Work put in at its port so far [J]: what the ledger has counted there, if it does not know better."""
+        """Work put in at its port so far [J]: the mass's own count, or by default the ledger's, `counted_J`."""
         return counted_J
 
     def set_contacts(self, contacts: Surroundings) -> None:
@@ -151,11 +151,11 @@ class Mass(Protocol):
         return
 
     def place(self, position: Vector) -> None:
-        """Start at rest there (n,) [m]. Raises InvalidParameter."""
+        """Start at rest at `position` (n,) [m]. Raises InvalidParameter."""
 
     def limit_energy(self, energy_J: float) -> None:
-        """Limit the next step's energy to the reservoir's [J]: a coupling whose force is held takes no more than that
-        and its spring's energy. One that is solved together with the step cannot take more.
+        """Limit the next step's energy to the reservoir's [J], for a coupling that holds its force: it may then use
+        this energy and its spring's. A coupling that is solved together with the step needs no limit.
         """
         return
 

@@ -1,4 +1,4 @@
-"""How a surface bends, and where its tangent plane lies as seen from a place nearby."""
+"""The curvatures of a surface, and its tangent plane at the point nearest to a given place."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from hapnet.records.record import AXES, FloatRows, Floats, Reals, Record, equati
 from hapnet.records.vectors import copy, length
 
 DEEPEST = 0.5
-"""Farther in than this share of a bend's radius, the surface is taken as flatter, so that it never folds."""
+"""At depths above this share of the radius of curvature, the surface is treated as flatter, so that it never folds."""
 
 
 class Curvature(NamedTuple):
-    """How a surface bends along one of its principal directions.
+    """The curvature of a surface along a principal direction.
 
-    direction : a unit vector (n,) in the tangent plane. per_m : 1/radius [1/m]; above 0 the solid bulges, as a ball
-    does, below 0 it is hollow.
+    direction : a unit vector (n,) in the tangent plane. per_m : 1/radius [1/m]; above 0 the solid is convex, like a
+    ball, below 0 it is concave.
     """
 
     direction: Vector
@@ -25,11 +25,11 @@ class Curvature(NamedTuple):
 
 
 Curvatures = tuple[Curvature, ...]
-"""At most two, across one another. None: the surface is flat, or nobody knows."""
+"""At most two, perpendicular to one another. Empty: the surface is flat, or its curvatures are unknown."""
 
 
 class Bends(Record):
-    """`Curvatures` as equations have them: the first `count` directions (n,), and the curvature along each [1/m]."""
+    """`Curvatures` for equations: the first `count` directions (n,), and the curvature along each [1/m]."""
 
     count: int
     directions: Annotated[FloatRows, (MOST_CURVATURES, AXES)]
@@ -42,18 +42,18 @@ class Bends(Record):
 
     @property
     def curvatures(self) -> Curvatures:
-        """As a plane has them."""
+        """The same `Curvatures`, for a `Plane`."""
         pairs = zip(self.directions[: self.count], self.per_m[: self.count], strict=True)
         return tuple([Curvature(tuple(direction), per_m) for direction, per_m in pairs])
 
 
 FLAT = Bends(())
-"""None. Nobody writes into it."""
+"""No curvatures. It is shared, so never write into it."""
 
 
 @equation
 def copy_bends(n: int, source: Bends, target: Bends) -> None:
-    """Copy them, in n axes."""
+    """Copy the curvatures `source` to `target`, for n axes."""
     target.count = source.count
     for k in range(source.count):
         copy(n, source.directions[k], target.directions[k])
@@ -61,25 +61,25 @@ def copy_bends(n: int, source: Bends, target: Bends) -> None:
 
 
 def tangent(normal: Vector, foot: Vector, curvatures: Curvatures, place: Vector) -> tuple[Vector, float]:
-    """The normal of the surface's point nearest to `place` (n,) [m], and how deep `place` is behind it there [m].
+    """The normal at the surface's point nearest to `place` (n,) [m], and the depth of `place` behind the surface [m].
 
-    The surface has the unit `normal` (into the solid) at `foot` (n,) [m] and bends as `curvatures` say, one after the
+    The surface has the unit `normal` (into the solid) at `foot` (n,) [m]. The curvatures are applied one after the
     other: with kappa along e, ``q = 1 - kappa t``, ``p = kappa u``, ``h = sqrt(q^2 + p^2)``
 
         t = n . (place - foot),   u = e . (place - foot),
         t' = (2 t - kappa (t^2 + u^2)) / (1 + h),   n' = (q n - p e)/h
 
-    which is the distance from a circle of radius 1/kappa, also for kappa = 0. Two of them make a torus: a ball if they
-    are equal, a cylinder if one is 0, and to second order any surface.
+    which is the distance from a circle of radius 1/kappa, also for kappa = 0. Two curvatures make a torus: a ball if
+    they are equal, a cylinder if one is 0, and to second order any surface.
     """
-    found = [0.0] * len(normal)
-    depth = see_tangent(len(normal), normal, foot, Bends(curvatures), place, found)
-    return tuple(found), depth
+    tangent_normal = [0.0] * len(normal)
+    depth = see_tangent(len(normal), normal, foot, Bends(curvatures), place, tangent_normal)
+    return tuple(tangent_normal), depth
 
 
 @equation
 def see_tangent(n: int, normal: Reals, foot: Reals, bends: Bends, place: Reals, found: Floats) -> float:
-    """`tangent`: how deep `place` is; the normal goes into `found`."""
+    """`tangent`: returns the depth of `place`; the normal goes into `found`."""
     depth = 0.0
     for i in range(n):
         found[i] = normal[i]
@@ -99,7 +99,7 @@ def see_tangent(n: int, normal: Reals, foot: Reals, bends: Bends, place: Reals, 
 
 
 def across(normal: Vector) -> tuple[Vector, ...]:
-    """Unit vectors across the unit vector `normal` (n,) and one another: n - 1 of them, for one to three axes."""
+    """The n - 1 unit vectors perpendicular to the unit vector `normal` (n,) and to one another, for n up to 3."""
     if len(normal) == 1:
         return ()
     if len(normal) == 2:
@@ -123,5 +123,5 @@ def across_in_space(normal: Vector) -> tuple[tuple[float, float, float], tuple[f
 
 
 def round_all_over(normal: Vector, radius: float) -> Curvatures:
-    """Those of a ball of this radius [m] where its unit normal is `normal` (n,)."""
+    """The curvatures of a ball of this radius [m] at the point with the unit normal `normal` (n,)."""
     return tuple([Curvature(direction, 1.0 / radius) for direction in across(normal)])

@@ -1,5 +1,5 @@
-"""The effects of a surface at the device's rate: a grain, sticking, viscosity, a snap. Numbers are forces on the
-proxy.
+"""The effects of a surface that are rendered at the device's rate: grain, sticking, viscosity, snap. Forces in them
+act on the proxy.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from hapnet.records.vectors import inner
 
 
 class Grain(NamedTuple):
-    """Heights along one direction, which repeat.
+    """Periodic heights of a surface along one direction.
 
     wave : (n,) periods per metre along each axis, as a wave vector. height_m : of the highest sample, up or down [m].
     shape : the heights of one period, evenly spaced; each a signed byte, in units of height_m/127.
@@ -38,7 +38,7 @@ class Grain(NamedTuple):
         height = max(map(abs, heights), default=0.0)
         grain = cls(wave, height, bytes([round(GRAIN_FULL * (one / (height or 1.0))) % 256 for one in heights]))
         if wrong := wrong_effects((0.0, 0.0, 0.0, 0.0, grain), len(along)):
-            raise InvalidParameter("grain", f"{len(heights)} heights over {length_m:g} m", f"what is felt ({wrong})")
+            raise InvalidParameter("grain", f"{len(heights)} heights over {length_m:g} m", f"a valid grain ({wrong})")
         return grain
 
     @classmethod
@@ -47,7 +47,7 @@ class Grain(NamedTuple):
         return cls.of([height_m * part for part in _SINE], wavelength_m, along)
 
     def at(self, place: Sequence[float]) -> float:
-        """The height at a place (n,) [m], straight between samples."""
+        """The height at a place (n,) [m], interpolated linearly between samples."""
         shape = self.shape
         phase: float = inner(self.wave, place) % 1.0 * len(shape)
         i = min(int(phase), len(shape) - 1)
@@ -56,12 +56,12 @@ class Grain(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """Effects of a surface that a device feels where it touches it, and before it.
+    """Effects of a surface that a device renders in contact with it, and just before.
 
-    viscosity : drag along the surface [Ns/m]. sticking : mu below which it sticks, if that is above the friction: then
-        it slips until friction holds it. snap_N, snap_m : the largest attraction [N], and from how far [m].
+    viscosity : drag along the surface [Ns/m]. sticking : mu of static friction, if it is above the friction; a sliding
+        proxy slides until friction holds it. snap_N, snap_m : the largest attraction [N], and its range [m].
 
-    A message has it as these five, in order.
+    A message contains these five fields in this order.
     """
 
     viscosity: float = 0.0
@@ -72,19 +72,19 @@ class Effects(NamedTuple):
 
     @classmethod
     def of(cls, values: Sequence[Any] | None) -> Effects | None:
-        """From what a message has."""
+        """The effects from a message's five fields."""
         if values is None:
             return None
         made = cls(*values)
         return made if made.grain is None else made._replace(grain=Grain(*made.grain))
 
     def cut(self, n: int) -> Effects:
-        """Of a solid that is cut by n axes, where the others are 0."""
+        """The effects in the section of a solid along its first n axes, where the other coordinates are 0."""
         grain = self.grain
         return self if grain is None else self._replace(grain=grain._replace(wave=grain.wave[:n]))
 
     def attraction(self, gap: float) -> float:
-        """Force on a proxy at this distance from the surface [N]: none at the surface and at `snap_m`, most between."""
+        """Force on a proxy at this distance from the surface [N]: 0 at the surface and at `snap_m`, largest midway."""
         if not 0.0 < gap < self.snap_m:
             return 0.0
         share = gap / self.snap_m

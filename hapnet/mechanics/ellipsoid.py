@@ -1,7 +1,7 @@
-"""Euclidean projection on an ellipsoid: the whole difficulty of PSPM's optimisation (8)-(9).
+"""Euclidean projection on an ellipsoid: the core of PSPM's optimisation (8)-(9).
 
-With R the energy at hand, (9) says that the modulated set-position lies in ``1/2 |ybar - x|_K^2 <= R``; (8) asks for
-the point of that ellipsoid nearest to y. In K's eigenbasis, with u the offset of y from the centre, the answer is
+With R the energy at hand, (9) requires that the modulated set-position is in ``1/2 |ybar - x|_K^2 <= R``; (8) is the
+nearest point of this ellipsoid to y. In K's eigenbasis, with u the offset of y from the centre, the answer is
 ``u_i / (1 + mu lambda_i)`` with the multiplier mu >= 0 solving one scalar (secular) equation. For K = kappa I it is a
 radial scaling.
 """
@@ -16,7 +16,7 @@ from hapnet.checks import Array, Vector
 from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 
 _MOST_ITERATIONS = 60  # Newton needs 3 to 8; the bound only makes the loop finite
-_INSIDE = 1.0 - 2.0**-50  # of the radius: what rounding adds then leaves the point inside at the first try
+_INSIDE = 1.0 - 2.0**-50  # factor of the radius: despite rounding, the point is then inside at the first try
 _VANISHING = 1e-280  # squared radius below which products underflow; the ball is a point
 
 
@@ -69,7 +69,7 @@ class Ellipsoid(Record):
     def project(self, e: Vector, radius: float) -> Vector:
         """The point with ``|p|_K <= radius`` nearest to `e` in the Euclidean norm.
 
-        The returned point obeys the bound in floating point, as `square` computes it, not only up to rounding.
+        The returned point meets the bound exactly in floating point, as computed by `square`, not only up to rounding.
         """
         p = list(e)
         project(self, p, radius)

@@ -1,4 +1,4 @@
-"""The resolution of encoders, whose counts are whole numbers."""
+"""The rounding of positions to whole encoder counts."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 
 def rounding(resolution: float, axes: int) -> float:
-    """How much longer than the true travel a measured one can be [m], each axis rounded to counts of `resolution` [m].
+    """The largest excess of a measured travel over the true travel [m]; each axis is rounded to counts [m].
 
-    Both ends of the travel are off by at most half a count an axis, so all axes together by a count times sqrt(axes).
+    Both ends of the travel are off by at most half a count per axis, so the travel by a count times sqrt(axes).
     """
     return resolution * math.sqrt(axes)

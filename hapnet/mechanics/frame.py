@@ -1,10 +1,10 @@
-"""Where a device's own axes are, as the coupling has them: moved, and scaled in motion and in force.
+"""The transformation between a device's own axes and the coupling's: an offset, and scales of motion and force.
 
     x = (x_d - o)/a,    F = b F_d                   x_d, F_d : the device's own;  x, F : the coupling's
 
-Work is scaled too: F . dx = (b/a) F_d . dx_d. Everything that a coupling, an account or a message holds is in the
-coupling's units, which are those of the leader where one robot follows another. So energy crosses a link without a
-factor, and Theorem 1 bounds the work of the leader's port plus b/a times the follower's.
+Work is scaled too: F . dx = (b/a) F_d . dx_d. All values in couplings, accounts and messages are in the coupling's
+units; if one robot follows another, these are the leader's units. So energy crosses a link without a factor, and
+Theorem 1 bounds the work at the leader's port plus b/a times the work at the follower's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapnet.records.vectors import inner
 
 @dataclass
 class Frame:
-    """motion : a, the device moves so many times as far. force : b, its force counts so many times. offset : o [m]."""
+    """motion : a, the device's motion per coupling's. force : b, the coupling's force per device's. offset : o [m]."""
 
     motion: float
     force: float
@@ -28,44 +28,44 @@ class Frame:
 
     @property
     def energy(self) -> float:
-        """b/a: joules of the coupling for each of the device."""
+        """b/a: joules of the coupling per joule of the device."""
         return self.force / self.motion
 
     @property
     def is_one(self) -> bool:
-        """Whether both are the same, in the same place."""
+        """True for the identity: no scale and no offset."""
         return self.motion == self.force == 1.0 and not any(self.offset)
 
     def own(self, x: Sequence[float]) -> Vector:
-        """The device's own position of x [m]."""
-        return tuple([self.motion * one + o for one, o in zip(x, self.offset, strict=True)])
+        """Convert the coupling's position x to the device's own [m]."""
+        return tuple([self.motion * part + o for part, o in zip(x, self.offset, strict=True)])
 
     def coupled(self, own: Sequence[float]) -> Vector:
-        """x of the device's own position [m]."""
-        return tuple([(one - o) / self.motion for one, o in zip(own, self.offset, strict=True)])
+        """Convert the device's own position to the coupling's x [m]."""
+        return tuple([(part - o) / self.motion for part, o in zip(own, self.offset, strict=True)])
 
     def meet(self, own: Sequence[float], x: Sequence[float]) -> None:
-        """Choose o so that `own` is x [m]."""
-        self.offset = tuple([one - self.motion * two for one, two in zip(own, x, strict=True)])
+        """Choose o so that the device's own position `own` is x [m]."""
+        self.offset = tuple([part - self.motion * coupled for part, coupled in zip(own, x, strict=True)])
 
     def reach(self, reach_m: float) -> float:
-        """How far away from the device may be what is `reach_m` [m] away for the coupling."""
+        """Convert the coupling's distance `reach_m` to the device's own [m]."""
         return self.motion * reach_m
 
     def velocity(self, own: Sequence[float]) -> Vector:
-        """The coupling's of the device's own [m/s]."""
-        return tuple([one / self.motion for one in own])
+        """Convert the device's own velocity to the coupling's [m/s]."""
+        return tuple([part / self.motion for part in own])
 
     def own_force(self, force: Vector) -> Vector:
-        """The device's own of the coupling's [N]."""
-        return force if self.force == 1.0 else tuple([one / self.force for one in force])
+        """Convert the coupling's force to the device's own [N]."""
+        return force if self.force == 1.0 else tuple([part / self.force for part in force])
 
     def coupled_force(self, own: Vector) -> Vector:
-        """The coupling's of the device's own [N]."""
-        return own if self.force == 1.0 else tuple([self.force * one for one in own])
+        """Convert the device's own force to the coupling's [N]."""
+        return own if self.force == 1.0 else tuple([self.force * part for part in own])
 
     def plane(self, plane: Plane) -> Plane:
-        """A plane near the device; effects of its surface stay behind if the units differ."""
+        """Convert a plane near the device to the coupling's units; its effects are dropped if the units differ."""
         a, stiff = self.motion, self.motion * self.force
         return plane._replace(
             offset_m=(plane.offset_m - inner(plane.normal, self.offset)) / a,

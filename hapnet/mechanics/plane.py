@@ -1,4 +1,4 @@
-"""A piece of an obstacle's surface: all that a spring needs to know of an obstacle nearby."""
+"""A local plane of an obstacle's surface: enough for a spring to render a nearby obstacle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hapnet.mechanics.effects import Effects, Grain
 from hapnet.records.vectors import added, inner
 
 FOLDED = 0.9
-"""Deeper in than this share of its radius, a curved surface is sent as flat: the nearest point would depend on
+"""At depths above this share of its radius, a curved surface is sent as flat: its nearest point would depend on
 rounding."""
 
 
@@ -25,9 +25,9 @@ class Plane(NamedTuple):
 
     stiffness, damping : of the solid, along the normal [N/m], [Ns/m].
     velocity_mps : of the plane along its normal [m/s]; 0: it stands still.
-    curvatures : how the surface bends that the plane touches. It touches at the point that is nearest to the place for
-        which the plane is sent. Empty: it is flat, or not known.
-    friction : Coulomb's mu at that point, 0 to 10. effects : of the surface at the device's rate; None: it has none.
+    curvatures : of the surface to which the plane is tangent, at the surface's point nearest to the place for which the
+        plane is sent. Empty: flat, or unknown.
+    friction : Coulomb's mu at that point, 0 to 10. effects : of the surface at the device's rate; None: no effects.
     """
 
     normal: Vector
@@ -49,7 +49,7 @@ class Plane(NamedTuple):
         damping: float = 0.0,
         velocity_mps: float = 0.0,
     ) -> Plane:
-        """The plane of a ball as seen from `position`: `centre` (n,), `radius` [m]; the others as above."""
+        """The tangent plane of a ball at its point nearest to `position`. centre : (n,) [m]. radius : [m]."""
         inwards = tuple(map(sub, centre, position))
         size = math.hypot(*inwards)
         normal = tuple([part / size for part in inwards]) if size else (1.0,) + (0.0,) * (len(inwards) - 1)
@@ -64,9 +64,9 @@ class Plane(NamedTuple):
         friction: Sequence[float] | None = None,
         effects: Sequence[Sequence[Any] | None] | None = None,
     ) -> tuple[Plane, ...] | None:
-        """Planes from what a message has: their first five fields, and for each curvatures, friction and effects.
+        """Planes from a message's fields: the first five fields of each plane, and its curvatures, friction, effects.
 
-        None: it has none of these.
+        None: the message has no planes.
         """
         if planes is None or (bends is None and friction is None and effects is None):
             return None if planes is None else tuple([cls(*plane) for plane in planes])
@@ -82,32 +82,32 @@ class Plane(NamedTuple):
         )
 
     def depth(self, position: Sequence[float]) -> float:
-        """How deep `position` (n,) is behind the flat plane [m]."""
+        """The depth of `position` (n,) behind the flat plane [m]."""
         along: float = inner(self.normal, position)
         return along - self.offset_m
 
     def unfolded(self, position: Sequence[float]) -> Plane:
-        """The plane without a curvature whose centre is nearer to `position` (n,) [m] than the surface, or nearly."""
+        """The plane without curvatures that have their centre about as near to `position` (n,) [m] as the surface."""
         if not self.curvatures:
             return self
         depth = self.depth(position)
-        kept = tuple([one for one in self.curvatures if one.per_m * depth < FOLDED])
+        kept = tuple([curvature for curvature in self.curvatures if curvature.per_m * depth < FOLDED])
         return self if kept == self.curvatures else self._replace(curvatures=kept)
 
 
 def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
-    """The first four of a user's planes, with plain floats.
+    """The first four of a user's planes, checked and converted to plain floats.
 
     Raises InvalidParameter: a normal is not a unit vector of `dof` components, or a number is out of its range.
     """
     few = tuple(islice(planes, MOST_PLANES))
     try:
         return _all_checked(few, dof)
-    except TypeError:  # a list cannot be looked up
+    except TypeError:  # a list is not hashable
         return _all_checked.__wrapped__(few, dof)
 
 
-@lru_cache  # they are sent at each step, and walls mostly stand still
+@lru_cache  # planes are sent at each step, and walls mostly stand still
 def _all_checked(planes: tuple[Plane, ...], dof: int) -> tuple[Plane, ...]:
     return tuple([_checked(Plane(*plane), dof) for plane in planes])
 
@@ -119,7 +119,7 @@ def _checked(plane: Plane, dof: int) -> Plane:
     offset, stiffness, damping, velocity = numbers = tuple(map(float, plane[1:5]))
     if not (all(map(math.isfinite, numbers)) and stiffness > 0.0 and damping >= 0.0):
         raise InvalidParameter(
-            "a plane's offset, stiffness, damping, velocity", numbers, "finite, stiffness above 0, damping not below"
+            "a plane's offset, stiffness, damping, velocity", numbers, "finite, stiffness above 0, damping 0 or above"
         )
     if not 0.0 <= (friction := float(plane.friction)) <= MOST_FRICTION:
         raise InvalidParameter("a plane's friction", plane.friction, f"0 to {MOST_FRICTION:g}")

@@ -8,12 +8,12 @@ The origin is the pose at home. A spring of the same stiffness K along all twelv
 
     phi = K/2 |c - cbar|^2 + K l^2/2 |R - Rbar|^2 = K/2 |c - cbar|^2 + 2 K l^2 (1 - cos angle)
 
-so it turns with ``2 K l^2`` Nm/rad, a damper B with ``2 B l^2`` Nms/rad. A force f along the coordinates is the force
-f_c at the point, and the torque ``sum l R e_j x f_j``. So a set-position of a pose is a set-position as any other:
-PSPM, its reservoir, all laws, filters and messages stay as they are. As all coordinates have the same stiffness, the
-nearest set-position that the energy allows lies on the straight line to the received one: the projection in the energy
-metric, with one share for position and orientation. A modulated set-position is no pose; it need not be one. No angle
-has a jump or a singularity: at 180 degrees the torque is 0, and it leads back on both sides.
+so its rotational stiffness is ``2 K l^2`` Nm/rad, and a damper B has ``2 B l^2`` Nms/rad. A force f along the
+coordinates is the force f_c at the point, and the torque ``sum l R e_j x f_j``. So a set-position of a pose is an
+ordinary set-position: PSPM, its reservoir, all laws, filters and messages are unchanged. As all coordinates have the
+same stiffness, the nearest set-position that the energy allows lies on the straight line to the received one: the
+projection in the energy metric, with one share for position and orientation. A modulated set-position need not be a
+pose. No angle has a jump or a singularity: at 180 degrees the torque is 0, and on either side it turns back.
 
 The arms' ends are the natural coordinates, or directors, of a rigid body (Betsch, Steinmann, Int. J. Numer. Meth. Engng
 51, 2001).
@@ -34,13 +34,13 @@ from hapnet.records.record import Floats, Reals, equation
 from hapnet.units import POSE_AXES
 
 AXES = POSE_AXES
-"""So many coordinates has a pose."""
+"""The number of coordinates of a pose."""
 
 DOF = 6
-"""So many degrees of freedom has a rigid body."""
+"""The degrees of freedom of a rigid body."""
 
 ARM_M = 0.04
-"""The length l of the arms: of a hand's size, so that a hand that follows a motion with K_h turns as it does."""
+"""The length l of the arms: a hand's size, so that a hand's stiffness K_h suits rotations as well."""
 
 OfPose = Annotated[Floats, (AXES,)]
 Of3 = Annotated[Floats, (3,)]
@@ -84,13 +84,13 @@ def rotation(x: ArrayLike, arm_m: float = ARM_M) -> Array:
 
 
 def nearest(x: ArrayLike, arm_m: float = ARM_M) -> Vector:
-    """The coordinates (12,) [m] of the pose nearest to x (12,) [m]: a modulated set-position is none."""
-    found: Vector = tuple(np.asarray(x, dtype=float)[:3].tolist())
-    return (*found, *(arm_m * (rotation(x, arm_m).T - np.eye(3))).ravel().tolist())
+    """The coordinates (12,) [m] of the pose nearest to x (12,) [m]; a modulated set-position is not a pose."""
+    position: Vector = tuple(np.asarray(x, dtype=float)[:3].tolist())
+    return (*position, *(arm_m * (rotation(x, arm_m).T - np.eye(3))).ravel().tolist())
 
 
 def pose(x: ArrayLike, arm_m: float = ARM_M) -> Pose:
-    """The pose at x (12,) [m], or the one whose orientation is nearest to it."""
+    """The pose at x (12,) [m], or the nearest pose if x is not a pose."""
     w, i, j, k = quaternions(rotation(x, arm_m)).tolist()
     return Pose(tuple(np.asarray(x, dtype=float)[:3].tolist()), (w, i, j, k))
 
@@ -128,19 +128,19 @@ def angles_between(one: ArrayLike, other: ArrayLike, arm_m: float = ARM_M) -> Ar
 
 
 def angle_between(one: ArrayLike, other: ArrayLike, arm_m: float = ARM_M) -> float:
-    """That of two poses (12,)."""
+    """The angle between the orientations of two poses (12,) [rad]."""
     return float(angles_between(one, other, arm_m))
 
 
 def arms(x: ArrayLike, arm_m: float = ARM_M) -> Array:
     """The arms P_j at x (..., 12) [m], a row each (..., 3, 3)."""
     ends = np.asarray(x, dtype=float)[..., 3:]
-    found: Array = arm_m * np.eye(3) + ends.reshape(*ends.shape[:-1], 3, 3)
-    return found
+    rods: Array = arm_m * np.eye(3) + ends.reshape(*ends.shape[:-1], 3, 3)
+    return rods
 
 
 def torques(x: ArrayLike, f: ArrayLike, arm_m: float = ARM_M) -> Array:
-    """The torques (..., 3) [Nm] of forces f (..., 12) [N] along the coordinates at x (..., 12) [m]: as `turning`."""
+    """The torques (..., 3) [Nm] of forces f (..., 12) [N] along the coordinates at x (..., 12) [m], as by `turning`."""
     rods = arms(x, arm_m)
     torque: Array = np.cross(rods, np.asarray(f, dtype=float)[..., 3:].reshape(rods.shape)).sum(axis=-2)
     return torque
@@ -154,7 +154,7 @@ def wrench(x: Sequence[float], f: Sequence[float], arm_m: float = ARM_M) -> tupl
 
 
 def along_coordinates(x: Sequence[float], force: Sequence[float], torque: Sequence[float], arm_m: float) -> Vector:
-    """The smallest force (12,) [N] along the coordinates at x (12,) that is this force [N] and torque [Nm]."""
+    """The smallest force (12,) [N] along the coordinates at x (12,) with this force [N] and torque [Nm]."""
     turned = np.cross(np.asarray(torque, dtype=float), arms(x, arm_m)) / (2.0 * arm_m * arm_m)
     return (*[float(part) for part in force], *turned.ravel().tolist())
 
@@ -172,7 +172,7 @@ def arm(x: Reals, arm_m: float, j: int) -> tuple[float, float, float]:
 
 @equation
 def in_world(x: Reals, arm_m: float, a: Reals) -> tuple[float, float, float]:
-    """R a: a vector in the body's axes (3,) as it lies in the world's, ``sum a_j P_j/l``."""
+    """R a: a vector (3,) given in the body's axes, converted to the world's, ``sum a_j P_j/l``."""
     p, q, r = 0.0, 0.0, 0.0
     for j in range(3):
         share = a[j] / arm_m
@@ -199,7 +199,7 @@ def turning(x: Reals, f: Reals, arm_m: float, out: Floats) -> None:
 
 
 def quaternion(rows: Sequence[Sequence[float]]) -> Vector:
-    """The unit quaternion w, x, y, z of a rotation matrix: the largest component first, so that nothing cancels."""
+    """The unit quaternion w, x, y, z of a rotation matrix, from its largest component, so that no digits cancel."""
     (a, b, c), (d, e, f), (g, h, i) = rows
     squares = (1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i)
     table = (

@@ -1,17 +1,17 @@
-"""The frame of a device that turns: moved and turned, scaled in motion and in force; no angle is scaled.
+"""The frame of a device with orientation: offset and rotated, scaled in motion and in force; angles are not scaled.
 
-A rotation Q mixes the pose's arms P_j (`hapnet.mechanics.pose`): the device's are ``P_d,j = a sum_i Q_ij P_i``, so its
-orientation is R_d = R Q. A turn about an axis of the world is the same turn about the same axis of the device, however
-differently both were held when they met. The map of the coordinates is linear, and orthogonal but for the factor a.
+A rotation Q mixes the pose's arms P_j (`hapnet.mechanics.pose`): the device's arms are ``P_d,j = a sum_i Q_ij P_i``, so
+its orientation is R_d = R Q. A turn about an axis of the world is the same turn about the same axis of the device,
+however both were held when they were paired. The map of the coordinates is linear, and orthogonal up to the factor a.
 
-Its motion is scaled by a, and no angle is, so of two devices with arms of the same length l the arms are not scaled:
+Motion is scaled by a, but angles are not. So if both devices have arms of the same length l, the arms are not scaled:
 
     x_d = S Q x + o,   F = (b/a) Q' S F_d,   S = diag(a, a, a, 1, ... 1)
 
 Work has the factor b/a along all coordinates, so the point's force has the factor b, and torque b/a; a stiffness K_d
-of the device is ``a b K_d`` at the point and ``b/a K_d`` in turning. That is the frame of one factor a, if the coupling
-has arms of the length l/a: then all that a servo limits by a length (force, step, speed, reserve) keeps its meaning. So
-that is how the coupling has it at the device, and `Arms` stands between these coordinates and those of the link.
+of the device is ``a b K_d`` at the point and ``b/a K_d`` in rotation. With arms of the length l/a in the coupling, a is
+a factor of all coordinates, and a servo's limits (force, step, speed, reserve) keep their meaning. So the coupling at
+the device uses arms of the length l/a, and `Arms` converts between these coordinates and those of the link.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from hapnet.mechanics.pose import ARM_M, AXES, rotation
 
 
 class Arms(NamedTuple):
-    """A pose with arms `times` as long. So are the coordinates of their ends, and forces there so many times smaller:
-    work, torque, and all angles are the same."""
+    """Conversion to arms that are `times` as long: the coordinates of their ends are multiplied by `times`, and forces
+    there divided by it. Work, torque, and all angles stay the same."""
 
     times: float
 
@@ -40,19 +40,19 @@ class Arms(NamedTuple):
         return Arms(1.0 / self.times)
 
     def place(self, x: Vector) -> Vector:
-        """A pose's coordinates (12,) [m], or their rates."""
-        return (*x[:3], *[self.times * one for one in x[3:]])
+        """Convert a pose's coordinates (12,) [m], or their rates."""
+        return (*x[:3], *[self.times * part for part in x[3:]])
 
     def force(self, f: Vector) -> Vector:
-        """A force (12,) [N] along the coordinates."""
-        return (*f[:3], *[one / self.times for one in f[3:]])
+        """Convert a force (12,) [N] along the coordinates."""
+        return (*f[:3], *[part / self.times for part in f[3:]])
 
     def plane(self, plane: Plane) -> Plane:
-        """A flat plane; its normal is of unit length in these coordinates too, so its numbers are others."""
+        """Convert a flat plane; its normal is scaled to unit length again, and its other numbers accordingly."""
         normal = self.force(plane.normal)
         size = math.hypot(*normal)
         return Plane(
-            tuple([one / size for one in normal]),
+            tuple([part / size for part in normal]),
             plane.offset_m / size,
             plane.stiffness * size * size,
             plane.damping * size * size,
@@ -62,7 +62,7 @@ class Arms(NamedTuple):
 
 
 class PoseFrame(Frame):
-    """As `Frame` in the twelve coordinates of a pose, with the rotation Q.
+    """A `Frame` in the twelve coordinates of a pose, with the rotation Q.
 
     motion, force : a, b. arm_m : the length of the device's arms; the coupling's are l/a [m].
     """
@@ -70,7 +70,7 @@ class PoseFrame(Frame):
     def __init__(self, motion: float, force: float, arm_m: float = ARM_M) -> None:
         super().__init__(motion, force, (0.0,) * AXES)
         self._arm_m = arm_m
-        self._turn: Array | None = None  # Q; None: the identity, in which numbers keep their bits
+        self._turn: Array | None = None  # Q; None: the identity, which leaves every bit unchanged
 
     @property
     def is_one(self) -> bool:
@@ -83,7 +83,7 @@ class PoseFrame(Frame):
         return self._turned(super().coupled(own), back=True)
 
     def meet(self, own: Sequence[float], x: Sequence[float]) -> None:
-        """Choose o and Q so that `own` is x [m], as far as x is a pose."""
+        """Choose o and Q so that the device's own pose `own` is x [m]; x is a pose, or is treated as the nearest."""
         super().meet(own, x)
         Q = rotation(x, self._arm_m / self.motion).T @ rotation(own, self._arm_m)
         self._turn = None if np.abs(Q - np.eye(3)).max() < 1e-12 else Q
@@ -91,7 +91,7 @@ class PoseFrame(Frame):
         self.offset = (*self.offset[:3], *arms.ravel().tolist())
 
     def reach(self, reach_m: float) -> float:
-        """No angle is scaled: a turn brings the device as near as it brings its leader."""
+        """Convert a distance [m] for translation or rotation, whichever is larger: angles are not scaled."""
         return max(1.0, self.motion) * reach_m
 
     def velocity(self, own: Sequence[float]) -> Vector:
@@ -104,12 +104,12 @@ class PoseFrame(Frame):
         return self._turned(super().coupled_force(own), back=True)
 
     def plane(self, plane: Plane) -> Plane:
-        """Its normal turns with the coordinates, once its distance is that of the device's own."""
-        found = super().plane(plane)
-        return found if self._turn is None else found._replace(normal=self._turned(found.normal, back=True))
+        """Convert a plane as `Frame` does, and rotate its normal."""
+        scaled = super().plane(plane)
+        return scaled if self._turn is None else scaled._replace(normal=self._turned(scaled.normal, back=True))
 
     def _turned(self, x: Sequence[float], *, back: bool = False) -> Vector:
-        """Return the values of the arms, mixed by Q, or by its inverse."""
+        """Return the coordinates with the arms mixed by Q, or by its inverse."""
         if self._turn is None:
             return tuple(x)
         arms = np.asarray(x[3:]).reshape(3, 3)  # a row is an arm

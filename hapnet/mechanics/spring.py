@@ -1,7 +1,7 @@
-"""The coupling spring, saturated through its potential.
+"""The coupling spring, which saturates through its potential.
 
-An actuator at its limit is not the linear spring of (2). So the limit is put into the potential itself (footnote 1 of
-the paper allows nonlinear springs): with ``s = |e|_K``, ``e = x - ybar``,
+With an actuator that saturates, the spring is not the linear spring of (2). So the potential itself contains the limit
+(footnote 1 of the paper allows nonlinear springs): with ``s = |e|_K``, ``e = x - ybar``,
 
     h(s) = s^2 / 2             up to s0 = F_max / sqrt(lambda_max(K))
     h(s) = s0 s - s0^2 / 2     beyond,            force  -h'(s)/s  K e,  never longer than F_max
@@ -36,7 +36,7 @@ class Spring(Record):
 
     Attributes
     ----------
-    rows : K. ellipsoid : its norm. knee : s0. u : room for an offset, while a function of this module runs.
+    rows : K. ellipsoid : K's norm. knee : s0. u : temporary memory for an offset, used by functions of this module.
 
     Raises InvalidParameter: K is not symmetric positive definite, or has another dimension.
     """
@@ -65,13 +65,13 @@ class Spring(Record):
         return between(self, ybar, x)
 
     def force(self, ybar: Vector, x: Vector) -> Vector:
-        """The force on the device at x of the spring that ties it to ybar [N]."""
+        """The force [N] on the device at x, from the spring that ties it to ybar."""
         out = [0.0] * self.dof
         force(self, x, ybar, out)
         return tuple(out)
 
     def saturation(self, e: Vector) -> float:
-        """The share of the linear spring's force ``-K e`` that it gives at the offset e [m]: 1 up to the limit."""
+        """The spring's force at the offset e [m] as a share of the linear spring's, ``-K e``: 1 up to the limit."""
         return saturation(self, e)
 
     def nearest(self, e: Vector, energy: float) -> Vector:
@@ -81,7 +81,7 @@ class Spring(Record):
         return tuple(p)
 
     def curvature_bound(self) -> float:
-        """Sum of |K_ij| [N/m]: bounds how far phi can be off for an offset wrong by half a count an axis."""
+        """Sum of |K_ij| [N/m]: it bounds the error of phi if the offset is wrong by half a count per axis."""
         return float(np.abs(self.K).sum())
 
 
@@ -127,7 +127,7 @@ def force(spring: Spring, x: Reals, ybar: Reals, out: Floats) -> None:
 
 @equation
 def saturation(spring: Spring, e: Reals) -> float:
-    """The share of the linear spring's force that it gives at the offset e [m]."""
+    """The spring's force at the offset e [m] as a share of the linear spring's."""
     s2 = square(spring.ellipsoid, e)
     return 1.0 if s2 <= spring.knee_square else spring.knee / math.sqrt(s2)
 
@@ -149,13 +149,13 @@ def nearest(spring: Spring, e: Floats, energy: float) -> None:
 
 
 def shared_spring(stiffness: ArrayLike, dof: int, force_limit: float | None = None) -> Spring:
-    """The `Spring` of these values, factored once for all who ask for it. Raises InvalidParameter."""
+    """The `Spring` of these values; equal values are factored only once. Raises InvalidParameter."""
     try:
         K = np.asarray(stiffness, dtype=np.float64)
         known = _made(K.tobytes(), K.shape, dof, force_limit)
     except (InvalidParameter, TypeError, ValueError):
-        return Spring(stiffness, dof, force_limit)  # which says what is wrong with the values as they were given
-    spring, ellipsoid = copy(known), copy(known.ellipsoid)  # with room of its own: other threads use theirs
+        return Spring(stiffness, dof, force_limit)  # raises with the original values in the message
+    spring, ellipsoid = copy(known), copy(known.ellipsoid)  # with temporary memory of its own, for its thread
     spring.u, spring.ellipsoid = [0.0] * dof, ellipsoid
     ellipsoid.u, ellipsoid.p = [0.0] * dof, [0.0] * dof
     return spring

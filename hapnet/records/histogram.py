@@ -13,11 +13,11 @@ from typing import Annotated
 from hapnet.records.record import Record, Wholes, equation
 
 BINS = 1216
-"""Up to 2^42."""
+"""The number of bins, which cover values up to 2^42."""
 
 
 class Histogram(Record):
-    """Counts of non-negative integers in a fixed number of bins, 32 to an octave: a quantile is at most 1/32 too high.
+    """Counts of non-negative integers in a fixed number of bins, 32 per octave: a quantile is at most 1/32 too high.
 
     Values below 64 have a bin each. Values of 2^42 and above (73 minutes in ns) share the last bin; `max` stays exact.
     """
@@ -45,7 +45,7 @@ class Histogram(Record):
         self.tallies[index if index < BINS else BINS - 1] += 1
 
     def add_steps(self, value: int, step: int, count: int) -> None:
-        """Count `value`, ``value - step``, ...: `count` values, none negative, as fast for millions as for hundreds."""
+        """Count `count` values, ``value, value - step, ...``, none negative: millions take no longer than hundreds."""
         lowest = value - (count - 1) * step
         self.max = max(self.max, value)
         index, counted = _index(lowest), 0
@@ -55,7 +55,7 @@ class Histogram(Record):
             index, counted = index + 1, upto
 
     def since(self, earlier: Histogram) -> Histogram:
-        """The values counted since `earlier`, a `copy` of this histogram; `max` is that of all values."""
+        """The values counted since `earlier`, a `copy` of this histogram; `max` covers all values."""
         return Histogram(list(map(sub, self.counts, earlier.counts)), self.max)
 
     def copy(self) -> Histogram:
@@ -68,25 +68,25 @@ class Histogram(Record):
         return list(self.tallies)
 
     def bins(self) -> tuple[tuple[int, int], ...]:
-        """(highest value, count) of every bin that is not empty, ascending."""
+        """(highest value, count) of every non-empty bin, in ascending order."""
         counts = self.counts
         last = len(counts) - 1
         return tuple((self.max if i == last else min(_highest(i), self.max), n) for i, n in enumerate(counts) if n)
 
     @property
     def total(self) -> int:
-        """How many values were counted."""
+        """The number of values counted."""
         return sum(self.tallies)
 
     def quantile(self, q: float) -> int | None:
-        """Smallest bin edge that at least a share `q` of the values does not exceed (None if there is no value)."""
+        """The smallest bin edge that at least a share `q` of the values does not exceed; None: no values."""
         place = self._place(q)
         return None if place is None else self._edge(place[0])
 
     def interpolated(self, q: float, minimum: int) -> int | None:
-        """As `quantile`, but on average not too high: as if the values of a bin were spread evenly.
+        """As `quantile`, but unbiased: it assumes that the values of a bin are spread evenly.
 
-        minimum : no value is below it.
+        minimum : a lower bound of all values.
         """
         if (place := self._place(q)) is None:
             return None
@@ -96,7 +96,7 @@ class Histogram(Record):
         return low + round((high - low) * share)
 
     def _place(self, q: float) -> tuple[int, float] | None:
-        """The bin that has the quantile, and the share of its values up to it."""
+        """The bin that contains the quantile, and the share of the bin's values up to the quantile."""
         seen = list(accumulate(self.counts))
         if seen[-1] == 0:
             return None
@@ -110,16 +110,16 @@ class Histogram(Record):
 
 
 def _index(value: int) -> int:
-    """The bin of a value that is not negative; beyond the last one for values of 2^42 and above."""
+    """The bin of a non-negative value; from 2^42 on an index beyond the last bin."""
     shift = max(0, value.bit_length() - 6)
     return (shift << 5) + (value >> shift)
 
 
 def _highest(index: int) -> int:
-    """Highest value that falls in the bin."""
+    """The highest value in the bin."""
     shift = max(0, (index >> 5) - 1)
     return ((index - (shift << 5) + 1) << shift) - 1
 
 
 add = Histogram.add
-"""As equations call it."""
+"""`Histogram.add` for equations."""

@@ -13,29 +13,29 @@ from typing import Any, Protocol
 
 
 class NotCompiledError(Exception):
-    """The run does something that only plain Python can do, such as leaving the range that messages can carry."""
+    """The run needs plain Python, for example because a value leaves the range that messages can carry."""
 
 
 class WholeRun(Protocol):
-    """A run that compiled code goes on with."""
+    """A run that compiled code continues."""
 
     def run_until(self, until_ns: int) -> None:
-        """Run all events before `until_ns`. Raises NotCompiledError: only plain Python can run it on."""
+        """Run all events before `until_ns`. Raises NotCompiledError: only plain Python can continue the run."""
 
     def write_back(self) -> None:
-        """Give the simulation's own objects the state at the end."""
+        """Copy the state at the end into the simulation's own objects."""
 
 
 def directory() -> Path:
-    """Where the machine code is kept: with the user's other caches, never beside the package. Made if it can be."""
-    found = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapnet"
+    """The folder of the machine code, in the user's cache and never beside the package. It is made if possible."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapnet"
     with suppress(OSError):
-        found.mkdir(parents=True, exist_ok=True)
-    return found
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def no_compiler() -> str | None:
-    """Why nothing can be compiled here; None: it can."""
+    """The reason why code cannot be compiled here; None: it can."""
     if find_spec("numba") is None:
         return "numba is not installed (extra fast)"
     return "NUMBA_DISABLE_JIT is set" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else None
@@ -43,10 +43,10 @@ def no_compiler() -> str | None:
 
 @contextmanager
 def kept() -> Iterator[None]:
-    """Keep the code that numba compiles meanwhile in `directory()`, or not at all: else it would write beside the
+    """Within this context numba caches machine code in `directory()`, or nowhere: by default it writes beside the
     package.
 
-    What the environment asks of numba goes before that.
+    Numba's own environment variables take precedence.
     """
     config: Any = import_module("numba.core.config")
     folder, locators = config.CACHE_DIR, getattr(config, "CACHE_LOCATOR_CLASSES", "")
@@ -60,13 +60,13 @@ def kept() -> Iterator[None]:
 
 @cache
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function`, compiled when it is first called; itself where nothing can be compiled. It calls no other ones."""
+    """`function`, compiled at its first call; unchanged if it cannot be compiled. It calls no other functions."""
     if no_compiler() is not None:
         return function
     numba: Any = import_module("numba")
     try:
         with kept():
-            made: Callable[..., Any] = numba.njit(cache=True, error_model="numpy")(function)
-    except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
-        made = numba.njit(error_model="numpy")(function)
-    return made
+            machine_code: Callable[..., Any] = numba.njit(cache=True, error_model="numpy")(function)
+    except (OSError, RuntimeError):  # no writable folder: compiled for this process only
+        machine_code = numba.njit(error_model="numpy")(function)
+    return machine_code

@@ -1,15 +1,15 @@
 """Records: the state that equations work on, in fields of fixed types.
 
 A record is a class with typed fields: `float`, `int`, an array of a fixed shape, another record, or an array of
-records. Plain Python has it as an object whose vectors are lists. Compiled code has it as a numpy structure
-(`hapnet.ext.compiled.memory`), so that a whole scenario is one pointer. A class may have attributes besides: only
-what its body declares is a field.
+records. In plain Python it is an object with lists as vectors. In compiled code it is a numpy structure
+(`hapnet.ext.compiled.memory`), so that a whole scenario is one pointer. A class may have further attributes: only
+those declared in its body are fields.
 
-That was measured: with lists and loops over indices a case takes plain Python as long as with tuples and `map`, with
-numpy's arrays eight times as long. Tuples of arrays made compiling six times as long.
+Measured: in plain Python, lists with loops over indices are as fast as tuples with `map`, and eight times as fast as
+numpy arrays. With tuples of arrays compiling took six times as long.
 
 `equation` marks the functions that plain Python runs and numba compiles, both from one source. Such a function takes
-numbers, records and their vectors, and writes its results into records; it calls only functions that are marked too.
+numbers, records and their vectors, and writes its results into records; it calls only other marked functions.
 Nothing is compiled here, and numba is not imported: `hapnet.ext.compiled.twins` makes a compiled twin of each when a
 compiled run begins.
 """
@@ -25,17 +25,17 @@ import numpy as np
 F = TypeVar("F", bound=Callable[..., Any])
 
 EQUATIONS: dict[Any, Callable[..., Any] | None] = {}
-"""All of them, each with what is compiled in its place; None: itself."""
+"""All equations, each with the function that is compiled in its place; None: the equation itself."""
 
 
 def equation(function: F) -> F:
-    """Mark `function`."""
+    """Mark `function` as an equation."""
     EQUATIONS[function] = None
     return function
 
 
 def compiled_as(twin: Callable[..., Any]) -> Callable[[F], F]:
-    """Mark a function in whose place `twin` is compiled, since Python has something faster that gives the same."""
+    """Mark an equation for which `twin` is compiled: in Python a faster function gives the same result."""
 
     def mark(function: F) -> F:
         EQUATIONS[function] = twin
@@ -49,10 +49,10 @@ class AxisCount(int):
 
 
 AXES = AxisCount(3)
-"""Compiled memory has room for so many, unless more are asked for (`room_for`). Python's vectors have any length."""
+"""The default number of axes in compiled memory (see `room_for`). Python's vectors have any length."""
 
 PLANES = 4
-"""The most planes that a world sends of one place."""
+"""The most planes that a world sends for one place."""
 
 Floats = MutableSequence[float]
 Wholes = MutableSequence[int]
@@ -67,10 +67,10 @@ OfPlanes = Annotated[Floats, (PLANES,)]
 VectorsOfPlanes = Annotated[FloatRows, (PLANES, AXES)]
 
 NEVER = 2**63 - 1
-"""A time that never comes [ns]."""
+"""A time after every event [ns]."""
 
 _SHORT = 16
-"""Longer arrays are numpy's in plain Python too: tables, of which few elements are used at a time."""
+"""Longer arrays are numpy arrays in plain Python too: they are tables, with few elements in use at a time."""
 
 
 R = TypeVar("R", bound="Record")
@@ -88,19 +88,19 @@ class Record:
 
 
 def room_for(axes: int) -> int:
-    """For how many axes memory and machine code are made where so many are asked for: 3, or whole dozens."""
+    """The number of axes for which memory and machine code are made, at least `axes`: 3, or whole dozens."""
     return int(AXES) if axes <= AXES else -(-axes // 12) * 12
 
 
 def zero(kind: type[R]) -> R:
-    """A record of this kind, all zero, whatever its class does when it is called."""
+    """A record of this kind with all fields zero; its constructor is not called."""
     record = kind.__new__(kind)
     Record.__init__(record)
     return record
 
 
 def holding(kind: type[R], **parts: type[Record]) -> type[R]:
-    """The class `kind` with these classes of records in its fields: for a layout, where `kind` takes any."""
+    """A subclass of `kind` with these classes of records as fields: for a memory layout, if `kind` accepts any."""
     name = "Of".join([kind.__name__, *[part.__name__ for part in parts.values()]])
     return type(name, (kind,), {"__annotations__": parts})
 
@@ -114,9 +114,9 @@ def fields(kind: type[Record]) -> dict[str, Any]:
 
 
 def element(type_: Any, axes: int = AXES) -> tuple[type, tuple[int, ...]]:
-    """The type of the elements of an array, and its shape; of anything else itself, and no shape.
+    """The element type and the shape of an array's type; any other type itself, with an empty shape.
 
-    axes : stands in shapes in place of `AXES`.
+    axes : replaces `AXES` in shapes.
     """
     if isinstance(type_, type):
         return type_, ()
@@ -133,7 +133,7 @@ def _makers(kind: type[Record]) -> tuple[tuple[str, Callable[[], Any]], ...]:
 
 
 def _maker(of: type, shape: tuple[int, ...]) -> Callable[[], Any]:
-    """Return the function that makes a field's first value."""
+    """Return the function that makes a field's initial value."""
     if not shape:
         return partial(zero, of) if issubclass(of, Record) else of
     if issubclass(of, Record):

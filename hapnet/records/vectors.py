@@ -1,7 +1,7 @@
 """Sums and distances of short vectors; n is the number of axes.
 
-Equations add up their terms with these, never with Python's own `sum`: from Python 3.12 on that one corrects its
-rounding, and a recording would have other bits there.
+Equations add their terms with these functions, never with Python's `sum`: since Python 3.12 `sum` compensates its
+rounding, so results would depend on Python's version.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def dot(n: int, one: Reals, other: Reals) -> float:
 
 
 def inner(one: Iterable[float], other: Iterable[float]) -> float:
-    """The scalar product of two vectors, as far as the shorter one goes."""
+    """The scalar product of two vectors, up to the length of the shorter vector."""
     total = 0.0
     for a, b in zip(one, other):  # noqa: B905  (as fast as can be)
         total += a * b
@@ -69,7 +69,7 @@ def distance(n: int, one: Reals, other: Reals) -> float:
 
 @equation
 def _add_square(total: float, rest: float, x: float) -> tuple[float, float]:
-    """A sum of squares in two floats (Dekker, Numerische Mathematik 18, 1971), and one square more."""
+    """Add the square of x to a sum in two floats, total + rest (Dekker, Numerische Mathematik 18, 1971)."""
     square, error = _square(x)
     after = total + square
     back = after - total
@@ -78,9 +78,9 @@ def _add_square(total: float, rest: float, x: float) -> tuple[float, float]:
 
 @equation
 def _root(total: float, rest: float) -> float:
-    """The root of such a sum, correct but for a very rare ulp, as Python's norms are.
+    """The square root of total + rest, with an error of one ulp in very rare cases, as in Python's own norms.
 
-    A Newton step with its exact residual follows the root.
+    A Newton step with the exact residual follows `math.sqrt`.
     """
     if total == 0.0:
         return 0.0
@@ -91,7 +91,7 @@ def _root(total: float, rest: float) -> float:
 
 @equation
 def _square(x: float) -> tuple[float, float]:
-    """The square of x, and what its rounding left out."""
+    """The square of x, and its rounding error."""
     square = x * x
     part = 134217729.0 * x
     high = part - (part - x)
@@ -108,7 +108,7 @@ def copy(n: int, source: Reals, target: Floats) -> None:
 
 @equation
 def times(n: int, rows: FloatRows, vector: Reals, out: Floats) -> None:
-    """A matrix times a vector; `out` is another vector."""
+    """A matrix times a vector, into `out`, which must not be `vector` itself."""
     for i in range(n):
         total = 0.0
         for j in range(n):

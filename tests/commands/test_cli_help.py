@@ -132,7 +132,7 @@ def test_the_pages_example_is_a_command_once_its_package_is_installed(tmp_path: 
         return done.stderr if code else done.stdout
 
     listed = hapnet("--help")
-    assert listed.index("Thousands of cases") < listed.index("greet ") < listed.index("Greets.")
+    assert listed.index("thousands of cases") < listed.index("greet ") < listed.index("Greets.")
     assert "Run both processes" in listed  # a package cannot replace hapnet's own
     assert "Run both processes" in hapnet("run", "--help")
     assert "Somebody's name." in hapnet("greet", "--help")

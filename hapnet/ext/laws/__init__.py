@@ -1,1 +1,1 @@
-"""The couplings that hapnet has beside PSPM: a file for each."""
+"""hapnet's couplings other than PSPM, one file each."""

@@ -1,7 +1,7 @@
 """Digital waves: replay over packets with jitter and loss (P. Berestesky, N. Chopra, M. W. Spong, 2004).
 
-The discrete line is passive if the sum of u_out^2 never exceeds the sum of u_in^2. So it needs no jitter buffer: waves
-are played as soon as they arrive, over a time that is fixed at that moment. Its parameters, terminations and remedy
+The discrete line is passive if the sum of u_out^2 never exceeds the sum of u_in^2. So it needs no jitter buffer: a wave
+is played as soon as it arrives, over a time that is fixed at that moment. Parameters, terminations and the remedy
 against drift are those of the wave variables (wave.py).
 """
 
@@ -22,16 +22,16 @@ from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
 from hapnet.wire import messages
 
 LOUDEST = 2.0
-"""Largest 1/n: a burst carries energy too, but the hand should not get it all at once."""
+"""Largest 1/n: it limits the energy that the hand receives at once from a burst."""
 
 
 class Replay(Record):
-    """The waves that have arrived and were not played yet, merged into one wave over one time span.
+    """The waves that have arrived but were not played yet, merged into a single wave over a single time span.
 
-    Waves that arrive are spread, with what is left to play, over the next N seconds: S seconds of waves with mean u go
-    out as ``u/sqrt(n)``, ``n = N/S``. That is no more energy than they had (Cauchy-Schwarz). The energy is fixed when
-    they are received; later some may be lost, but none is added. While waves arrive as fast as they are played, n tends
-    to 1. After a late or lost wave n > 1, and the missing energy is lost for good.
+    New waves and the rest of the old ones are spread over the next N seconds: S seconds of waves with mean u are output
+    as ``u/sqrt(n)``, ``n = N/S``. This is no more energy than they had (Cauchy-Schwarz). The energy is fixed when they
+    are received; later some may be lost, but none is added. While waves arrive as fast as they are played, n tends to
+    1. After a late or lost wave n > 1, and the missing energy is lost for good.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ class Replay(Record):
 
     Attributes
     ----------
-    arrived, arrived_s : integral of the waves that have arrived since the last slot, and their time span [s]. playing,
-        left_s : what is played, and for how long still [s].
+    arrived, arrived_s : integral of the waves that have arrived since the last slot, and their time span [s].
+    playing, left_s : the wave that is played, and its remaining time [s].
     """
 
     n: int
@@ -69,14 +69,14 @@ class Replay(Record):
 
     @equation
     def put(self, value: Reals, span: float) -> None:
-        """A wave arrived."""
+        """Add a wave that arrived."""
         self.arrived_s += span
         for i in range(self.n):
             self.arrived[i] += value[i] * span
 
     @equation
     def draw(self, dt: float, out: Floats) -> None:
-        """`take`, into `out`."""
+        """Compute `take` into `out`."""
         left = self.left_s
         if self.arrived_s > 0.0:
             content = self.arrived_s + left
@@ -103,7 +103,7 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    """As that of the wave variables. Waves that arrive are spread over the maximum time between two arrivals."""
+    """Tune as the wave variables. Waves that arrive are spread over the maximum time between two arrivals."""
     line = wave.tune(params, link)
     spread, recovery_s = params.world.step_max_s + wave.jitter_s(link), params.of(WaveParams).recovery_s
     return Tuning(line.impedance_Ns_m, line.stiffness_N_m, line.damping_Ns_m, line.smoothing_s, spread, recovery_s)

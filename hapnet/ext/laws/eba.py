@@ -1,7 +1,7 @@
-"""Energy bounding (Kim, Ryu 2004): the force is clipped to what the device's own damping can dissipate.
+"""Energy bounding (Kim, Ryu 2004): the force is limited to the energy that the device's own damping can dissipate.
 
-This is its least conservative form. If the device damps by at least b, the energy that the hand has put in by the end
-of a tick of length T is at least
+This is its least conservative form. If the device's damping is at least b, the energy that the hand has put in by the
+end of a tick of length T is at least
 
     E_n = E_{n-1} + b dx^2 / T - F_{n-1} dx        dx = x_n - x_{n-1},  F: the force on the device under zero-order hold
 
@@ -10,27 +10,27 @@ tick, E_{n+1} >= E_n - F_n^2 T / 4b, the minimum of b dx^2 / T - F_n dx over dx.
 
     |F_n| <= sqrt(4 E_n b / T)
 
-This also holds within the tick, where T is smaller. It assumes nothing about the network or the hand, but b must really
-be there.
+This also holds within the tick, where T is smaller. It assumes nothing about the network or the hand, but the device
+must really have the damping b.
 
-Where no force was rendered for `eba.reset_s`, E begins anew at zero, axis by axis: energy put in long ago would
-otherwise pay for a force now. Its authors' form for several axes does so after one tick without any force; but a
-coupling's spring, unlike a wall, is never without, so what people hardly notice (0.05 N) counts as none.
+If an axis has no force for `eba.reset_s`, its E restarts at zero: otherwise energy put in long ago would pay for a
+force now. The authors' form for several axes does so after a tick without any force; but a coupling's spring, unlike a
+wall, always has some force, so a force that people hardly notice (0.05 N) counts as none.
 
-From zero on a push at the speed v earns 2 b v more force each tick (derived here: F_n^2 = (F_{n-1} + 2 b v)^2). So a
-spring is rendered whole up to K = 2 b / T, the bound of Colgate and Schenkel (1997), and a stiffer one as that.
+Starting from zero, a push at the speed v allows 2 b v more force each tick (derived here: F_n^2 = (F_{n-1} + 2 b v)^2).
+So a spring up to K = 2 b / T, the bound of Colgate and Schenkel (1997), is rendered fully, a stiffer spring as this K.
 
-Ticks of unequal length (derived here): in E_n, T is the time that has passed, or an upper bound of it. In the clip, T
+Ticks of unequal length (derived here): in E_n, T is the time that has passed, or an upper bound of it. In the limit, T
 is the time to come, the servo's period. A tick that is late, after T', may leave E_n below zero, by at most
-F^2 (T' - T) / 4b. The force is then zero until the device's damping has made up for it, so this never adds up.
+F^2 (T' - T) / 4b. The force is then zero until the device's damping has made up for it, so this never accumulates.
 
 Encoders with resolution r (derived here): the true position lies within r/2 of the count x. So the true |dx| is at
-least max(0, |counted dx| - r), and only that is harvested; otherwise chatter of one count would be harvested without
+least max(0, |counted dx| - r), and only this is harvested; otherwise chatter of one count would be harvested without
 end. Summed by parts, the work sum F dx is known from counts to within r/2 times (|F| now plus all changes of F so far),
 and this is subtracted from E_n.
 
-The bound holds for any force that is asked for (Kim, Ryu 2004). So the world may predict the device, as with popc: see
-there, and `eba.predict_s`.
+The bound holds for any requested force (Kim, Ryu 2004). So the world may predict the device, as explained in popc.py,
+within `eba.predict_s`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from hapnet.records.record import Floats, OfAxes, Reals, equation
 
 
 class EnergyBounding(VirtualCoupling):
-    """A held virtual coupling whose force is bounded, axis by axis.
+    """A held virtual coupling with a force that is bounded, axis by axis.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class EnergyBounding(VirtualCoupling):
 
     @property
     def energy(self) -> Vector:
-        """E, a lower bound of the energy that the hand put in on each axis and has not got back [J]."""
+        """E, a lower bound of the energy that the hand put in on each axis, less the energy it got back [J]."""
         return tuple(self.energies)
 
     @equation
@@ -103,7 +103,7 @@ class EnergyBounding(VirtualCoupling):
             out[i] = _bounded(self, out[i], self.energies[i], held[i])
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """Count the work of the force held so long. The spring is tied to x until a sample arrives."""
+        """Count the work of the force held until now. The spring is tied to x until a sample arrives."""
         _account(self, dt, x, held)
         self.untie(x)
 
@@ -136,7 +136,7 @@ class EbaParams:
 
     damping: float = parameter(
         0.0,
-        "lower bound of the device's own damping [Ns/m]; 0: device.own_damping, of a real one device.trusted_damping",
+        "lower bound of the device's own damping [Ns/m]; 0: device.own_damping (real device: device.trusted_damping)",
         NOT_NEGATIVE,
     )
     predict_s: float = parameter(0.06, PREDICT_S, NOT_NEGATIVE)
@@ -154,7 +154,7 @@ def tune(params: Params, link: Delays) -> Tuning:
     own = params.of(EbaParams)
     damping = own.damping or known_damping(params)
     if damping == 0.0:
-        allowed = "above 0 with the coupling eba, which may render no force without damping (or set eba.damping)"
+        allowed = "above 0 with the coupling eba, which renders no force without damping (or set eba.damping)"
         name = "own_damping" if is_simulated(params.hardware) else "trusted_damping"
         raise InvalidParameter(f"device.{name}", 0.0, allowed)
     return Tuning(damping, predicts(params, link, own.predict_s))

@@ -4,26 +4,26 @@ Each side uses its own motion and the other side's motion at the time it was sen
 
     tau = -K_v (v - v_peer) - (K_d + P_e) v - K_p (x - x_peer)         passive if K_d >= K_p R / 2
 
-Why (the law is the paper's, the reasoning is derived here): beside the stored energy K_p/2 (x_1 - x_2)^2, each side may
-inject the power K_p v times the other side's displacement since its sample was sent. If no sample is older than D_1 and
-D_2, this adds up to at most K_p (D_1 + D_2)/2 times each side's integral of v^2, and K_d dissipates that much. So for
-the spring the delay may vary below its bound; for K_v it must be constant. After a lost sample the last one is older
-than the bound, and nothing is claimed then.
+Proof (the law is the paper's, this argument is derived here): beside the stored energy K_p/2 (x_1 - x_2)^2, each side
+may inject the power K_p v times the other side's displacement since its sample was sent. If no sample is older than D_1
+and D_2, this adds up to at most K_p (D_1 + D_2)/2 times each side's integral of v^2, and K_d dissipates that much. So
+for the spring the delay may vary below its bound; for K_v it must be constant. After a lost sample the last sample is
+older than the bound, and nothing is claimed.
 
-R also counts the time that samples are held. The device sends a sample every few ticks. The world sends one each step
-of length T, and uses one sample for a whole step. Its velocity over a step is one number, so the two together cost it T
-in the mean. They cost the device T as well, while its motion is slow compared with a step (2 T at worst).
+R includes the time that samples are held. The device sends a sample every few ticks. The world sends a sample each step
+of length T, and uses a single sample for a whole step. Its velocity over a step is a single number, so both together
+cost it T on average. They cost the device T as well, if its motion is slow compared with a step (2 T at worst).
 
 The world's end is implicit in the step's mean velocity, and exactly passive while x_peer is held. The device's force is
 held. To be passive for any motion the device needs more own damping than K_p T/2 + K_d + P_e + K_v, with T the servo's
 period (Colgate, Schenkel 1997). With less it is passive for motions that are slow compared with a tick.
 
-Ends that start apart start with the spring's energy K_p/2 (x_1 - x_2)^2.
+If the ends start at different positions, the spring starts with the energy K_p/2 (x_1 - x_2)^2.
 
-No predictor stands before it. The proof (Lee, Spong 2006) needs the other side's real position of a bounded time ago:
-K_d pays for how far that side may have moved since. A prediction h seconds ahead adds the power K_p v h v_peer to what
-must be paid, up to K_p h/2 more on each side's velocity. As the device renders no more damping, the rule would have to
-lower the stiffness (derived here).
+No predictor precedes this law. The proof (Lee, Spong 2006) needs the other side's real position of a bounded time ago:
+K_d pays for that side's motion since then. A prediction over h seconds adds the power K_p v h v_peer, for which K_d
+must grow by up to K_p h/2. As the device cannot render more damping, the rule would have to lower the stiffness
+(derived here).
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Gains(NamedTuple):
     """The gains, the same at both ends."""
 
     stiffness: float  #: K_p [N/m]
-    damping: float  #: K_d [Ns/m], which makes up for the delay
+    damping: float  #: K_d [Ns/m], which compensates the delay
     coordination: float = 0.0  #: K_v [Ns/m]
     extra: float = 0.0  #: P_e [Ns/m]
 
@@ -86,8 +86,8 @@ class _Gained(End):
 
     Attributes
     ----------
-    stiffness, coordination, own : K_p [N/m], K_v, and the sum of all gains on a side's own velocity [Ns/m]. velocity :
-    the other side's [m/s]; its position is `y`.
+    stiffness, coordination, own : K_p [N/m], K_v, and the sum of all gains on a side's own velocity [Ns/m].
+    velocity : of the other side [m/s]; its position is `y`.
     """
 
     stiffness: float
@@ -104,12 +104,12 @@ class _Gained(End):
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """The other side's motion arrived."""
+        """Take in the other side's motion."""
         copy(self.n, value, self.y)
         copy(self.n, more, self.velocity)
 
     def on_peer_changed(self) -> None:
-        """A new peer: until its first sample it is assumed to rest where the old one was."""
+        """Start again: until its first sample, a new peer is assumed to rest at the old peer's last position."""
         self.velocity[:] = [0.0] * len(self.velocity)
 
 
@@ -124,12 +124,12 @@ class DevicePD(_Gained, DeviceEnd):
 
     @equation
     def say(self, x: Reals, v: Reals) -> None:
-        """The device's motion."""
+        """Write the device's motion into `outgoing`."""
         copy(self.n, x, self.outgoing.value)
         copy(self.n, v, self.outgoing.more)
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """The spring is tied to x until a sample arrives."""
+        """Tie the spring to x until a sample arrives."""
         self.y[:], self.velocity[:] = x, [0.0] * self.n
 
 
@@ -137,7 +137,7 @@ class WorldPD(_Gained, WorldEnd):
     """The world's end.
 
     x, vhat : the mass's position [m], and its mean velocity over the last step [m/s]: v may alternate about the mean.
-    at, speed : the other side's motion that the running step uses.
+    at, speed : the other side's position [m] and velocity [m/s] in the running step.
     """
 
     x: OfAxes
@@ -152,26 +152,26 @@ class WorldPD(_Gained, WorldEnd):
 
     @equation
     def begin(self) -> None:
-        """The step uses the newest motion that has arrived by its start."""
+        """Begin a step with the newest motion that has arrived."""
         copy(self.n, self.y, self.at)
         copy(self.n, self.velocity, self.speed)
 
     @equation
     def drag(self, dt: float) -> float:
-        """Drag K_v + K_d + P_e + K_p T/2 [Ns/m], push K_v v_peer - K_p (x - x_peer) [N]."""
+        """Compute the drag K_v + K_d + P_e + K_p T/2 [Ns/m], and the push K_v v_peer - K_p (x - x_peer) [N]."""
         for i in range(self.n):
             self.push[i] = self.coordination * self.speed[i] - self.stiffness * (self.x[i] - self.at[i])
         return self.own + 0.5 * self.stiffness * dt
 
     @equation
     def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
-        """The mass has made its step."""
+        """Complete the step."""
         copy(self.n, x, self.x)
         copy(self.n, vhat, self.vhat)
 
     @equation
     def say(self) -> None:
-        """The mass's motion."""
+        """Write the mass's motion into `outgoing`."""
         copy(self.n, self.x, self.outgoing.value)
         copy(self.n, self.vhat, self.outgoing.more)
 
@@ -181,7 +181,9 @@ class PdParams:
     """PD over a constant delay (Lee, Spong 2006)."""
 
     stiffness: float = parameter(0.0, "K_p [N/m]; 0: device.stiffness. K_d by the rule limits it", NOT_NEGATIVE)
-    damping: float = parameter(0.0, "K_d, which dissipates what the delay generates [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    damping: float = parameter(
+        0.0, "K_d, which dissipates the energy from the delay [Ns/m]; 0: by a rule", NOT_NEGATIVE
+    )
     coordination: float = parameter(0.0, "K_v, on the difference of the velocities [Ns/m]", NOT_NEGATIVE)
     extra_damping: float = parameter(0.0, "P_e, on each side's own velocity [Ns/m]", NOT_NEGATIVE)
 
@@ -199,7 +201,7 @@ class Tuning:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    """Choose K_p so that the device can render the K_d that the rule demands. A K_d given by the user keeps K_p."""
+    """Choose K_p so that the device can render the K_d that the rule requires. With a K_d set by the user, keep K_p."""
     device, own = params.device, params.of(PdParams)
     K = own.stiffness or scalar_stiffness(params)
     held_back = 2.0 * MAX_S if params.wire.deadband else 0.0
@@ -222,9 +224,9 @@ def warn(params: Params, tuning: Tuning) -> tuple[str, ...]:
 
 
 def covers(params: Params, tuning: Tuning, virtual: bool) -> bool:
-    """True with one known delay in each direction, gains by the rule, and own damping that covers the hold's leak.
+    """True with known constant delays, gains by the rule, and own damping that covers the hold's leak.
 
-    Not with the stages: the proof needs the other side's real position.
+    False with the stages: the proof needs the other side's real position.
     """
     link = params.link
     profiles = [LinkProfile.named(words) for words in (link.up, link.down)]
@@ -244,12 +246,12 @@ def _world(start: CouplingStart[Tuning]) -> WorldPD:
 
 
 def _at_rest(set_position: Vector) -> MotionSample:
-    """Return the motion that the law takes for the other side's, where the stages choose: K_v then is damping."""
+    """Return the other side's motion for the law, from a set-position of the stages: K_v then acts as damping."""
     return MotionSample(set_position, (0.0,) * len(set_position))
 
 
 def _springs(start: CouplingStart[Tuning]) -> Params:
-    """K_p and the drag are at both ends."""
+    """Parameters with K_p and the drag as springs and dampers of both sides."""
     K_p, drag = start.tuning.stiffness_N_m, start.tuning.gains.drag
     return start.params.set({f"{side}.{name}": value for side in ("device", "world")
                              for name, value in (("stiffness", K_p), ("damping", drag))})  # fmt: skip

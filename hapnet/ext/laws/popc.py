@@ -1,14 +1,14 @@
 """Passivity observer and controller at one port, the device's (Hannaford, Ryu, IEEE T-RA 18(1), 2002).
 
-The observer sums the energy put in at the actuator's port, axis by axis. Where the sum is negative, the controller
+The observer sums the energy put in at the actuator's port, axis by axis. If the sum is negative, the controller
 dissipates the difference:
 
     W_n = W_{n-1} - F_{n-1} (x_n - x_{n-1})        F: the force on the device, the controller's included
     alpha_n = -W_n / (T v_n^2)   if W_n < 0,       F_n = f_n - alpha_n v_n
 
 The paper's observer takes f_n v_n T as the energy of a tick. Under zero-order hold the force does the work F_{n-1} dx,
-which is known exactly one tick later; it includes what the hold leaks and what the controller really dissipated. So W
-is exact, and energy that could not be dissipated stays in W until it is.
+which is known exactly a tick later; it includes the energy that the hold leaks and that the controller really
+dissipated. So W is exact, and energy that could not be dissipated stays in W until it is.
 
 A damper dissipates only while the device moves, and a held damper only up to a limit: alpha is at most `damping_cap`,
 and zero below `velocity_floor`. Let L_n >= 0 be the part of -W_n that these limits left. If the device continues at
@@ -16,16 +16,16 @@ v_n, the next tick has
 
     W_{n+1} = -L_n - f_n v_n T                     (derived here; L_n = -W_n where alpha_n = 0 and W_n < 0)
 
-So the port never outputs more than what the limits left plus one tick of the coupling's own force.
+So the port never outputs more than L_n plus a tick's work of the coupling's own force.
 
-A surplus is forgotten where no force was rendered for `popc.reset_s`, axis by axis: energy put in long ago would
-otherwise come out again undamped. The paper resets its observer so, in free space (Hannaford, Ryu 2002; their patent
+If an axis has no force for `popc.reset_s`, its surplus is dropped: otherwise energy put in long ago would come out
+again undamped. The paper resets its observer in this way, in free space (Hannaford, Ryu 2002; their patent
 WO 02/23286: "when it has been too positive for too long"). The two numbers are ours: people hardly notice 0.05 N.
 
-The observer and the controller stand at the device's port, after whatever makes the force (Hannaford, Ryu 2002: "any"
-virtual environment). So the world may predict the device there: the claim is for the hand's port alone. It does where
-age and lag together are within `popc.predict_s`, by default no longer than the positions that are fitted. Longer
-predictions made both ports together far from passive, as measured.
+The observer and the controller act at the device's port, after any source of the force (Hannaford, Ryu 2002: "any"
+virtual environment). So the world may predict the device: the claim is for the hand's port alone. It predicts if age
+and lag together are within `popc.predict_s`, by default no longer than the time span of the fitted positions. In
+measurements, longer predictions made both ports together far from passive.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class PassivityController(VirtualCoupling):
                 out[i] = out[i] - _alpha(self, self.energies[i], v[i], dt) * v[i]
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """The observer continues. The spring is tied to x until a sample arrives."""
+        """Continue to observe. The spring is tied to x until a sample arrives."""
         _observe(self, dt, x, held)
         self.untie(x)
 
@@ -114,7 +114,7 @@ def _observe(law: PassivityController, dt: float, x: Reals, held: Reals) -> None
 def _alpha(law: PassivityController, W: float, v: float, dt: float) -> float:
     if W >= 0.0 or abs(v) < law.floor:
         return 0.0
-    unit = v * v * dt  # what 1 Ns/m dissipates by the next tick [J]
+    unit = v * v * dt  # energy that 1 Ns/m dissipates by the next tick [J]
     return law.cap if law.cap * unit <= -W else -W / unit
 
 

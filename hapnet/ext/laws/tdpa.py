@@ -1,6 +1,6 @@
 """Two-port time-domain passivity (J.-H. Ryu, J. Artigas, C. Preusche, Mechatronics 20, 2010), with a slow world.
 
-The published law drifts with every contact, so the default adds drift compensation, as later work on this law does. A
+The published law drifts with every contact, so the default adds drift compensation, as in later work on this law. A
 recovery of 0 turns it off.
 
 The device sends its position. The world sends the force of a spring and damper between the virtual mass and a
@@ -10,28 +10,30 @@ port sums P by its sign, and each side sends its E_in with its samples:
 
     P > 0: E_in += T P,    else E_out -= T P
 
-Energy that comes out at one port must have gone in at the other. Otherwise the port's controller damps or yields:
+Energy that comes out at a port must have gone in at the other. Otherwise the port's controller damps or yields:
 
     device: E_out^d <= E_in^w,    f <- f + alpha v,        alpha = (E_out^d - E_in^w) / (T v^2)
     world:  E_out^w <= E_in^d,    v_y <- v_y - beta f_c,   beta = (E_out^w - E_in^d) / (T f_c^2)
 
 E_in only grows, so the largest value that arrived is a safe bound, whatever the link loses or reorders. The energy that
-the controllers really dissipated is subtracted from E_out; what floors and caps kept them from dissipating stays as a
-debt. P is the power of all axes together, with one alpha and one beta, so the account is the same in any coordinates.
+the controllers really dissipated is subtracted from E_out; energy that floors and caps kept them from dissipating stays
+as a debt. P is the power of all axes together, with a common alpha and beta, so the account is the same in any
+coordinates.
 
 Derived here, for steps of any length: within a step beta acts at once. With a = B + K T/2, and y - x at its start,
 
     f_c = s f_1,    f_1 = a (v_y - vhat) + K (y - x),    s = 1/(1 + a beta)
 
 This is a damper 1/beta in series with the coupling, passive for any T. It dissipates s (1 - s) f_1^2 T/a, the most at
-s = 1/2: a larger beta dissipates no more, so this is its cap. Floors and caps must not let a debt grow: the device's f
-and the world's v_y fade as it grows, and are zero at its limit D. So no port ever owes more than D plus one tick's work
+s = 1/2: a larger beta dissipates no more, so s >= 1/2. Floors and caps must not let a debt grow: the device's f and the
+world's v_y fade as the debt grows, and are zero at its limit D. So no port ever owes more than D plus a tick's work
 under zero-order hold, and the energy put in at both ports together never falls below minus the sum of the two debts.
 
-The controllers stand last at both ports and count what really comes out. So the world may command any displacement
-(Ryu, Artigas, Preusche 2010): with `tdpa.predict` one that leads to where the device will be, delay included. The
-energy of that motion arrives a delay later, so the controller yields more in contact: it becomes freer, and softer. By
-default the law only continues the newest position by its own estimate of the velocity.
+The controllers are the last stage at both ports, and count the energy that really comes out. So the world may command
+any displacement (Ryu, Artigas, Preusche 2010): with `tdpa.predict`, a displacement to the predicted position of the
+device, delay included. The energy of that motion arrives a delay later, so the controller yields more in contact: free
+motion becomes freer, and contact softer. By default the law only extrapolates the newest position by its own estimate
+of the velocity.
 """
 
 from __future__ import annotations
@@ -64,7 +66,7 @@ class TdpaParams:
     stiffness: float = parameter(
         0.0, "stiffness of the virtual coupling at the world [N/m]; 0: device.stiffness", NOT_NEGATIVE
     )
-    damping: float = parameter(0.0, "damping of that coupling [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    damping: float = parameter(0.0, "damping of this coupling [Ns/m]; 0: by a rule", NOT_NEGATIVE)
     velocity_floor: float = parameter(
         0.002, "the device's controller cannot damp below this speed [m/s]", Range(0.0, at_most=1.0)
     )
@@ -81,9 +83,9 @@ class TdpaParams:
 
 
 class TdpaDevice(DeviceEnd):
-    """The device's end: it renders the world's reaction, plus the damping that the account demands.
+    """The device's end: it renders the world's reaction, plus the damping that the account requires.
 
-    Its set-position is x - f/K: a spring K tied there would make the world's reaction. The world sends no position.
+    Its set-position is x - f/K: a spring K tied there would have the world's reaction. The world sends no position.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ class TdpaDevice(DeviceEnd):
 
     Attributes
     ----------
-    x : at the last tick [m]. reaction : the world's [N]. damper : the controller's part of the force [N].
+    x : position at the last tick [m]. reaction : of the world [N]. damper : the controller's part of the force [N].
     """
 
     observer: PassivityObserver
@@ -117,21 +119,21 @@ class TdpaDevice(DeviceEnd):
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """The world's force and E_in arrived."""
+        """Take in the world's force and E_in."""
         for i in range(self.n):
             self.reaction[i] = -value[i]
         grant(self.observer, amount)
         _tie(self)
 
     def on_peer_changed(self) -> None:
-        """A new peer's force and E_in are not known yet."""
+        """Start again: a new peer's force and E_in are unknown."""
         self.observer.on_peer_changed()
         self.reaction[:] = [0.0] * self.n
         _tie(self)
 
     @equation
     def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
-        """-(f + alpha v)."""
+        """Compute the force -(f + alpha v)."""
         _settle(self, x, held)
         debt = self.observer.debt
         if debt <= 0.0:
@@ -150,18 +152,18 @@ class TdpaDevice(DeviceEnd):
 
     @equation
     def say(self, x: Reals, v: Reals) -> None:
-        """The position, and E_in."""
+        """Write the position and E_in into `outgoing`."""
         copy(self.n, x, self.outgoing.value)
         self.outgoing.amount = self.observer.put_in
 
     def release(self, dt: float, x: Vector, held: Vector) -> None:
-        """Observe the force held so long."""
+        """Observe the force held until now."""
         _settle(self, x, held)
 
 
 @equation
 def _settle(law: TdpaDevice, x: Reals, held: Reals) -> None:
-    """Observe the force held since the last tick, exactly: its whole work, and the damper's share separately."""
+    """Observe the force held since the last tick exactly: its whole work, and separately the damper's part."""
     n = law.n
     for i in range(n):
         law.path[i] = x[i] - law.x[i]
@@ -180,10 +182,10 @@ def _tie(law: TdpaDevice) -> None:
 
 
 def tune(params: Params, link: Delays) -> Tuning:
-    """Choose the damping that damps the heaviest axis of the virtual mass critically, as far as the device renders it.
+    """Choose critical damping for the heaviest axis of the virtual mass, at most the damping that a device renders.
 
-    alpha is at most what the device renders, and at most m/T, which stops the device within a tick: a stronger held
-    damper would reverse it. The link's delays do not matter.
+    alpha is limited in the same way, and to m/T, which stops the device within a tick: a stronger held damper would
+    reverse its velocity. The link's delays do not matter.
     """
     chosen, device = params.of(TdpaParams), params.device
     K = chosen.stiffness or scalar_stiffness(params)

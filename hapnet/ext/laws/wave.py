@@ -2,14 +2,14 @@
 
 Waves wait in a queue. Each is used once, for its own time span, whatever the periods of the two sides. So the energy
 output never exceeds the energy that has arrived. With irregular periods the queue grows to the longest of them and is
-then an exact delay, a jitter buffer. What the queue then drops, to be shorter again, may come out later (`Recovery`).
-The line's two terminations are in hapnet/ext/laws/parts/wave_port.py.
+then an exact delay, a jitter buffer. Displacement that the queue later drops, to become shorter again, may come out
+later (`Recovery`). The line's two terminations are in hapnet/ext/laws/parts/wave_port.py.
 
 Its known weakness is drift over links that lose messages. The remedy is the authors' own: wave integrals
 (hapnet/ext/laws/parts/wave_integral.py), unless `wave.recovery_s` is 0.
 
-No predictor stands before the line. It is passive because no more comes out of it than has gone in: a wave that is
-predicted has not gone in. A predictor needs a model of the far end, and a regulator that takes its energy away again
+No predictor precedes the line. The line is passive because its output never exceeds its input, and a predicted wave is
+not input. A predictor needs a model of the far end, and a regulator that removes its energy again
 (S. Munir, W. J. Book, "Internet-Based Teleoperation Using Wave Variables with Prediction", T-Mech 7(2), 2002).
 """
 
@@ -43,11 +43,11 @@ from hapnet.records.vectors import copy
 from hapnet.wire import messages
 
 WINDOW_S = 2.0
-"""A queue that was longer than needed for this time is shortened [s]."""
+"""A queue that is longer than needed for this time is shortened [s]."""
 SLACK_S = 0.005
-"""A queue this short is never shortened [s]."""
+"""The shortest queue that is shortened [s]."""
 MOST = 1024
-"""Largest number of waiting waves."""
+"""The largest number of waiting waves."""
 _RING = MOST + 1
 
 
@@ -58,15 +58,14 @@ class DelayLine(Record):
     ----------
     dof : components of a wave.
     maximum : the longest wait [s]; when the queue grows beyond it, the oldest waves are dropped.
-    hold : a missing wave is replaced by the last one, which is not passive; if false, by zero, which is passive.
-    recovery : time constant with which displacement that the queue has lost comes out after all [s]; 0: never.
+    hold : a missing wave is replaced by the last wave, which is not passive; if false, by zero, which is passive.
+    recovery : time constant with which displacement that the queue has lost is output later [s]; 0: never.
 
     Attributes
     ----------
-    values, spans : a ring of the waves that wait, `count` from `first` on; waiting : their total time span [s]. last :
-        the wave that was played last. pace : how fast they are played in this window; minimum : the shortest queue in
-        it,
-        which was `watched` for so long [s]. total, squares : integrals of what was played last.
+    values, spans : a ring of the waiting waves, `count` from `first` on; waiting : their total time span [s].
+    last : the wave that was played last. pace : speed of playing in this window; minimum : the shortest queue in the
+        window [s]; watched : time since the window began [s]. total, squares : integrals of the waves played last.
     """
 
     n: int
@@ -106,8 +105,8 @@ class DelayLine(Record):
         """The mean wave over the next `dt` seconds.
 
         A queue that was too long for a whole window is played faster during the next window, at most twice as fast.
-        Waves of S seconds played in dt < S go out as their mean times sqrt(S/dt): no more energy than they had, by the
-        Cauchy-Schwarz inequality.
+        Waves of S seconds played in dt < S are output as their mean times sqrt(S/dt): no more energy than they had, by
+        the Cauchy-Schwarz inequality.
         """
         out = [0.0] * self.n
         self.draw(dt, out)
@@ -115,7 +114,7 @@ class DelayLine(Record):
 
     @equation
     def put(self, value: Reals, span: float) -> None:
-        """A wave arrived."""
+        """Add a wave that arrived."""
         at = (self.first + self.count) % _RING
         copy(self.n, value, self.values[at])
         self.spans[at] = span
@@ -128,7 +127,7 @@ class DelayLine(Record):
 
     @equation
     def draw(self, dt: float, out: Floats) -> None:
-        """`take`, into `out`."""
+        """Compute `take` into `out`."""
         took = _next(self, dt * self.pace)
         if took < dt and self.holds:
             for i in range(self.n):
@@ -142,14 +141,14 @@ class DelayLine(Record):
 
 @equation
 def _drop(line: DelayLine) -> None:
-    """The oldest wave has gone."""
+    """Remove the oldest wave."""
     line.first = (line.first + 1) % _RING
     line.count -= 1
 
 
 @equation
 def _next(line: DelayLine, wanted: float) -> float:
-    """Integrals of the oldest waves and of their squares over at most `wanted` seconds; returns the time they cover."""
+    """Integrate the oldest waves and their squares over at most `wanted` seconds; returns the time that they cover."""
     n, total, squares, took = line.n, line.total, line.squares, 0.0
     for i in range(n):
         total[i] = squares[i] = 0.0
@@ -182,7 +181,7 @@ def _watch(line: DelayLine, dt: float) -> None:
 
 
 _MAX_JITTER_S = 0.25
-"""Waves that wait longer do more harm than dropped ones, as measured on a recorded LTE link [s]."""
+"""Waves that wait longer do more harm than dropped waves, as measured on a recorded LTE link [s]."""
 
 
 @dataclass(frozen=True)
@@ -192,12 +191,12 @@ class WaveParams:
     impedance: float = parameter(0.0, "wave impedance b [Ns/m]; 0: by a rule", NOT_NEGATIVE)
     stiffness: float = parameter(0.0, "stiffness of the virtual coupling at the world [N/m]; 0: by a rule",
                                  NOT_NEGATIVE)  # fmt: skip
-    damping: float = parameter(0.0, "damping of that coupling [Ns/m]; 0: by a rule", NOT_NEGATIVE)
+    damping: float = parameter(0.0, "damping of this coupling [Ns/m]; 0: by a rule", NOT_NEGATIVE)
     smoothing_s: float = parameter(0.005, "time constant of the filter of the device's incoming waves [s]; 0: none",
                                    NOT_NEGATIVE)  # fmt: skip
     recovery_s: float = parameter(0.1, "time constant for making up lost displacement by wave integrals, as far as "
                                   "there is energy [s]; 0: never", NOT_NEGATIVE)  # fmt: skip
-    missing: str = parameter("zero", "replaces a wave that has not come; hold (the last wave) is not passive",
+    missing: str = parameter("zero", "the replacement of a missing wave; hold (the last wave) is not passive",
                              ("zero", "hold"))  # fmt: skip
 
 
@@ -229,15 +228,15 @@ class PortTuning(Protocol):
 T = TypeVar("T", bound=PortTuning)
 
 _STIFFEST = 10.0
-"""The virtual coupling is no stiffer than so many times device.stiffness."""
+"""The largest stiffness of the virtual coupling, as a multiple of device.stiffness."""
 
 
 def tune(params: Params, link: Delays) -> LineTuning:
     """Choose the largest wave impedance b that a device can render.
 
     In free motion a line of delay d acts as an inertia b d, in contact as a spring b/d (Niemeyer, Slotine 2004). A
-    virtual world's slow steps make d so long that this spring is too soft. So the virtual coupling is made as stiff as
-    needed for both in series to give device.stiffness; if the line alone is softer, it gets ten times that stiffness.
+    virtual world's slow steps make d so long that this spring is soft. So the virtual coupling is as stiff as needed
+    for both in series to have device.stiffness; if the line alone is softer, the coupling has ten times that stiffness.
     Its damper is b, so that a wall does not reflect high frequencies.
     """
     wave, K = params.of(WaveParams), scalar_stiffness(params)
@@ -255,14 +254,14 @@ def tune(params: Params, link: Delays) -> LineTuning:
 
 
 def springs(params: Params, tuning: PortTuning) -> tuple[Matrix] | None:
-    """Line and virtual coupling in series give device.stiffness, if the rule could make them do so."""
+    """The stiffness of line and virtual coupling in series: device.stiffness, if the rule could achieve it."""
     K = scalar_stiffness(params)
     by_rule = params.of(WaveParams).stiffness == 0.0 and tuning.stiffness_N_m < _STIFFEST * K * (1.0 - 1e-9)
     return (K,) if by_rule else None
 
 
 def jitter_s(link: Delays) -> float:
-    """Bound of the jitter [s]: how much later than the fastest message another arrives; rarely exceeded."""
+    """Bound of the jitter [s]: the delay of a message beyond that of the fastest message; rarely exceeded."""
     return min(link.round_trip_bound_s - 2.0 * link.one_way_s, _MAX_JITTER_S)
 
 
@@ -274,7 +273,7 @@ def _line(start: CouplingStart[LineTuning]) -> WaveReceiver:
 def ends(
     line: Callable[[CouplingStart[T]], WaveReceiver],
 ) -> tuple[Callable[[CouplingStart[T]], DeviceCoupling], Callable[[CouplingStart[T]], WorldCoupling]]:
-    """The device's and the world's end of a law over such a line, which makes up for lost waves if its tuning says."""
+    """The device's and the world's end of a law over this line, which makes up for lost waves if tuned to."""
 
     def whole(start: CouplingStart[T]) -> WaveReceiver:
         return IntegralLine(line(start), believes=start.tuning.recovery_s != 0.0)
@@ -291,7 +290,7 @@ def ends(
 
 
 def compiled(line: type[Record]) -> tuple[type[DeviceEnd], type[WorldEnd]]:
-    """`CouplingSpec.compiled` of a law over such a line."""
+    """`CouplingSpec.compiled` of a law over this kind of line."""
     whole = holding(IntegralLine, line=line)
     return holding(WaveDevice, line=holding(WaveFilter, line=whole)), holding(WaveWorld, line=whole)
 
@@ -302,7 +301,7 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
     "wave.damping": Between(0.5, 20.0, log=True),
     "wave.smoothing_s": Between(0.001, 0.05, log=True),
 }
-"""`CouplingSpec.searched` of what all lines have."""
+"""`CouplingSpec.searched` for the parameters that all lines have."""
 
 _DEVICE, _WORLD = ends(_line)
 

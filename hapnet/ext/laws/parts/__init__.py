@@ -1,1 +1,1 @@
-"""Parts that several of these laws are made of."""
+"""Parts that several laws share."""

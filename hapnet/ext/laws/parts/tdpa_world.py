@@ -1,4 +1,4 @@
-"""The world's end of the coupling tdpa, and the observer that both its ends have; tdpa.py says what they do."""
+"""The world's end of the coupling tdpa, and the observer of both its ends; tdpa.py explains the law."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from hapnet.records.vectors import copy, dot, length
 _RATE_S = 0.03
 """Time constant of the world's estimate of the device's velocity [s]; a typical world step."""
 _MAX_S = 0.1
-"""The device's motion is extrapolated for no longer than this after its newest sample [s]."""
+"""The longest extrapolation of the device's motion after its newest sample [s]."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """The parameters of both ends, each chosen.
+    """The parameters of both ends.
 
-    debt_limit_J : D. stiffness_N_m, damping_Ns_m : K and B between the world's set-position and its mass. What exceeds
-    speed_limit_m_s follows later.
+    debt_limit_J : D. stiffness_N_m, damping_Ns_m : K and B between the world's set-position and its mass.
+    speed_limit_m_s : motion beyond it is made up for later.
     """
 
     stiffness_N_m: float
@@ -40,21 +40,21 @@ class Tuning:
 
 
 class PassivityObserver(Record):
-    """The account of one port: the energy that went in, and its debt, output beyond what went in at the other port.
+    """The account of a port: the energy that went in, and the debt: output beyond the input at the other port.
 
-    Several peers may use a total one after the other, but no joule of it may be used twice. So E_in never starts at
-    zero again, and the first total from a new peer grants nothing: later totals are counted from it. All that the old
-    peer was granted came before that first total. (The only exception would be a message older than the old peer's
-    newest that was in flight while the new peer started and shook hands.) This costs hardly anything: until a world has
-    a sample of its device, it commands no displacement and makes no force, so neither port has taken in energy yet.
-    Only a device that joins a world whose spring is tense may lose some. Debt and credit stay when the peer changes,
-    because that energy really came out or went in here. A side that ends leaves its debt unpaid, and every debt is
-    bounded.
+    Several peers may use a total one after the other, but no joule of it may be used twice. So E_in never restarts at
+    zero, and the first total from a new peer grants nothing: later totals are counted from it. All energy granted to
+    the old peer came before that first total. (The only exception would be a message older than the old peer's newest
+    that was in flight while the new peer started and was paired.) This costs hardly anything: until a world has a
+    sample of its device, it commands no displacement and has no force, so neither port has taken in energy yet. Only a
+    device that joins a world with a stretched spring may lose some energy. Debt and credit remain when the peer
+    changes, because that energy really came out or went in here. A side that ends leaves its debt unpaid, but every
+    debt is bounded.
 
     Attributes
     ----------
-    debt : E_out, less what the controller dissipated, less the peers' E_in that was granted here [J]. put_in : E_in
-        [J]. newest : the peer's E_in [J], if it is `known`.
+    debt : E_out, less the energy that the controller dissipated, less the peers' E_in that was granted here [J].
+        put_in : E_in [J]. newest : the peer's E_in [J], if it is `known`.
     """
 
     debt: float
@@ -64,8 +64,8 @@ class PassivityObserver(Record):
 
     @equation
     def observe(self, given: float, dissipated: float) -> None:
-        """Count a tick or a step: the energy that came out here, negative if it went in, and what the controller
-        dissipated of it [J]."""
+        """Count a tick or a step: the energy that came out here, negative if it went in, and the part that the
+        controller dissipated [J]."""
         if given > 0.0:
             self.debt += given
         else:
@@ -74,7 +74,7 @@ class PassivityObserver(Record):
 
     @equation
     def receive(self, energy: float) -> None:
-        """The peer's E_in [J], in any order."""
+        """Take in the peer's E_in [J], in any order."""
         if not self.known:
             self.known, self.newest = 1, energy
         elif energy > self.newest:
@@ -82,13 +82,13 @@ class PassivityObserver(Record):
             self.newest = energy
 
     def on_peer_changed(self) -> None:
-        """A new peer, with its own count, has replaced the old one."""
+        """Start again with a new peer, which has its own count."""
         self.known = 0
 
 
 @compiled_as(PassivityObserver.observe)
 def observe(observer: PassivityObserver, given: float, dissipated: float) -> None:
-    """`PassivityObserver.observe`, or that of a class of its kind."""
+    """`PassivityObserver.observe`, also of a subclass."""
     observer.observe(given, dissipated)
 
 
@@ -99,27 +99,28 @@ def grant(observer: PassivityObserver, energy: float) -> None:
 
 
 class TdpaWorld(WorldEnd):
-    """The world's end: a set-position that moves as the device does, and yields to the force as the account demands.
+    """The world's end: a set-position that follows the device, and yields to the force as the account requires.
 
-    Each step commands a displacement: from where the previous step should have brought y to where the device will be at
-    the end of this step, by its newest position, that position's age and its velocity. So a lost message loses no
+    Each step commands a displacement of y, from the goal of the previous step to the device's expected position at the
+    end of this step, by its newest position, that position's age and the velocity. So a lost message loses no
     displacement, alternate steps of 10 and 50 ms cause no jerks, and steps shorter than the device's period continue
-    between two messages. What y yields is lost (the known drift) unless `recovery` commands it again; the law as first
-    published has no recovery.
+    between two messages. Displacement that y yields is lost (the known drift) unless `recovery` commands it again; the
+    law as first published has no recovery.
 
     More than twenty attributes: six parameters, and two positions with their rates, ages and forces, of this end and of
     the device's newest message.
 
     position : (n,) the mass's position [m]; a device's first position counts as the same place.
-    predictor : of the device's motion, from stamped positions; None: its velocity is taken from what comes here.
+    predictor : of the device's motion, from stamped positions; None: its velocity is estimated from arrivals here.
 
     Attributes
     ----------
-    x, vhat : the mass's position [m], and its mean velocity over the last step [m/s]. force : of that step [N]; ended :
-        the spring's at its end [N]. commanded : displacement of y wanted in it [m]; lost : wanted, but not made [m].
-    dt : its length [s]. share : s. used, age : the device's newest position [m], and its age [s], from the step that
-        first used it; rate : the device's velocity [m/s]. goal : where the last step should have brought y [m].
-    arrived, news : a position that no step has used yet [m], if there is one.
+    x, vhat : the mass's position [m], and its mean velocity over the last step [m/s]. force : in that step [N];
+        ended : the spring's force at its end [N]. commanded : displacement of y in that step [m]; lost : displacement
+        that was wanted, but not made [m].
+    dt : length of that step [s]. share : s. used, age : the device's newest position [m], and its age [s], from the
+        step that first used it; rate : the device's velocity [m/s]. goal : the goal of y in the last step [m].
+    arrived, news : a position that no step has used yet [m], and whether there is one.
     """
 
     observer: PassivityObserver
@@ -176,25 +177,25 @@ class TdpaWorld(WorldEnd):
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """The device's position and E_in arrived."""
+        """Take in the device's position and E_in."""
         copy(self.n, value, self.arrived)
         self.news = 1
         grant(self.observer, amount)
 
     def on_peer_changed(self) -> None:
-        """Another device starts anew from where it is."""
+        """Start again with another device, at its own position."""
         self.observer.on_peer_changed()
         self.predictor.reset()
         self.news = self.following = 0
         self.goal[:], self.rate[:] = self.used, [0.0] * self.n
 
     def stamped(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """A sample for the predictor, as `CouplingState.receive`."""
+        """Pass a sample to the predictor, as `CouplingState.receive`."""
         self.stamp(vector_of(sample), sent_s, age_s)
 
     @equation
     def stamp(self, value: Reals, sent_s: float, age_s: float) -> None:
-        """A position for the predictor."""
+        """Pass a position to the predictor."""
         if self.predicts:
             p = self.predictor
             prediction.note(p, self.n, value, sent_s)
@@ -203,7 +204,7 @@ class TdpaWorld(WorldEnd):
 
     @equation
     def begin(self) -> None:
-        """The step uses the newest position that has arrived by its start."""
+        """Begin a step with the newest position that has arrived."""
         self.age += self.dt
         if not self.news:
             return
@@ -221,7 +222,7 @@ class TdpaWorld(WorldEnd):
 
     @equation
     def drag(self, dt: float) -> float:
-        """g = s a, p = s (a v_y + K (y - x))."""
+        """Compute g = s a and p = s (a v_y + K (y - x))."""
         self.dt = dt
         _command(self, dt)
         a = self.B + 0.5 * self.K * dt
@@ -240,7 +241,7 @@ class TdpaWorld(WorldEnd):
             whole = _unyielding(self, i, a, vhat[i])
             self.force[i], yielded[i] = share * whole, give * whole
         observe(self.observer, dot(n, self.force, self.commanded), dot(n, self.force, yielded))
-        half = 0.5 * self.K  # sends the spring's force at the step's end, not its mean: half a step less delay
+        half = 0.5 * self.K  # to send the spring's force at the step's end, not its mean: half a step less delay
         for i in range(n):
             made = self.commanded[i] - yielded[i]
             self.y[i] = self.y[i] + made
@@ -251,7 +252,7 @@ class TdpaWorld(WorldEnd):
 
     @equation
     def say(self) -> None:
-        """The force, and E_in."""
+        """Write the force and E_in into `outgoing`."""
         copy(self.n, self.ended, self.outgoing.value)
         self.outgoing.amount = self.observer.put_in
 
@@ -278,7 +279,7 @@ def _command(law: TdpaWorld, dt: float) -> None:
 
 @equation
 def _reach(law: TdpaWorld, dt: float, out: Floats) -> None:
-    """Where the device will be at the end of a step of `dt` seconds [m]."""
+    """Compute the device's expected position at the end of a step of `dt` seconds [m]."""
     if law.predicts and law.following:
         prediction.predict(law.predictor, law.n, law.age + dt, out)
         return
@@ -289,13 +290,13 @@ def _reach(law: TdpaWorld, dt: float, out: Floats) -> None:
 
 @equation
 def _unyielding(law: TdpaWorld, i: int, a: float, vhat: float) -> float:
-    """f_1 of the step on an axis, if the mass moves with vhat on it [N]."""
+    """f_1 of the step on axis i, if the mass moves with the velocity vhat there [N]."""
     return a * (law.commanded[i] / law.dt - vhat) + law.K * (law.y[i] - law.x[i])
 
 
 @equation
 def _passive_share(law: TdpaWorld, a: float) -> float:
-    """s that leaves no debt if the mass moves as in the last step; how it really moves is observed afterwards.
+    """The s that leaves no debt if the mass moves as in the last step; its real motion is observed afterwards.
 
     The larger root of s f_1.v_y T - s (1 - s) f_1^2 T/a = -debt, limited to 1/2 to 1.
     """

@@ -1,12 +1,12 @@
 """The device's end of a plain virtual coupling, with its force held from tick to tick: f = -K (x - y) - B v.
 
-y is the newest position that the world sent (Colgate, Stanley, Brown 1995). Nothing here makes it passive over a
-network; PO/PC and energy bounding add that, each with an account of the energy that the hand put in, axis by axis.
+y is the newest position that the world sent (Colgate, Stanley, Brown 1995). This alone is not passive over a network;
+PO/PC and energy bounding make it passive, each with an account of the energy that the hand put in, axis by axis.
 
-Both laws' authors bound that account: energy put in long ago would otherwise pay for what is given out now. Where no
-force was rendered for a while, nothing is being touched, and a surplus is forgotten (`Reset`; Hannaford and Ryu 2002
-reset their observer so; energy bounding for several axes begins anew after a tick without force). A debt stays. So
-what a law claims of its port then holds from each reset on, too.
+Both laws' authors bound this account: otherwise energy put in long ago would pay for energy that comes out now. After a
+while without force nothing is touched, and a surplus is dropped (`Reset`; Hannaford and Ryu 2002 reset their observer
+in this way; energy bounding for several axes restarts after a tick without force). A debt remains. So a law's claim
+about its port also holds from each reset on.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from hapnet.records.vectors import copy
 
 
 class Reset(NamedTuple):
-    """When a law's account of an axis forgets a surplus."""
+    """The condition in which a law's account of an axis drops a surplus."""
 
     below_N: float = 0.0
-    """A force below this counts as none [N]; 0: none does."""
+    """A force below this counts as no force [N]; 0: the account never drops its surplus."""
     after_s: float = math.inf
-    """For longer than this there was none [s]; 0: for one tick."""
+    """The time without force after which the surplus is dropped [s]; 0: after a tick."""
 
 
 NEVER = Reset()
@@ -42,8 +42,8 @@ class VirtualCoupling(DeviceEnd):
 
     Attributes
     ----------
-    position : the last measured one [m]. moved : from the one before [m]. energies : a law's account of each axis [J].
-    idle : how long each axis has had no force [s].
+    position : the last measured position [m]. moved : the way from the position before [m]. energies : a law's account
+    of each axis [J]. idle : the time that each axis has had no force [s].
     """
 
     spring: Spring
@@ -62,7 +62,7 @@ class VirtualCoupling(DeviceEnd):
         self.below_N, self.after_s = reset
 
     def receive(self, sample: CouplingSample) -> None:
-        """A position arrived [m]."""
+        """Take in a position [m]."""
         assert not isinstance(sample, PositionSample | MotionSample | PortSample | WaveSample | ProxySample), (
             "the world sends bare positions here"
         )
@@ -70,15 +70,15 @@ class VirtualCoupling(DeviceEnd):
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """A position arrived [m]."""
+        """Take in a position [m]."""
         copy(self.n, value, self.y)
 
     def on_peer_changed(self) -> None:
-        """Do nothing: positions are not counted, so the new peer's simply continue the old one's."""
+        """Do nothing: positions are not counted, so a new peer's positions simply continue the old peer's."""
 
     @equation
     def say(self, x: Reals, v: Reals) -> None:
-        """The measured position [m]."""
+        """Write the measured position [m] into `outgoing`."""
         copy(self.n, x, self.outgoing.value)
 
     def coupled(self, x: Vector, v: Vector) -> Vector:
@@ -101,7 +101,7 @@ def couple(law: VirtualCoupling, x: Reals, v: Reals, out: Floats) -> None:
 
 @equation
 def pass_to(law: VirtualCoupling, x: Reals) -> None:
-    """The path from the last measured position to x [m]; x becomes the last position."""
+    """Store the way from the last measured position to x [m]; x becomes the last position."""
     for i in range(law.n):
         law.moved[i] = x[i] - law.position[i]
         law.position[i] = x[i]
@@ -109,7 +109,7 @@ def pass_to(law: VirtualCoupling, x: Reals) -> None:
 
 @equation
 def forget(law: VirtualCoupling, dt: float, held: Reals) -> None:
-    """`held` was rendered for dt. The surplus of an axis that has had no force for so long is forgotten."""
+    """Drop the surplus of each axis without force for longer than `after_s`; `held` was the force for `dt` seconds."""
     for i in range(law.n):
         law.idle[i] = law.idle[i] + dt if abs(held[i]) < law.below_N else 0.0
         if law.idle[i] > law.after_s:

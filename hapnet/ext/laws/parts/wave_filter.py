@@ -1,11 +1,11 @@
 """A low-pass filter of waves: it keeps a slow sender's steps and ringing reflections away from the hand.
 
-Filtering in the wave domain is passive where the filter's gain is at most 1 (G. Niemeyer, J.-J. E. Slotine, 2004). The
+Filtering in the wave domain is passive if the filter's gain is at most 1 (G. Niemeyer, J.-J. E. Slotine, 2004). The
 discretisation is derived here: with z the filtered wave, ``tau (z - z_before) = (w - z) T`` obeys, for any T,
 
     z^2/2 T <= w^2/2 T - tau/2 (z^2 - z_before^2)
 
-so the energy output never exceeds the energy put in plus what the filter holds, and the displacement lags by ``tau z``.
+so the energy output never exceeds the input plus the filter's stored energy, and the displacement lags by ``tau z``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hapnet.records.record import Floats, OfAxes, Record, compiled_as, equation
 
 
 class WaveFilter(Record):
-    """A line whose output waves are smoothed.
+    """A line with smoothed output waves.
 
     line : the line to smooth. dof : components of a wave. time : tau [s].
 

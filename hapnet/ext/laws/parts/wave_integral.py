@@ -1,17 +1,17 @@
-"""Wave integrals: what keeps the two ends of a wave line together over a link that loses messages.
+"""Wave integrals: they keep the two ends of a wave line together over a link that loses messages.
 
 A wave carries displacement, sqrt(2b) dx, beside its energy. So a lost wave is lost displacement, and the ends drift
 apart. G. Niemeyer, J.-J. E. Slotine ("Towards Force-Reflecting Teleoperation over the Internet", ICRA 1998, and their
-paper of 2004) transmit the integral of the wave. So the receiver knows what it has missed, and lets that out as fast as
-the energy that came with it allows.
+paper of 2004) transmit the integral of the wave. From it the receiver computes the displacement that it has missed, and
+outputs it as fast as the energy that came with it allows.
 
-Here each message has the integral U(t) of all waves up to t. The receiver takes the difference to the last message
-that arrived as one wave over the whole time between:
+Here each message has the integral U(t) of all waves up to t. The receiver treats the difference to the last message
+that arrived as a single wave over the whole time between:
 
-    u = (U_n - U_m)/(t_n - t_m),      u^2/2 (t_n - t_m) <= what the waves between carried     (Cauchy, Schwarz)
+    u = (U_n - U_m)/(t_n - t_m),      u^2/2 (t_n - t_m) <= energy of the waves between     (Cauchy, Schwarz)
 
-So nothing but their ripple is lost, and no energy is gained, whatever the link loses, repeats or reorders: a message
-that comes after a later one adds nothing. The integral is believed, as the wave is.
+So only the ripple of the lost waves is lost, and no energy is gained, whatever the link loses, repeats or reorders: a
+message that comes after a later message adds nothing. The integral is trusted, as the wave is.
 """
 
 from __future__ import annotations
@@ -26,40 +26,41 @@ from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
 
 MINIMUM = 1e-9
-"""Displacement this small counts as recovered [sqrt(W) s]."""
+"""A displacement below this counts as recovered [sqrt(W) s]."""
 
 
 class WaveReceiver(Protocol):
     """The receiving end of one direction of a wave line. It may delay and lose waves, but it adds no energy."""
 
     def push(self, wave: WaveSample) -> None:
-        """A wave arrived."""
+        """Take in a wave that arrived."""
 
     def take(self, dt: float) -> Vector:
-        """Advance by `dt` seconds; the mean wave over that time [sqrt(W)]."""
+        """Advance by `dt` seconds; return the mean wave over that time [sqrt(W)]."""
 
     def clear(self) -> None:
         """Forget all waves that have arrived."""
 
 
 def push_on(line: Record, value: Reals, span: float) -> None:
-    """A wave arrived; compiled as the `put` of the kind's line."""
+    """Take in a wave that arrived; compiled code calls the line's `put`."""
     cast(WaveReceiver, line).push(WaveSample(tuple(value), span))
 
 
 def take_from(line: Record, dt: float, out: Floats) -> None:
-    """The mean wave over the next `dt` seconds; compiled as the `draw` of the kind's line."""
+    """Compute the mean wave over the next `dt` seconds; compiled code calls the line's `draw`."""
     out[:] = cast(WaveReceiver, line).take(dt)
 
 
 class IntegralLine(Record):
-    """A line that makes up for lost waves, if their sender sends integrals; otherwise just that line.
+    """A line that makes up for lost waves, if their sender sends integrals; otherwise equivalent to `line`.
 
-    line : takes the waves, each over the time since the last. believes : are integrals believed?
+    line : receives the waves, each over the time since the last. believes : whether integrals are used.
 
     Attributes
     ----------
-    newest, newest_s : the last integral [sqrt(W) s] and its time [s], if there `is_newest`. mean : room for a wave.
+    newest, newest_s : the last integral [sqrt(W) s] and its time [s], if there is one (`is_newest`). mean : temporary
+        memory for a wave.
     """
 
     line: Record
@@ -107,13 +108,13 @@ def put(line: IntegralLine, value: Reals, more: Reals, span: float, total_s: flo
 
 
 class Recovery(Record):
-    """Lets out the displacement that a queue has lost, as far as the energy that it has lost as well pays for it.
+    """Outputs the displacement that a queue has lost, if the energy that was lost with it suffices.
 
-    A queue that drops waves, or plays them faster, leaves a displacement U and an energy E behind. An output of 2 E/U
-    would use up both at the same time (Niemeyer, Slotine 1998). Here c is added to the queue's own output z. That costs
-    z + c/2 for each unit of displacement, so no more than E/U if c <= 2 (E/U - z).
+    A queue that drops waves, or plays them faster, loses a displacement U and an energy E. An output of 2 E/U would use
+    up both at the same time (Niemeyer, Slotine 1998). Here c is added to the queue's own output z. This costs z + c/2
+    per unit of displacement, so no more than E/U if c <= 2 (E/U - z).
 
-    dof : components of a wave. time : time constant of the recovery, if there is energy enough [s]; 0: none.
+    dof : components of a wave. time : time constant of the recovery, if the energy suffices [s]; 0: no recovery.
 
     Attributes
     ----------
@@ -133,11 +134,11 @@ class Recovery(Record):
         self.owed, self.spare = [0.0] * self.n, [0.0] * self.n
 
     def lose(self, wave: WaveSample) -> None:
-        """The queue has dropped this wave."""
+        """Count a wave that the queue has dropped."""
         lose(self, wave.value, wave.span)
 
     def output(self, dt: float, wave: Vector, total: Sequence[float], squares: Sequence[float]) -> Vector:
-        """Return the output over the next `dt` seconds for the queue's `wave`, made of waves with these integrals."""
+        """Return the output over the next `dt` seconds; `wave` is the queue's, made of waves with these integrals."""
         out = list(wave)
         recover(self, dt, out, total, squares)
         return tuple(out)

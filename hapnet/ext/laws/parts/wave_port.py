@@ -6,7 +6,7 @@ The wave variables of a port with velocity v, reaction f and wave impedance b (G
     u = (b v + f)/sqrt(2b)    into the line at the device, out of it at the world
     w = (b v - f)/sqrt(2b)    in the other direction                              f v = u^2/2 - w^2/2
 
-So a line that never outputs more energy than has come in is passive between two ports that obey this exactly. The
+So a line that never outputs more energy than its input is passive between two ports that obey this exactly. The
 discretisation of both ports is derived here. Each axis has its own line.
 """
 
@@ -27,7 +27,7 @@ from hapnet.records.vectors import copy
 
 
 class _Port(End):
-    """The common part of both ends; line : of the waves that come. b : the wave impedance [Ns/m]; root : sqrt(2b)."""
+    """The common part of both ends. line : of incoming waves. b : the wave impedance [Ns/m]. root : sqrt(2b)."""
 
     line: Record
     b: float
@@ -56,19 +56,19 @@ class _Port(End):
 class WaveDevice(_Port, DeviceEnd):
     """The device's end: ``f = b v - sqrt(2b) w`` against the device, ``u = sqrt(2b) v - w`` to the world.
 
-    The force is held over a tick while v changes, and the actuator's limit or a release may cut it. So the wave to send
-    is computed from what really happened. It carries the displacement ``sum(sqrt(2b) dx - w dt)``, which keeps the two
-    ends together, but only as much of it as the energy at this port allows: ``w^2/2 dt - F dx`` with the force F really
-    held. The rest of the displacement is sent when there is energy for it. Its set-position is the device's own
-    position: a wave carries none.
+    The force is held over a tick while v changes, and the actuator's limit or a release may reduce it. So the wave to
+    send is computed from the real motion and force. It carries the displacement ``sum(sqrt(2b) dx - w dt)``, which
+    keeps the two ends together, but only as much of it as the energy at this port allows: ``w^2/2 dt - F dx`` with the
+    force F really held. The rest of the displacement is sent when there is energy for it. The set-position is the
+    device's own position: a wave carries no position.
 
     impedance : b [Ns/m]. position : of the device [m]. line : waves from the world.
 
     Attributes
     ----------
-    rendered, rendered_s : integral of the wave that the force held now was made with, over this time. unsent : integral
-    of u that was not sent. energies : that came in on each axis and was not sent [J]; they cover what the hold leaks.
-    span : since the last sample [s].
+    rendered, rendered_s : integral of the wave in the present force, and its time [s]. unsent : integral of u that was
+    not sent. energies : input on each axis that was not sent [J]; they cover the leak of the hold. span : time since
+    the last sample [s].
     """
 
     rendered: OfAxes
@@ -88,7 +88,7 @@ class WaveDevice(_Port, DeviceEnd):
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """A wave arrived."""
+        """Take in a wave."""
         wave_integral.put(self.line.line, value, more, amount, total_s)  # type: ignore[attr-defined]  # as compiled
 
     @equation
@@ -109,7 +109,7 @@ class WaveDevice(_Port, DeviceEnd):
 
     @equation
     def say(self, x: Reals, v: Reals) -> None:
-        """The wave since the last one."""
+        """Write the wave since the last sample into `outgoing`."""
         outgoing, span, unsent = self.outgoing, self.span, self.unsent
         outgoing.amount = span
         if span <= 0.0:
@@ -129,7 +129,7 @@ class WaveDevice(_Port, DeviceEnd):
 
 @equation
 def _account(port: WaveDevice, dt: float, x: Reals, held: Reals) -> None:
-    """Count the time since the last tick."""
+    """Count energy and displacement since the last tick."""
     for i in range(port.n):
         moved, wave = x[i] - port.y[i], port.rendered[i]
         port.energies[i] += wave * wave / (2.0 * port.rendered_s) - held[i] * moved
@@ -146,15 +146,15 @@ class WaveWorld(_Port, WorldEnd):
         sqrt(2b) u - b vy = f_c = a (vy - vhat) + K (y - x)        the line's force is the coupling's
 
     is solved for vy and f_c together with the mass: ``f_c = p - g vhat`` with ``g = a b/(a + b)`` and
-    ``p = (a sqrt(2b) u + b K (y - x))/(a + b)``. It holds exactly that (u^2 - w^2)/2 T = f_c vy T, which is the change
-    of the coupling's potential plus B (vy - vhat)^2 T plus f_c vhat T.
+    ``p = (a sqrt(2b) u + b K (y - x))/(a + b)``. Then (u^2 - w^2)/2 T = f_c vy T exactly, which is the change of the
+    coupling's potential plus B (vy - vhat)^2 T plus f_c vhat T.
 
     impedance : b [Ns/m]. stiffness, damping : K [N/m], B [Ns/m] of the virtual coupling. position : of the mass [m].
     line : waves from the device.
 
     Attributes
     ----------
-    x : the mass's position [m]. u : the wave of the running step. out, out_s : what to send, and its span [s].
+    x : the mass's position [m]. u : the wave of the running step. out, out_s : the wave to send, and its span [s].
     """
 
     K: float
@@ -179,12 +179,12 @@ class WaveWorld(_Port, WorldEnd):
 
     @equation
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-        """A wave arrived; it waits in the line until the step's length is known."""
+        """Take in a wave; it waits in the line until the step's length is known."""
         wave_integral.put(self.line, value, more, amount, total_s)  # type: ignore[arg-type]  # as compiled
 
     @equation
     def drag(self, dt: float) -> float:
-        """g, and p."""
+        """Compute g and p."""
         b, a = self.b, self.B + 0.5 * self.K * dt
         _take_whole(self.line, dt, self.u)
         for i in range(self.n):
@@ -193,7 +193,7 @@ class WaveWorld(_Port, WorldEnd):
 
     @equation
     def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
-        """The mass has made its step."""
+        """Complete the step."""
         b, a, root = self.b, self.B + 0.5 * self.K * dt, self.root
         for i in range(self.n):
             u = self.u[i]
@@ -205,7 +205,7 @@ class WaveWorld(_Port, WorldEnd):
 
     @equation
     def say(self) -> None:
-        """Each wave once: a paused world has nothing to send."""
+        """Write the wave into `outgoing`, each wave once: a paused world sends zero."""
         copy(self.n, self.out, self.outgoing.value)
         self.outgoing.amount = self.out_s
         for i in range(self.n):
