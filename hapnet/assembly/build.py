@@ -1,4 +1,4 @@
-"""Builds the objects of a run from parameters: the one place where names on a command line become parts."""
+"""Builds the objects of a run from parameters: only this module turns names on a command line into parts."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ End = TypeVar("End")
 
 @dataclass(frozen=True)
 class Setup:
-    """Parameters, checked as a whole, and what follows from them."""
+    """The checked parameters of a run, and the values and parts derived from them."""
 
     params: Params
     scene: World
@@ -82,7 +82,7 @@ class Setup:
 
     @property
     def units(self) -> str:
-        """Of the axes: `hapnet.units`."""
+        """The units of the axes, as in `hapnet.units`."""
         return one_text(self.scene.units, self.dof)
 
     @property
@@ -102,7 +102,7 @@ class Setup:
 
     @property
     def felt(self) -> Felt:
-        """How stiff the stiffest wall or solid is felt; in a world without that reads it, `world.wall.stiffness`."""
+        """The felt stiffness of the stiffest wall or solid; if unknown, of `world.wall.stiffness`, if that is read."""
         known = self.scene.stiffnesses
         if known is None and "stiffness" in scene_parameters(self.params.scene):
             known = (self.params.world.wall.stiffness,)
@@ -112,7 +112,7 @@ class Setup:
 
 
 def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:
-    """Check the parameters against each other, and resolve "auto": for the servo it stands for `default_servo`.
+    """Check the parameters against each other, and resolve "auto"; for the servo that is `default_servo`.
 
     params : a `Params`, or changes to the defaults by dotted names.
 
@@ -158,7 +158,7 @@ def device_side(
     """
     endpoint.deadband = deadband(setup.params, "device")
     if not is_simulated(setup.params.hardware):
-        from hapnet.assembly.user_side import user_device_side  # here, since a simulated device needs none of it
+        from hapnet.assembly.user_side import user_device_side  # here, since a simulated device does not need it
 
         return user_device_side(setup, endpoint, clock, write)
     params = setup.params
@@ -184,7 +184,7 @@ def device_side(
 
 
 def compiled_ends() -> Ends:
-    """Return the maker of compiled ends; where nothing can be compiled, it leaves them as they are."""
+    """Return the maker of compiled ends; where nothing can be compiled, it returns the ends unchanged."""
     if no_compiler() is not None:
         return Ends()
     ends: Ends = extension("compiled ends").CompiledEnds()
@@ -261,7 +261,7 @@ def _start(
 
 
 def _end(setup: Setup, make: Callable[[CouplingStart[Any]], End], kind: type, start: CouplingStart[Any]) -> End:
-    """One end of the coupling. HapnetError if it lacks a part, or if it is a user's own and cannot be made."""
+    """Make one end of the coupling. HapnetError: it lacks a part, or a user's own end cannot be made."""
     with named_failures(setup.params):
         end = make(start)
     require_parts(f"the coupling {setup.params.coupling}", end, kind)
@@ -282,7 +282,7 @@ def _continuous(setup: Setup) -> Callable[[Vector, float, bool], ContinuousServo
 
 
 def held(setup: Setup) -> Callable[[Vector, bool], DeviceCoupling]:
-    """Makes the device's end with a sampled servo at a position [m]; without energy if that is `empty`."""
+    """Return a maker of the device's end with a sampled servo: at a position [m], `empty`: without energy."""
     device = setup.params.device
 
     def make(position: Vector, empty: bool = False) -> DeviceCoupling:

@@ -1,6 +1,6 @@
-"""The language in which parts of hapnet say which values they choose, and which they refuse, while a run is resolved.
+"""The types with which parts of hapnet choose and refuse values while a run is resolved.
 
-Each part says only what it chooses. `choosing` alone makes parameters of that; `hapnet.assembly.resolve` has the order.
+Each part returns only its choices. `choosing` puts them into parameters; `hapnet.assembly.resolve` sets the order.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ class Choice:
 
 
 Part = Callable[[Params], Choice]
-"""Chooses values with what was set and what the parts before it chose. Raises InvalidParameter: it refuses a value."""
+"""Chooses values from the parameters with all earlier choices. Raises InvalidParameter: it refuses a value."""
 
 
 def choosing(params: Params, *parts: Part) -> Params:
-    """The parameters with what these parts choose, one part after the other."""
+    """Return the parameters with the choices of these parts, made in this order."""
     for part in parts:
         choice = part(params)
         if choice.values:
@@ -40,7 +40,7 @@ def choosing(params: Params, *parts: Part) -> Params:
 
 
 class Refusal(NamedTuple):
-    """A value that cannot be used if `applies`, and what is allowed in its place."""
+    """A value that cannot be used if `applies`, and the text on allowed values."""
 
     applies: bool
     name: str
@@ -49,7 +49,7 @@ class Refusal(NamedTuple):
 
 
 def refuse(refusals: Iterable[Refusal]) -> None:
-    """Raise InvalidParameter for the first of these that applies."""
+    """Raise InvalidParameter for the first of these refusals that applies."""
     for one in refusals:
         if one.applies:
             raise InvalidParameter(one.name, one.value, one.allowed)
@@ -65,12 +65,12 @@ def _as_it_is(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
 
 @dataclass(frozen=True)
 class Contribution:
-    """The part of an extension in resolving; `CONTRIBUTION` of the module that `hapnet.loading.extension` finds.
+    """An extension's part in resolving: `CONTRIBUTION` of the module that `hapnet.loading.extension` finds.
 
-    before_scene : what it chooses before there is a scene. in_scene : what it chooses when the units are known.
-    check : raises InvalidParameter for what does not fit the extension, when all is chosen.
-    place : returns the scene with what the extension puts into it.
-    sampled_only : whether only a sampled servo drives what it brings.
+    before_scene : its choices before there is a scene. in_scene : its choices when the units are known.
+    check : raises InvalidParameter if the final parameters do not fit the extension.
+    place : returns the scene with the objects that the extension adds.
+    sampled_only : whether only a sampled servo can drive the extension's device.
     """
 
     before_scene: tuple[Part, ...] = ()
@@ -89,11 +89,11 @@ RESOLVING: tuple[tuple[str, Callable[[Params], bool]], ...] = (
 
 
 def contributions(params: Params) -> tuple[Contribution, ...]:
-    """Of the extensions that a run with these parameters needs, in the order of their table."""
+    """The contributions of the extensions that a run with these parameters needs, in the order of their table."""
     return tuple(extension(name).CONTRIBUTION for name, needed in RESOLVING if needed(params))
 
 
 def before_scene(params: Params) -> Iterator[Part]:
-    """The parts of the extensions that choose before there is a scene: the mass of an arm, for example."""
+    """Yield the extensions' parts that choose before there is a scene, for example the mass of an arm."""
     for one in contributions(params):
         yield from one.before_scene

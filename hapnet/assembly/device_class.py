@@ -1,4 +1,4 @@
-"""A user's own device, given as ``module:Class``: its class, asked before a device is made, and its declared range."""
+"""The class of a user's own device, ``module:Class``, read before a device is made; and the device's declared range."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, 
 
 
 def allowed() -> str:
-    """The names and forms that a device can be given as, as text."""
+    """The allowed names and forms of a device, as text."""
     named = ", ".join(("simulated", *ARMS, *known()))
     return f"{named}, or module:Class with dof, force_limit, resolution, read and apply"
 
 
 def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
-    """Import the class, but make no device: that may open the hardware, which only one process can do.
+    """Import the class, but make no device: making one may open the hardware, which only one process can do.
 
-    Its options are bound already. parameter : that names it.
+    Its options are already bound. parameter : the parameter that names the device.
 
     Raises InvalidParameter: there is no such class, or no such option.
     """
@@ -36,7 +36,7 @@ def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
 
 
 def servo_rate(hardware: str, wanted_hz: float) -> float:
-    """The rate of the servo [Hz]: the device's own, if that is below the wanted one.
+    """The rate of the servo [Hz]: the wanted rate, or the device's own if that is lower.
 
     Raises InvalidParameter: there is no such device, or its rate is not a number.
     """
@@ -50,12 +50,12 @@ def is_blocking(hardware: str) -> bool:
 
 
 def declared(made: Callable[..., Any], part: str) -> Any:
-    """The declaration of a class, or of a function that makes devices, before it is called; None: there is none."""
+    """An attribute declared by a class, or by a function that makes devices, before the call; None: not declared."""
     return getattr(made.func if isinstance(made, partial) else made, part, None)
 
 
 def declared_range(params: DeviceParams, dof: int, device: Device | None = None) -> OperatingRange:
-    """The operating range: what `device` declares, and `params` for the rest.
+    """The operating range: `device` declares parts of it, and `params` completes it.
 
     Raises InvalidParameter: a number in it is impossible.
     """

@@ -1,13 +1,13 @@
-"""A virtual fixture: planes in the air that a real robot feels, as its own motors render them.
+"""A virtual fixture: planes in the air that a real robot's own motors render.
 
 A plane is a spring and a damper between the robot and a place that does not move. Its force is held from tick to tick,
 so it could give out more than it took in. So it has an account: at the depth d its stiffness is at most 2 E / d^2,
-where E is `LENT_J` and what it has taken in and not given back. So it gives out at most `LENT_J` more than it took, and
-``k (v h)^2 / 2`` of the tick in which the account ends.
+where E is `LENT_J` plus the energy taken in and not yet given back. So it gives out at most `LENT_J` more than it took,
+and ``k (v h)^2 / 2`` of the tick in which the account reaches zero.
 
 The motors' force is that of the coupling plus the fixture's. The driver reports the sum, and the coupling's account has
-the sum without the fixture's part: the fixture is what surrounds the robot. So whatever share of a late force is taken
-for the fixture's, both accounts together have all that the motors did.
+the sum without the fixture's part: the fixture belongs to the robot's surroundings. So however a late force is divided
+between fixture and coupling, both accounts together contain all work of the motors.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapnet.mechanics.contacts import Surroundings
 from hapnet.records.vectors import inner
 
 LENT_J = 0.005
-"""What a fixture may give out before it has taken it in: a held force is late by a tick on the way in too."""
+"""Energy that a fixture may give out before it took any in: a held force is late by a tick on the way in too."""
 
 
 class Fixture:
@@ -33,7 +33,7 @@ class Fixture:
         self._force: Vector = (0.0,) * device.dof
         self._before = self._acted = self._force
         self.taken_J: float = 0.0
-        """What it has taken in less what it gave out [J]."""
+        """The energy that it has taken in, less the energy that it gave out [J]."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._device, name)
@@ -41,7 +41,7 @@ class Fixture:
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s]."""
         x, self._v = self._device.read()
-        # which of the two acted: a driver may be a tick late
+        # which of the two forces acted: a driver may be a tick late
         moved = tuple(map(sub, x, self._x or x))
         self._acted = max(self._before, self._force, key=lambda force: inner(force, moved))
         self.taken_J -= inner(self._acted, moved)
@@ -49,16 +49,16 @@ class Fixture:
         return self._x, self._v
 
     def apply(self, force: Vector) -> Vector | None:
-        """Hold `force` [N] and the planes'; returns what is applied of the first. Without force there is neither."""
+        """Hold `force` [N] plus the planes' force; returns the applied part of `force`. If `force` is 0, hold none."""
         self._before, self._force = self._force, self._push() if any(force) else (0.0,) * len(force)
         return _without(self._device.apply(tuple(map(add, force, self._force))), self._force)
 
     def acted(self) -> Vector | None:
-        """Of the force that acted between the last two readings, the part that is not the fixture's."""
+        """The force that acted between the last two readings, without the fixture's part."""
         return _without(self._device.acted(), self._acted)
 
     def contact_force(self) -> Vector | None:
-        """The force of what surrounds the robot, which the planes belong to; None: nobody measures the rest."""
+        """The force of the robot's surroundings and of the planes; None: the surroundings' force is not measured."""
         measured = getattr(self._device, "contact_force", None)
         force = None if measured is None else measured()
         return None if force is None else tuple([one + own for one, own in zip(force, self._acted, strict=True)])

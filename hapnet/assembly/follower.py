@@ -1,4 +1,4 @@
-"""A robot in the virtual mass's place, as the rest of a run sees it; here of a run without one."""
+"""The interface of a robot in the virtual mass's place; `Follower` itself stands for a run without a robot."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hapnet.units import POSE
 class Follower:
     """No robot follows: the parameters are used as they are, in the device's own units.
 
-    `hapnet.ext.robots.following.RobotFollower` is one with a robot.
+    `hapnet.ext.robots.following.RobotFollower` is the follower with a robot.
 
     seen : chooses the robot's parameters in the leader's units (`hapnet.mechanics.frame`). on_link : the same, with the
     spring of a tool along the coordinates of the link.
@@ -33,7 +33,7 @@ class Follower:
     on_link: tuple[Part, ...] = ()
 
     def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
-        """Warnings for whoever runs a simulated follower, or means to."""
+        """Warnings for the user of a simulated follower, or of follower parameters without a follower."""
         found = [name for name, _ in params.sources if name.startswith("follower.") and params.asked(name)]
         return [f"{name} is set, but nothing follows: --follower" for name in found if name != "follower.robot"]
 
@@ -42,16 +42,16 @@ class Follower:
         return False
 
     def arms(self, params: Params) -> Arms | None:
-        """From a tool's pose as its servo has it to that on the link (`hapnet.mechanics.pose_frame`); None: the
-        same."""
+        """The conversion of a tool's pose from the servo's to the link's coordinates (`hapnet.mechanics.pose_frame`);
+        None: they are the same."""
         return None
 
     def meets_here(self, params: Params) -> bool:
-        """Whether the world's side begins where it stands when a leader comes."""
+        """Whether the world's side starts at its present position when a leader connects."""
         return True
 
     def reindexing(self, params: Params, spec: CouplingSpec[Any], scene: World) -> Reindexing | None:
-        """How the robot of this world meets a leader that was away; None: there is no robot that could."""
+        """The robot's way to meet a leader that returns to this world; None: there is no such robot."""
         if not scene.robot or "world" not in spec.set_positions:
             return None
         arms = self.arms(params)
@@ -64,7 +64,7 @@ class Follower:
         return (largest(params.device.stiffness),) * dof
 
     def writes_on_link(self, params: Params, write: Write, moved: Reindexing | None = None) -> Write:
-        """Writes a robot's samples along the coordinates of the link, in which its leader is."""
+        """Return a writer of a robot's samples in the coordinates of the link, which its leader uses."""
         if moved is None:
             return write
         return lambda sample: write(moved.recorded(sample))

@@ -1,4 +1,4 @@
-"""When a device leads what is at the other side: the clutch, and who holds the device."""
+"""When a device leads the other side: the clutch, and the switch by which a hand holds the device."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hapnet.units import POSE
 
 
 def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch: bool = False) -> None:
-    """Say when the device leads. units : of its axes. has_switch : whether it has a dead-man switch.
+    """Set when the device leads. units : of its axes. has_switch : whether it has a dead-man switch.
 
     Raises InvalidParameter.
     """
@@ -35,7 +35,7 @@ def let_lead(params: Params, units: str, side: SampledDeviceSide, *, has_switch:
 def clutch_of(
     params: Params, units: str, device: Device, buttons: Callable[[], Sequence[bool]] = tuple
 ) -> Clutch | None:
-    """The clutch of the device; None: it has none. buttons : reads those of the device. Raises InvalidParameter."""
+    """The clutch of the device; None: it has none. buttons : reads the device's buttons. Raises InvalidParameter."""
     text = params.device.clutch
     if not text:
         return None

@@ -17,7 +17,7 @@ def link_profile(name: str, words: str) -> LinkProfile:
 
 def _between_sides(name: str, profile: LinkProfile) -> LinkProfile:
     if profile.corrupt:
-        allowed = "a link without corrupt: checksums below Zenoh drop what is corrupted, so use loss"
+        allowed = "a link without corrupt: checksums below Zenoh drop corrupted messages, so use loss"
         raise InvalidParameter(name, str(profile), allowed)
     if any(one.copies for one in profile.others):
         allowed = "a link without duplicate: Theorem 1 holds only where no energy arrives twice (netem's relays can)"

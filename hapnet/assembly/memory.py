@@ -1,4 +1,4 @@
-"""Estimates what a run keeps in memory, before it begins, and refuses what this machine cannot hold."""
+"""Estimates a run's memory before it begins, and refuses a run that does not fit into this machine's memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hand that a parameter names: simulated, recorded, or led by the user."""
+"""The hand that the parameter `operator` names: simulated, recorded, or led by the user."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ LIVE = "mouse"
 
 
 _BLEND_S = 1.0
-"""How long it takes a recorded hand, or a user's own, to come to rest at the end [s]."""
+"""Time in which a recorded hand, or a user's own, comes to rest at the end [s]."""
 
 
 def operator(params: Params, scene: World) -> Operator:
-    """The hand in this scene; one of the user's own, or recorded, turns a tool itself. Raises InvalidParameter."""
+    """The hand in this scene; a recorded hand, or a user's own, turns a tool itself. Raises InvalidParameter."""
     if scene.units == POSE and not (is_recording(params.operator) or ":" in params.operator):
         motion, point = params.operator_hand, extension("tools' worlds").seen_by_the_hand(scene)
         turning: Operator = extension("tools").TurningHand(operator(params, point), motion.turn_rad, motion.turn_hz)
@@ -76,7 +76,7 @@ def _moving(params: Params, scene: World) -> Operator:
     start = _along(scene, hand.start_m)
     if name == LIVE:
         if RADIANS in units_of(scene.units, dof):
-            raise InvalidParameter("operator", name, "another one: a mouse leads to places in metres, not to angles")
+            raise InvalidParameter("operator", name, "another operator: a mouse leads to places in metres, not angles")
         return LiveHand(start, impedance)
     if name == "rest":
         return Rest(dof, impedance, start)
@@ -98,7 +98,7 @@ def _moving(params: Params, scene: World) -> Operator:
 
 @lru_cache
 def _generated(number: int, normal: Vector, lever: float) -> GeneratedHand:
-    """The hand; of joints, each as at this lever [m]."""
+    """The generated hand with this number; for joints, scaled by this lever [m]."""
     square = lever * lever
     loose = (RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness"))
     impedances = [Impedance(*[square * part for part in hand]) for hand in (loose, dataclasses.astuple(Impedance()))]
@@ -112,10 +112,10 @@ ALLOWED = (
 
 
 class UserOperator:
-    """The operator `name`, made with ``dof`` and ``impedance``, and asked once for its reference.
+    """The operator `name`, made with ``dof`` and ``impedance``; its reference is checked once.
 
-    Later errors become one HapnetError that names the operator: whatever it raises, and a reference that is not as many
-    finite numbers as the first, or is farther than `reach` [m] from the origin.
+    Later errors become one HapnetError that names the operator: any error that it raises, and a reference that has not
+    as many finite numbers as the first, or is farther than `reach` [m] from the origin.
 
     Raises InvalidParameter: the operator cannot be made, has no impedance, or its first reference is not valid.
     """
@@ -130,7 +130,7 @@ class UserOperator:
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("operator", name, f"{ALLOWED} ({failure(error)})") from error
         if not isinstance(getattr(self._operator, "impedance", None), Impedance):
-            raise InvalidParameter("operator", name, f"{ALLOWED}; what it makes has no impedance")
+            raise InvalidParameter("operator", name, f"{ALLOWED}; the made object has no impedance")
         self.impedance: Impedance = self._operator.impedance
         try:
             self.reference(0.0)

@@ -1,4 +1,4 @@
-"""Report a mistake of a user's own part in one line that names the part, wherever it shows."""
+"""Reports an error in a user's own part in one line that names the part, wherever the error appears."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from hapnet.plant.worlds.registry import GROUP as WORLDS
 from netem import NetemError
 
 _KINDS = {"scene": "scene", "operator": "operator", "hardware": "device", "coupling": "coupling"}
-"""The parameters that can name a user's own part, and what people call it."""
+"""The parameters that can name a user's own part, and the word for it in messages."""
 
 _GROUPS = {"scene": WORLDS, "coupling": LAWS}
-"""The entry points by which packages publish such parts under names of their own."""
+"""The entry points with which packages publish such parts under their own names."""
 
 
 @contextmanager
 def named_failures(params: Params) -> Iterator[None]:
-    """An error inside becomes a HapnetError that names the user's own parts of this run, if there are any.
+    """Turn an error inside into a HapnetError that names the user's own parts of this run, if there are any.
 
-    A part that gives something else than it should fails where that is used, and not in its own code.
+    If a part returns a wrong value, the error appears where that value is used, and not in the part's own code.
     """
     try:
         yield
@@ -39,7 +39,7 @@ def named_failures(params: Params) -> Iterator[None]:
 def named_failure(params: Params, error: BaseException) -> BaseException:
     """The error as a HapnetError that names the part in whose code it arose, or else all own parts of this run.
 
-    It is returned as it is if it is one already, or if this run has no own parts.
+    A HapnetError is returned unchanged, and so is any error of a run without own parts.
     """
     if isinstance(error, HapnetError | NetemError | KeyboardInterrupt):
         return error
@@ -49,18 +49,18 @@ def named_failure(params: Params, error: BaseException) -> BaseException:
         return error
     passed = set(_modules(error.__traceback__))
     guilty = [who for who, target in own.items() if target.partition(":")[0] in passed] or own
-    who = " or ".join(guilty)
-    return HapnetError(f"{who} failed: {cause(error)}")
+    parts = " or ".join(guilty)
+    return HapnetError(f"{parts} failed: {cause(error)}")
 
 
 def require_parts(what: str, part: object, protocol: type) -> None:
-    """Raise HapnetError unless `part`, which people call `what`, has all that `protocol` names."""
+    """Raise HapnetError unless `part`, called `what` in the message, has all attributes of `protocol`."""
     kinds = [kind for kind in protocol.__mro__ if kind.__module__ == protocol.__module__]
     names = {name for kind in kinds for name in (*vars(kind), *vars(kind).get("__annotations__", ()))}
     lacking = sorted(name for name in names if not name.startswith("_") and not hasattr(part, name))
     if lacking:
         missing = f"{type(part).__name__} has no {', '.join(lacking)}"
-        raise HapnetError(f"{what} failed: {missing}; allowed: what has all parts of {protocol.__name__}")
+        raise HapnetError(f"{what} failed: {missing}; allowed: an object with all parts of {protocol.__name__}")
 
 
 def _target(key: str, name: str) -> str:
@@ -74,7 +74,7 @@ def _is_own(name: str) -> bool:
 
 
 def _modules(trace: TracebackType | None) -> Iterator[str]:
-    """The modules whose code an error has passed through."""
+    """Yield the modules through whose code an error has passed."""
     while trace is not None:
         yield str(trace.tb_frame.f_globals.get("__name__"))
         trace = trace.tb_next
@@ -82,7 +82,7 @@ def _modules(trace: TracebackType | None) -> Iterator[str]:
 
 @contextmanager
 def closed_if_refused(device: Any) -> Iterator[None]:
-    """Close the device, which is open, if what is in this context refuses it."""
+    """Close the open device if the body of this context raises an error."""
     try:
         yield
     except BaseException:
@@ -93,7 +93,7 @@ def closed_if_refused(device: Any) -> Iterator[None]:
 
 @contextmanager
 def named_section(section: str) -> Iterator[None]:
-    """Name the section in a part's error: a part knows only its parameter's own name."""
+    """Add the section to the parameter's name in a part's error, as a part has only the parameter's own name."""
     try:
         yield
     except InvalidParameter as error:

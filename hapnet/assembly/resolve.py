@@ -1,7 +1,7 @@
 """Resolves the parameters of a run: once, in one place, and in one order.
 
-A value that was set is used, whatever it equals. For the rest, the first of these chooses that has something to say:
-the device, the scene, its units, the device's rate, a rule. `Params.source` says of each value where it comes from.
+A value that the user set is used, whatever it equals. Each other value comes from the first of these that sets it:
+the device, the scene, its units, the device's rate, a rule. `Params.source` returns where a value comes from.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from hapnet.plant.worlds.protocol import World
 class Resolved:
     """The parameters of a run, each value with its source, and the scene that was made with them.
 
-    What the user set is in it as it was set. servo, harvest : what "auto" stands for, which stays in the parameters.
+    Values that the user set are unchanged. servo, harvest : the meaning of "auto"; the parameters keep "auto".
     """
 
     params: Params
@@ -41,9 +41,9 @@ class Resolved:
 
 
 def resolve(params: Params, default_servo: str = "sampled") -> Resolved:
-    """The parameters as they are used. Resolved again they do not change.
+    """Return the parameters as the run uses them; resolving them again changes nothing.
 
-    default_servo : used where the device's servo is left open, and where that one can act.
+    default_servo : used if the device's servo is "auto" and this servo fits.
 
     Raises InvalidParameter: names the parameter that cannot be used as it was set.
     """
@@ -70,11 +70,11 @@ def resolve(params: Params, default_servo: str = "sampled") -> Resolved:
 
 
 _SIMULATED = ("operator", "operator_hand.", "device.mass", "device.own_damping", "device.substeps")
-"""Beginnings of the names of what only a simulated device has."""
+"""Prefixes of the parameters that only a simulated device has."""
 
 
 def _refuse_simulated_only(params: Params) -> None:
-    """Raise InvalidParameter if the user set, beside a device that is not simulated, what only a simulated one has."""
+    """Raise InvalidParameter if the user set a parameter of simulated devices, and the device is not simulated."""
     if not is_simulated(params.hardware):
         allowed = f"left out with the device {params.hardware}: it is not simulated"
         refuse(
@@ -85,14 +85,14 @@ def _refuse_simulated_only(params: Params) -> None:
 
 
 def _rate(params: Params) -> Choice:
-    """The rate of the device, where that is below the servo's. Raises InvalidParameter: more was set."""
+    """Choose the device's rate if it is below the servo's. Raises InvalidParameter: the user set a higher rate."""
     rate_hz = servo_rate(params.hardware, params.device.servo_hz)
     params.require("device.servo_hz", rate_hz, f"at most {rate_hz:g}, as the device {params.hardware}")
     return Choice({} if rate_hz == params.device.servo_hz else {"device.servo_hz": rate_hz}, DEVICE)
 
 
 def _rendering(params: Params) -> Choice:
-    """The rendering that "auto" stands for with this law. Raises InvalidParameter: the law cannot have it."""
+    """Choose the rendering for "auto" with this law. Raises InvalidParameter: the law cannot have the set rendering."""
     spec = coupling(params.coupling)
     sent = " and ".join(sorted({kind.__name__ for kind in (spec.device_sends, spec.world_sends)}))
     allowed = f"auto or paper with the coupling {params.coupling}: it sends {sent}, so it has no set-position to choose"
@@ -102,14 +102,14 @@ def _rendering(params: Params) -> Choice:
 
 
 _SET_POSITIONS_ONLY = {"smoothing_s": 0.0, "predict_s": 0.0, "on_silence": "hold"}
-"""Parameters that apply to received set-positions, and their values for a law that receives something else."""
+"""Parameters that apply to received set-positions, and their values for a law that does not receive any."""
 
 _SAMPLED_ONLY = {"clutch": "", "enable": "auto"}
-"""Parameters of the device that only a sampled servo reads, and their values with another."""
+"""Parameters of the device that only a sampled servo reads, and their values with another servo."""
 
 
 def misfits(used: Resolved) -> Iterator[Refusal]:
-    """The values that do not go together, in the order in which the first is reported."""
+    """Yield the values that do not fit together, in order of precedence: only the first is reported."""
     params, spec, servo, harvest = used.params, used.coupling, used.servo, used.harvest
     device, within_step = params.device, servo == "continuous"
     law = f"with the coupling {params.coupling}"
@@ -152,7 +152,7 @@ def misfits(used: Resolved) -> Iterator[Refusal]:
 
 
 def held_warnings(used: Resolved) -> list[str]:
-    """Warnings of a torque that is held; what a device of the user's own declares counts only when it is made."""
+    """Warnings about a held torque; the declarations of a user's own device count only when that device is made."""
     params = used.params
     if used.servo != "sampled" or not used.coupling.limited:
         return []

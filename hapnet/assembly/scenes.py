@@ -23,11 +23,11 @@ SCENE_PARAMETERS = {
     "step_min_s": "world.step_min_s",
     "step_max_s": "world.step_max_s",
 }
-"""A scene's keyword, and the parameter that it gets."""
+"""Keywords of scenes, and the parameter for each."""
 
 
 def scene_defaults(params: Params) -> Choice:
-    """Choose what the scene's name sets, and the scene's own defaults for what is not set.
+    """Choose the values in the scene's name, and the scene's own defaults for parameters that are not set.
 
     Raises InvalidParameter: the user set another value than the scene's name does.
     """
@@ -40,15 +40,15 @@ def scene_defaults(params: Params) -> Choice:
     for keyword, value in scene_parameters(params.scene).items():
         name = SCENE_PARAMETERS.get(keyword)
         if name is not None and name not in params.given and (own or value != params.get(name)):
-            with suppress(InvalidParameter):  # none, or of another kind: then only the scene knows what it uses
+            with suppress(InvalidParameter):  # none, or of another type: then the scene uses its own default
                 found |= params.typed({name: value})
     return Choice(found, SCENE)
 
 
 def scene_of(params: Params) -> World:
-    """The scene of these parameters.
+    """Make the scene of these parameters.
 
-    Raises InvalidParameter: it cannot be made with them, or does not read one that the user set.
+    Raises InvalidParameter: it cannot be made with them, or does not read a parameter that the user set.
     """
     scene = _made(params)
     for name in _unread(params, scene):
@@ -58,7 +58,7 @@ def scene_of(params: Params) -> World:
 
 
 def for_its_scene(params: Params) -> Params:
-    """A copy without what was set for another scene, which this one does not read. Raises InvalidParameter."""
+    """Return a copy without parameters that were set for another scene. Raises InvalidParameter."""
     if not any(params.asked(name) for name in SCENE_PARAMETERS.values()):
         return params
     return params.unset(*_unread(params, _made(params)))
@@ -76,7 +76,7 @@ def _made(params: Params) -> World:
     known, own = scene_parameters(params.scene), is_own(params.scene)
     values: dict[str, Any] = {"dof": params.dof} if params.dof and "dof" in known else {}
     for keyword, name in SCENE_PARAMETERS.items():
-        if keyword not in known or (own and name not in params.given):  # its default is of a kind that no parameter has
+        if keyword not in known or (own and name not in params.given):  # no parameter has the type of its default
             continue
         values[keyword] = params.get(name)
     try:

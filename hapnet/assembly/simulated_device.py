@@ -1,4 +1,4 @@
-"""The simulated device: a mass, or what an extension brings (an arm, a tool's handle)."""
+"""The simulated device: a mass, or the device of an extension (an arm, a tool's handle)."""
 
 from __future__ import annotations
 

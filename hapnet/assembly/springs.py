@@ -1,4 +1,4 @@
-"""The device's spring where the parameters leave it to a rule (`hapnet.couplings.stiffness`)."""
+"""The device's stiffness by rule (`hapnet.couplings.stiffness`), if the parameters set none."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from hapnet.param_sources import RULE
 from hapnet.params import DeviceParams, Params, is_simulated, known_damping
 
 MOST_CEILING_J = 0.2
-"""A stiff spring needs a large reserve, and the reservoir's ceiling follows it up to this [J], if the user set none."""
+"""A stiff spring needs a full reservoir: the ceiling grows with the stiffness up to this [J], if the user set none."""
 
 _ROUNDS = 30
 
 
 def spring(params: Params) -> Choice:
-    """`device.stiffness` as a number of N/m, if it is 0; `device.ceiling_J` may follow it.
+    """Choose `device.stiffness` [N/m] if it is 0, and with it perhaps `device.ceiling_J`.
 
     The rule is for the couplings with the stages of ``rendering = "hapnet"``. All others have the paper's spring, with
     which they were tuned.
@@ -41,8 +41,8 @@ def spring(params: Params) -> Choice:
 
 
 def _by_rule(params: Params) -> dict[str, object]:
-    """The rule's spring. One stiffer than the paper's is never stiffer than the ceiling covers while its torque is
-    held; a ceiling that nobody set grows for it.
+    """The rule's spring. If it is stiffer than the paper's, the ceiling must cover its held torque; a ceiling that the
+    user did not set grows for it.
     """
     held = _as_declared(params)
     K = default_stiffness(
@@ -62,7 +62,7 @@ def _by_rule(params: Params) -> dict[str, object]:
 
 
 def without_rule(params: Params) -> Params:
-    """The reverse of `spring`: what the rule would choose again is left to it."""
+    """The reverse of `spring`: unset the values that the rule would choose again."""
     springs = ("device.stiffness", "device.ceiling_J")
     if params.asked("device.stiffness"):
         return params
@@ -72,19 +72,19 @@ def without_rule(params: Params) -> Params:
             chosen = choosing(left_open, spring)
             if all(chosen.get(name) == params.get(name) for name in springs):
                 return left_open
-        except InvalidParameter:  # the device, or the coupling, is not at hand
+        except InvalidParameter:  # the device or the coupling cannot be loaded
             return params
     return params
 
 
 def _as_declared(params: Params) -> DeviceParams:
-    """The device's parameters, with what its class declares in their place."""
+    """The device's parameters, replaced by the values that its class declares."""
     device = dataclasses.replace(params.device, damping=float(np.max(params.device.damping)))
     if not is_simulated(params.hardware):
         made = load_class(params.hardware)
         limits = [limit for limit in (device.force_limit_N, declared(made, "force_limit")) if _is_number(limit)]
-        reported = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
-        known: dict[str, Any] = {name: float(value) for name, value in reported.items() if _is_number(value)}
+        values = {"greatest_speed": declared(made, "greatest_speed"), "resolution_m": declared(made, "resolution")}
+        known: dict[str, Any] = {name: float(value) for name, value in values.items() if _is_number(value)}
         device = dataclasses.replace(device, force_limit_N=float(min(limits, default=0.0)), **known)
     return device
 
@@ -95,13 +95,13 @@ def _is_number(value: object) -> bool:
 
 
 def _declared_range(params: Params) -> tuple[float, float] | None:
-    """The stiffness that the device, or else `device.stiffness_range`, declares [N/m]; None: neither does."""
-    reported: Any = None if is_simulated(params.hardware) else declared(load_class(params.hardware), "stiffness_range")
-    if not isinstance(reported, tuple | list):
-        reported = params.device.stiffness_range if "device.stiffness_range" in params.given else None
-    if reported is None:
+    """The stiffness range that the device, or else `device.stiffness_range`, declares [N/m]; None: neither does."""
+    limits: Any = None if is_simulated(params.hardware) else declared(load_class(params.hardware), "stiffness_range")
+    if not isinstance(limits, tuple | list):
+        limits = params.device.stiffness_range if "device.stiffness_range" in params.given else None
+    if limits is None:
         return None
-    minimum, maximum = np.atleast_1d(reported)[[0, -1]]
+    minimum, maximum = np.atleast_1d(limits)[[0, -1]]
     return float(np.max(minimum)), float(np.min(maximum))
 
 

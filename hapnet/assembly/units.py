@@ -1,4 +1,4 @@
-"""The units of the axes, with defaults for radians; parameters that only another unit explains are refused."""
+"""The units of the axes, and the defaults for radians; refuses parameters that must be in another unit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PLACES = (
 
 
 LEVER_M = 0.1
-"""What is left at its default is for axes in radians as if it acted in metres at such a lever [m]."""
+"""Defaults for axes in radians are the defaults in metres, as if they acted at this lever [m]."""
 
 _POWERS = {
     2: ("device.damping", "device.mass", "device.own_damping", "operator_hand.mass", "operator_hand.damping",
@@ -41,9 +41,9 @@ _TURNED = {
 
 
 def scene_units(params: Params, scene: World) -> Choice:
-    """The scene's units, and defaults for radians if all axes are in these.
+    """Choose the scene's units, and the defaults for radians if all axes are in radians.
 
-    Raises InvalidParameter: the parameters, the device or the world name others.
+    Raises InvalidParameter: the parameters, the device or the world have other units.
     """
     of_world = one_text(scene.units, scene.dof, f"the units of the scene {params.scene}")
     if params.units != "auto" and one_text(params.units, scene.dof) != of_world:
@@ -57,7 +57,7 @@ def scene_units(params: Params, scene: World) -> Choice:
 
 
 def check_units(params: Params, dof: int) -> None:
-    """Raise InvalidParameter for a length, or a simulated device's stiffness, that only another unit explains.
+    """Raise InvalidParameter for a length, or a simulated device's stiffness, that must be in another unit.
 
     The stiffness for a user's own device is checked when that device is made, since it may declare its range.
     """

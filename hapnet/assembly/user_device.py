@@ -1,7 +1,7 @@
 """A user's own device, given as ``module:Class``: checked when it is made, and guarded while it runs.
 
 It may declare its operating range: `workspace` [m], `greatest_speed` [m/s] and `stiffness_range` [N/m], as in
-`hapnet.plant.operating_range`. The parameters stand in for what it does not declare. For the speed the limit is ten
+`hapnet.plant.operating_range`. The parameters replace values that it does not declare. For the speed the limit is ten
 times device.greatest_speed: above that parameter only the account is not known; above ten times it, the unit is wrong.
 """
 
@@ -37,32 +37,32 @@ _DECLARED = {
     "workspace": "device.workspace_m", "greatest_speed": "device.greatest_speed", "resolution": "device.resolution_m",
     "stiffness_range": "device.stiffness_range",
 }  # fmt: skip
-"""What a device may declare, and the parameter that stands in for it."""
+"""Attributes that a device may declare, and the parameter used if it does not."""
 
 _FIRST_READINGS = 5
 _UNIT = 1e-3
 _MOST_REPORTED = 2.0
-"""A driver may report a force up to so many times its limit, as currents overshoot. Beyond, the unit is wrong."""
+"""A driver may report a force up to this many times its limit, as currents overshoot. Beyond, the unit is wrong."""
 
 _MOST_REPORTED_N = 1e4
-"""No device that a hand holds renders more [N], whatever its limit."""
+"""Largest plausible force of a device that a hand holds [N], whatever its limit."""
 
 SELF_TEST_ROUNDS = 3
-"""The axes share as many pushes to and fro: 0.43 s."""
+"""Rounds of pushes to and fro, shared by the axes: 0.43 s."""
 
 THERMAL_S = 10.0
 """Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
 
 
 class UserDevice:
-    """The device `name`, made with ``dof`` and read once. `params` stand in for what it does not declare.
+    """The device `name`, made with ``dof`` and read once. `params` replace values that it does not declare.
 
-    More than twenty attributes: what it declares, and which optional parts it has.
+    More than twenty attributes: its declarations, and which optional parts it has.
 
-    units : of the scene's axes; empty: whatever the device has.
+    units : of the scene's axes; empty: the device's own.
 
-    Its driver may fail at any time, and a NaN would become a force. So whatever it raises, and any reading that is not
-    two times `dof` finite numbers, becomes one HapnetError that names the device.
+    Its driver may fail at any time, and a NaN would become a force. So any error that it raises, and any reading that
+    is not two times `dof` finite numbers, becomes one HapnetError that names the device.
 
     Raises InvalidParameter: the device lacks a part, or its first reading does not fit. HapnetError: it cannot be made.
     """
@@ -75,7 +75,7 @@ class UserDevice:
             self.device: Device = (
                 extension("tools' drivers").Posed(make(dof=3), name) if units == POSE else make(dof=dof)
             )
-        except HapnetError as error:  # the driver says what is wrong
+        except HapnetError as error:  # the driver's own message
             if isinstance(error, InvalidParameter) and error.name == "hardware":
                 raise
             raise HapnetError(f"the device {name} cannot be made: {error}") from error
@@ -89,7 +89,7 @@ class UserDevice:
             self._examine(params or DeviceParams(), params is not None, units)
 
     def _examine(self, params: DeviceParams, is_run: bool, units: str) -> None:
-        """Check what the device declares, calibrate it and read it once; `is_run` : at the rate of `params`."""
+        """Check the device's declarations, calibrate it and read it once; `is_run` : at the rate of `params`."""
         name, dof = self.name, self.dof
         missing = [
             part for part in ("dof", "force_limit", "resolution", "read", "apply") if not hasattr(self.device, part)
@@ -132,33 +132,33 @@ class UserDevice:
             raise InvalidParameter("dead_man", self.dead_man, f"the number of one of its {count} buttons, from 0")
 
     def _make_ready(self) -> None:
-        driver: Any = self.device  # what is optional is not part of `Device`
+        driver: Any = self.device  # optional methods are not part of `Device`
         try:
             driver.home()
-        except HapnetError as error:  # the driver says what to do first
+        except HapnetError as error:  # the driver's message tells the user what to do first
             raise HapnetError(f"the device {self.name} is not ready: {error}") from error
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the device {self.name} failed: home() raised {failure(error)}") from error
 
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s]. DeviceSilent if there is none now, HapnetError if the device fails."""
-        reported = self._call("read")
+        returned = self._call("read")
         wanted = f"position and velocity of {self.dof} finite numbers each"
         try:
-            position, velocity = reported
+            position, velocity = returned
         except (TypeError, ValueError):
-            raise self._wrong("read", reported, wanted) from None
+            raise self._wrong("read", returned, wanted) from None
         x, v = self._numbers("read", position, wanted), self._numbers("read", velocity, wanted)
         if len(x) != self.dof or len(v) != self.dof or not isfinite(sum(x) + sum(v)):
             raise self._wrong("read", (x, v), wanted)
         return x, v
 
     def apply(self, force: Vector) -> Vector | None:
-        """Hold a force [N]; returns the one really applied, if the device reports it. HapnetError if it fails."""
+        """Hold a force [N]; returns the force really applied, if the device reports it. HapnetError if it fails."""
         return self._force("apply", self._call("apply", force), "the applied force")
 
     def begin(self) -> None:
-        """Control begins; HapnetError if the device fails."""
+        """Call `begin` of the driver, if it has one; HapnetError if the device fails."""
         if self._can("begin"):
             self._call("begin")
 
@@ -167,44 +167,44 @@ class UserDevice:
         return self._force("acted", self._call("acted"), "the force that acted") if self._reports_acted else None
 
     def contact_force(self) -> Vector | None:
-        """The measured force of its surroundings, perhaps no number; None: there is none. HapnetError if it fails."""
+        """The measured force of its surroundings, perhaps NaN; None: not measured. HapnetError if it fails."""
         if not self._reports_contact:
             return None
         try:
-            reported = self._call("contact_force")
+            returned = self._call("contact_force")
         except DeviceSilent:
             return None
         wanted = f"the force of its surroundings, {self.dof} numbers, or None"
-        force = None if reported is None else self._numbers("contact_force", reported, wanted)
+        force = None if returned is None else self._numbers("contact_force", returned, wanted)
         if force is not None and len(force) != self.dof:
             raise self._wrong("contact_force", force, wanted)
         return force
 
     def interval(self) -> float | None:
         """The time between the last two readings by the device's clock [s], if it reports that, or HapnetError."""
-        if not self._reports_interval or (reported := self._call("interval")) is None:
+        if not self._reports_interval or (returned := self._call("interval")) is None:
             return None
         try:
-            return checks.positive("interval", reported)
+            return checks.positive("interval", returned)
         except InvalidParameter:
-            raise self._wrong("interval", reported, "a positive number of seconds, or None") from None
+            raise self._wrong("interval", returned, "a positive number of seconds, or None") from None
 
     def orientation(self) -> Vector | None:
-        """How the handle is turned, if the device reports it: a unit quaternion w, x, y, z. HapnetError if it fails."""
-        if not self._reports_turned or (reported := self._call("orientation")) is None:
+        """The handle's orientation, if the device reports it: a unit quaternion w, x, y, z. HapnetError if it fails."""
+        if not self._reports_turned or (returned := self._call("orientation")) is None:
             return None
-        turned = self._numbers("orientation", reported, "a quaternion, or None")
+        turned = self._numbers("orientation", returned, "a quaternion, or None")
         if len(turned) != 4 or not abs(sum(part * part for part in turned) - 1.0) < _UNIT:
             raise self._wrong("orientation", turned, "a unit quaternion w, x, y, z, or None")
         return turned
 
     def signal(self, name: str, value: object) -> None:
-        """Hand a value that the world sends to the device, if it takes such; HapnetError if it fails."""
+        """Pass a value from the world to the device, if it has `signal`; HapnetError if it fails."""
         if self._can("signal"):
             self._call("signal", name, value)
 
     def vibrate(self, force: Vector) -> None:
-        """Tell the device what of the force grains make [N], if it vibrates; HapnetError if it fails."""
+        """Pass the grains' part of the force [N] to the device, if it vibrates; HapnetError if it fails."""
         if self._can("vibrate"):
             self._call("vibrate", force)
 
@@ -214,7 +214,7 @@ class UserDevice:
 
     @property
     def missed(self) -> int:
-        """Readings that it made and nobody took, as far as it counts them."""
+        """Number of readings that the device made and the servo did not read, if the device counts them."""
         return int(getattr(self.device, "missed", 0) or 0)
 
     @property
@@ -226,23 +226,23 @@ class UserDevice:
         """Which buttons were pressed at the last reading; HapnetError if the device fails."""
         if not self._has_buttons:
             return ()
-        reported = self._call("buttons")
+        returned = self._call("buttons")
         wanted = "a True or False for each button"
         try:
-            pressed = tuple(reported)
+            pressed = tuple(returned)
         except TypeError:
-            raise self._wrong("buttons", reported, wanted) from None
+            raise self._wrong("buttons", returned, wanted) from None
         if not all(isinstance(one, bool | np.bool_) for one in pressed):  # the numbers of buttons would look released
-            raise self._wrong("buttons", reported, wanted)
+            raise self._wrong("buttons", returned, wanted)
         return tuple(map(bool, pressed))
 
     def close(self) -> None:
-        """Let go of the device; HapnetError if that fails."""
+        """Close the device; HapnetError if that fails."""
         if self._can("close"):
             self._call("close")
 
     def _can(self, part: str) -> bool:
-        """Whether the driver has this optional method. An attribute of its own may have the same name."""
+        """Whether the driver has this optional method, not only another attribute of that name."""
         return callable(getattr(self.device, part, None))
 
     def _call(self, part: str, *given: object) -> Any:
@@ -253,21 +253,21 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the device {self.name} failed: {part}() raised {failure(error)}") from error
 
-    def _wrong(self, part: str, reported: object, wanted: str) -> HapnetError:
-        shown = " ".join(f"{reported!r:.120}".split())
+    def _wrong(self, part: str, returned: object, wanted: str) -> HapnetError:
+        shown = " ".join(f"{returned!r:.120}".split())
         return HapnetError(f"the device {self.name} failed: {part}() gave {shown} instead of {wanted}")
 
-    def _numbers(self, part: str, reported: Any, wanted: str) -> Vector:
+    def _numbers(self, part: str, returned: Any, wanted: str) -> Vector:
         try:
-            return tuple(map(float, reported))
+            return tuple(map(float, returned))
         except (TypeError, ValueError, OverflowError):
-            raise self._wrong(part, reported, wanted) from None
+            raise self._wrong(part, returned, wanted) from None
 
-    def _force(self, part: str, reported: Any, what: str) -> Vector | None:
-        if reported is None:
+    def _force(self, part: str, returned: Any, what: str) -> Vector | None:
+        if returned is None:
             return None
         wanted = f"{what}, {self.dof} finite numbers, or None"
-        force = self._numbers(part, reported, wanted)
+        force = self._numbers(part, returned, wanted)
         if len(force) != self.dof or not isfinite(sum(force)):
             raise self._wrong(part, force, wanted)
         if self.force_limit is not None and math.hypot(*force) > _MOST_REPORTED * self.force_limit:
@@ -277,14 +277,14 @@ class UserDevice:
         return force
 
     def _first_reading(self) -> tuple[Vector, Vector]:
-        """A device that has just been opened may be silent at first."""
+        """The first reading; a device that has just been opened may be silent at first."""
         for _ in range(_FIRST_READINGS - 1):
             with suppress(DeviceSilent):
                 return self.read()
         return self.read()
 
     def check_damping(self, name: str, damping: object) -> None:
-        """Raise InvalidParameter if B [Ns/m] is outside of what the device renders on any axis."""
+        """Raise InvalidParameter if B [Ns/m] is outside the device's damping range on any axis."""
         if self.damping_range is not None:
             minimum, most = self.damping_range
             values = checks.diagonal(name, cast(ArrayLike, damping), self.dof)
@@ -292,9 +292,9 @@ class UserDevice:
                 raise InvalidParameter(name, damping, f"{minimum:g} to {most:g} Ns/m, as the device renders")
 
     def check_set(self, params: Params) -> None:
-        """Raise InvalidParameter if the user set anything to another value than the device declares for itself.
+        """Raise InvalidParameter if a value that the user set differs from the device's own declaration.
 
-        The smaller force limit holds, so only a larger one is refused.
+        The smaller force limit applies, so only a larger one is refused.
         """
         for part, name in _DECLARED.items():
             if (own := getattr(self.device, part, None)) is not None:
@@ -305,7 +305,7 @@ class UserDevice:
             params.require("device.force_limit_N", self.force_limit, allowed)
 
     def declares(self, section: Section) -> Section:
-        """The parameters of a servo, with what this device declares of itself in their place."""
+        """The parameters of a servo, replaced by this device's own declarations."""
         limits = [limit for limit in (section.force_limit_N, self.force_limit) if limit]
         return replace(
             section,
@@ -341,12 +341,12 @@ class UserDevice:
         )
 
     def check(self, params: DeviceParams) -> ActuatorCheck | None:
-        """The pushes at the start, with no more than the forces allowed; None: there are none.
+        """The check with pushes at the start, within the allowed forces; None: no check.
 
         Raises InvalidParameter: device.known_mass_kg is not one number, or one for each axis.
         """
         limits = [limit for limit in (params.self_test_N, params.force_limit_N, self.force_limit) if limit]
-        # along a pose's coordinates nobody knows how heavy a handle is
+        # along a pose's coordinates a handle's mass is not known
         if not params.self_test_N or self._is_posed:
             return None
         mass = checks.vector("device.known_mass_kg", cast(ArrayLike, params.known_mass_kg))

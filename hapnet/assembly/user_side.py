@@ -19,7 +19,7 @@ from hapnet.units import within
 
 
 def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
-    """The side of a user's own device, which only a sampled servo can drive."""
+    """Make the side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
     device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
     with closed_if_refused(device):
@@ -36,7 +36,7 @@ def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         with named_section("device"):
             hold((0.0,) * setup.dof, False)
         driven = drive(setup, clock, write)
-        if isinstance(device.device, SimulatedDevice):  # the side must see that it simulates
+        if isinstance(device.device, SimulatedDevice):  # the side must know that the device is simulated
             simulating = SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
             let_lead(setup.params, setup.units, simulating)
             return simulating

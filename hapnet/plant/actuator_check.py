@@ -1,18 +1,18 @@
-"""Check that a device's force and its positions agree. Short pulses along each axis, and a fit of what they did.
+"""Check that a device's force and its positions agree: short pulses along each axis, and a fit of the response.
 
 Each axis is pushed by +F, -F, +F for h, 2h, h seconds, then in reverse: a free handle of mass m moves by up
-to F h^2 / m and rests again. The law of motion, integrated twice from the first reading, is linear in what is unknown:
+to F h^2 / m and rests again. The law of motion, integrated twice from the first reading, is linear in the unknowns:
 
     x = (1/m) II F(t - d) - (b/m) I x - (k/m) II x + a cubic polynomial in t
 
-with integrals I, and II of them: b and k are what device and hand do to the handle, the polynomial is where the hand
-itself goes. Each four pulses are fitted by themselves: a hand is no cubic for longer. Least squares find 1/m for each
-delay d; the delay is the one that fits best. A hand's own motion has
-little in common with pulses of 14 to 28 Hz, so the sign is known from a tenth of a millimetre on.
+with I the integral and II the double integral: b and k describe device and hand, the polynomial is the motion of the
+hand itself. Every four pulses are fitted separately: a hand's motion is close to a cubic only for that long. Least
+squares find 1/m for each delay d; the delay with the best fit is used. A hand's own motion differs much from
+pulses of 14 to 28 Hz, so the sign is known from a tenth of a millimetre on.
 
-Where a reading comes late, because the computer was busy, nobody knows when exactly it was taken, and when the force
-changed: position and velocity may begin anew there and after it, at the price of four more unknowns. If that leaves too
-little, the axis is pushed again.
+If a reading is late because the computer was busy, its exact time and that of the force's change are not known:
+position and velocity may jump there and after it, at the cost of four more unknowns. If that leaves too few readings,
+the axis is pushed again.
 
 No clock: times are arguments.
 """
@@ -31,16 +31,16 @@ from hapnet.checks import Array, Vector
 PULSE_S = 0.016
 """h, and at least `_LEAST_TICKS` of the servo's periods."""
 FARTHEST_M = 0.01
-"""Farther from where a group of four pulses began, the handle is pushed no more until the next."""
+"""If the handle moves farther from the start of a group of four pulses, it is not pushed until the next group."""
 PLAUSIBLE_KG = 0.002, 20.0
-"""A handle that seems lighter or heavier is read, or pushed, in another unit."""
+"""If the handle seems lighter or heavier, its positions or forces are in a wrong unit."""
 LATE_TICKS = 2
-"""A force that acts at the next reading is in time: its device may read and apply at once."""
+"""A delay in readings from which on a force is late; less is normal, as a device may read and apply at once."""
 
 UNEVEN = 2.5
-"""A reading is late that comes after more than so many times the usual interval."""
+"""A reading is late if it comes after more than this many times the usual interval."""
 MOST_ATTEMPTS = 8
-"""So often an axis is pushed until its response is known, if readings are late."""
+"""Most rounds of pushes on an axis until its response is known, if readings are late."""
 
 _LEAST_TICKS = 3
 _LEAST_ROWS = 24
@@ -52,9 +52,9 @@ _HEAVIER, _LIGHTER = 1.7, 0.6
 
 
 class Response(NamedTuple):
-    """The response of an axis: apparent mass [kg], below zero where it moves against the force; the delay of the force,
-    in readings; how sure the mass is, in standard errors; reported velocity over that of the positions, None: not
-    known; at how many readings position and velocity begin anew.
+    """The response of an axis: apparent mass [kg], below zero if it moves against the force; the delay of the force, in
+    readings; the mass over its standard error; reported velocity over that of the positions, None: not known; the
+    number of readings at which position and velocity may jump.
     """
 
     mass: float
@@ -71,10 +71,10 @@ class Response(NamedTuple):
 
 
 class ActuatorCheck:
-    """Pushes the axes one after another; `step` once for each reading, until `done`.
+    """Pushes the axes one after another; call `step` once for each reading, until `done`.
 
-    force_N : of the pulses. period_s : of the readings. rounds : how often each axis is pushed. known_mass : of each
-    axis, as it was found before [kg], or of all; empty: not known. least_mass : the device declares none to be lighter.
+    force_N : of the pulses. period_s : of the readings. rounds : how often each axis is pushed. known_mass : an earlier
+    result for each axis [kg], or for all; empty: not known. least_mass : the smallest that the device declares.
     """
 
     def __init__(
@@ -125,27 +125,27 @@ class ActuatorCheck:
 
     @property
     def masses(self) -> Vector:
-        """Apparent mass of each axis [kg], as far as all are known; empty: not known."""
+        """Apparent mass of each axis [kg]; empty: not all are known."""
         found = tuple([one.mass for one in self.responses])
         return found if all(one.known and one.mass > 0.0 for one in self.responses) else ()
 
     @property
     def wrong_way(self) -> str:
-        """Which axes move against their force, as a message; empty: none."""
+        """A message that names the axes that move against their force; empty: none."""
         wrong = [one.known and one.mass <= -PLAUSIBLE_KG[0] for one in self.responses]
         axes = [_name(i, self._dof) for i, is_wrong in enumerate(wrong) if is_wrong]
         return f"{' and '.join(axes)} moves against its force: motor or encoder is reversed" if axes else ""
 
     @property
     def impossible(self) -> str:
-        """Another reason to render no force, as a message; empty: none."""
+        """A message with another reason to render no force; empty: none."""
         minimum, most = PLAUSIBLE_KG
         for i, one in enumerate(self.responses):
             name, mass = _name(i, self._dof), abs(one.mass)
             if one.stood_still:
                 return f"{name} reads the same while {self._force_N:g} N push it to and fro: is its encoder connected?"
             if one.known and not minimum <= mass <= most:
-                return f"{name} moves as {mass:.2g} kg would: are these millimetres, or are its forces in another unit?"
+                return f"{name} moves like {mass:.2g} kg: are these millimetres, or are its forces in another unit?"
         return ""
 
     @property
@@ -161,9 +161,9 @@ class ActuatorCheck:
             return ["could not be checked: too many of its readings came late"] if one.gaps and not one.known else []
         found, mass = [], abs(one.mass)
         if self._minimum is not None and mass < _LIGHTER * self._minimum:
-            found.append(f"moves as {mass:.2g} kg would, and {self._minimum:g} kg are declared: is its force larger?")
+            found.append(f"moves like {mass:.2g} kg, but {self._minimum:g} kg are declared: is its force larger?")
         elif self._known and not _LIGHTER <= mass / self._known[axis] <= _HEAVIER:
-            found.append(f"moves as {mass:.2g} kg would, before as {self._known[axis]:.2g} kg: another grip, or force?")
+            found.append(f"moves like {mass:.2g} kg, earlier like {self._known[axis]:.2g} kg: another grip, or force?")
         if one.late >= LATE_TICKS:
             found.append(f"moves {one.late} readings after its force: the account counts it too early")
         if one.velocity is not None and not _VELOCITY_SHARE[0] <= one.velocity <= _VELOCITY_SHARE[1]:
@@ -172,11 +172,11 @@ class ActuatorCheck:
 
 
 def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1) -> Response:
-    """Return the response of an axis. Of each reading: time [s], the force since the one before [N], position [m],
-    velocity [m/s].
+    """Return the response of an axis. Each row is a reading: time [s], the force since the last reading [N], position
+    [m], velocity [m/s].
 
-    groups : so many times in it the pushes begin anew. Each is fitted by itself, as a hand's own way is a cubic for no
-    longer; what they disagree counts as blur.
+    groups : the number of groups of pulses. Each is fitted by itself, as a hand's own motion is close to a cubic only
+    for that long; the differences between the fits count as blur.
     """
     time, force, x, v = (np.asarray(column, dtype=np.float64) for column in zip(*rows, strict=True))
     x = x - x[0]
@@ -191,7 +191,7 @@ def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1)
     gaps = np.unique(np.minimum(np.r_[late_at, late_at + 1], len(rows) - 1))  # it may be stamped late, too
     if len(gaps) > len(rows) // len(_PULSES):
         return Response(math.inf, 0, 0.0, None, False, len(gaps))
-    groups = 1 if len(gaps) else max(1, min(groups, len(rows) // _LEAST_ROWS))  # four pulses with a gap tell too little
+    groups = 1 if len(gaps) else max(1, min(groups, len(rows) // _LEAST_ROWS))  # four pulses with a gap are too few
     cuts = np.searchsorted(time, np.linspace(time[0], time[-1], groups + 1)[1:-1])
     ends = [0, *cuts, len(rows)]
     parts = [_Part(time[a:b], x[a:b], gaps[(gaps > a) & (gaps < b)] - a) for a, b in itertools.pairwise(ends)]
@@ -203,7 +203,7 @@ def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1)
     late = int(np.argmin(left))
     noise = left[late] / max(1, len(rows) - math.fsum(part.unknowns for part in parts))
     in_time = min(range(LATE_TICKS), key=left.__getitem__)
-    moved = math.fsum(part.moved for part in parts)  # what only the force explains
+    moved = math.fsum(part.moved for part in parts)  # motion that only the force explains
     if left[in_time] - left[late] < max(_SURE_LATE * noise, _SHOWS_LATE * moved):
         late = in_time
     gain, error, _ = fits[late]
@@ -215,8 +215,8 @@ def response(rows: Sequence[tuple[float, float, float, float]], groups: int = 1)
 
 
 def pushed(time: Array, force: Array, x: Array, lags: int) -> tuple[float, float]:
-    """1/m [1/kg] of an axis that was pushed by `force` [N] up to each reading of x [m], and how sure it is, in standard
-    errors; of the `lags` the one that fits best."""
+    """1/m [1/kg] of an axis that was pushed by `force` [N] up to each reading of x [m], and 1/m over its standard
+    error; with the lag below `lags` that fits best."""
     part = _Part(time, x)
     fits = [part.fit(np.r_[np.zeros(late), force[: len(force) - late]]) for late in range(lags)]
     gain, error, _ = min(fits, key=lambda fit: fit[2])
@@ -224,7 +224,7 @@ def pushed(time: Array, force: Array, x: Array, lags: int) -> tuple[float, float
 
 
 class _Part:
-    """Some readings in a row, and what a motion without a force may be in them."""
+    """Consecutive readings, and the possible motions without a force in them."""
 
     def __init__(self, time: Array, x: Array, gaps: Array | None = None) -> None:
         self._x, self._dt = x - x[0], np.diff(time)
@@ -239,7 +239,7 @@ class _Part:
 
     @property
     def moved(self) -> float:
-        """The sum of squares that is left without a force."""
+        """The residual sum of squares without a force."""
         explained = self._base @ np.linalg.lstsq(self._base, self._x, rcond=None)[0]
         return float(np.sum((self._x - explained) ** 2))
 
@@ -251,7 +251,7 @@ class _Part:
 
 
 def _combined(fits: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
-    """Their mean, by how sure each is; its error is also what they differ."""
+    """The weighted mean of several fits; its error includes their scatter."""
     gain, error, _ = np.array(fits).T
     weight = error**-2.0
     if not np.any(weight):

@@ -27,12 +27,12 @@ from hapnet.records.record import AXES, FloatRows, OfAxes, Reals, Record, compil
 from hapnet.records.vectors import added, copy, length
 
 TICKS = 1024
-"""So many ticks of the hand's path are known at once."""
+"""Number of ticks of the hand's path that are computed at once."""
 
 
 class Hand(Record):
-    """The hand's reference for compiled code: where it is, and at the end of each of the next ticks [m]. at : where on
-    the path it is; known : how many ticks the path has."""
+    """The hand's reference for compiled code: now, and at the end of each of the next ticks [m]. at : the present index
+    on the path; known : the number of ticks on the path."""
 
     at: int
     known: int
@@ -59,8 +59,8 @@ class Device(Protocol):
     def apply(self, force: Vector) -> Vector | None:
         """Hold this force [N] until the next call. Returns the force really applied; None if it is unknown.
 
-        The energy account counts the returned force. So a driver that knows it (from a limit of the actuators, a
-        reversed motor, a measured current) should return it.
+        The energy account counts the returned force. So a driver that can determine it (from a limit of the actuators,
+        a reversed motor, a measured current) should return it.
         """
 
 
@@ -177,7 +177,7 @@ class SimulatedDevice(Record):
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
-        """From now on let the coupling (2) act continuously within the ticks, in place of a zero-order hold.
+        """From now on the coupling (2) acts continuously within the ticks, in place of a zero-order hold.
 
         Spring and damper together stay within the device's force limit; the damper is reduced.
 
@@ -202,7 +202,7 @@ class SimulatedDevice(Record):
     def passage(self) -> tuple[Vector, Vector, float | None]:
         """Smallest and largest position on each axis since the last call [m], both ends included; with a coupling.
 
-        The third value is what the coupling's damper dissipated since then [J] if it was limited, else None.
+        The third value is the energy that the coupling's damper dissipated since then [J] if it was limited, else None.
         """
         state = self.state
         result = tuple(state.low), tuple(state.high), added(state.dissipated) if state.limited else None
@@ -210,7 +210,7 @@ class SimulatedDevice(Record):
         return result
 
     def place(self, position: Vector) -> None:
-        """Rest at `position` [m], where the hand already is; before the first tick."""
+        """Put the device at rest at `position` [m], where the hand already is; before the first tick."""
         self.references = [position]
         self.state.position[:] = position
         self.position = position
@@ -228,7 +228,7 @@ class SimulatedDevice(Record):
         return work
 
     def _tick(self, begin: Vector, end: Vector) -> float:
-        """A tick into `state`, as the hand's reference goes from `begin` to `end` [m]. Returns the hand's work [J]."""
+        """Compute a tick into `state`; the reference moves from `begin` to `end` [m]. Returns the hand's work [J]."""
         return tick(self.model, self.state, (begin, end), 0)
 
     def run(self, ticks: int) -> list[TickResult]:
@@ -260,13 +260,13 @@ def _compiled_advance(device: SimulatedDevice, hand: Hand) -> float:
 
 @compiled_as(_compiled_advance)
 def advance(device: SimulatedDevice, hand: Hand | None) -> float:
-    """`SimulatedDevice.advance`; Python asks the operator where the hand goes."""
+    """`SimulatedDevice.advance`; plain Python gets the hand's reference from the operator."""
     return device.advance()
 
 
 @equation
 def _count(device: SimulatedDevice) -> None:
-    """The position as the encoders read it."""
+    """Round the position to whole counts of the encoders."""
     r, x = device.resolution, device.state.position
     for i in range(device.dof):
         device.read_position[i] = x[i] if r == 0.0 else r * round(x[i] / r)
@@ -298,13 +298,13 @@ def hold(device: SimulatedDevice, force: Reals) -> None:
 
 @compiled_as(hold)
 def apply(device: SimulatedDevice, force: Reals) -> None:
-    """The same, as a driver sees it."""
+    """Hold a force [N], as `Device.apply`."""
     device.apply(tuple(force))
 
 
 @equation
 def begin_passage(state: DeviceState, n: int) -> None:
-    """From now on count anew what `passage` returns."""
+    """Reset the values that `passage` returns."""
     for i in range(n):
         state.low[i] = state.high[i] = state.position[i]
         state.dissipated[i] = 0.0
@@ -312,4 +312,4 @@ def begin_passage(state: DeviceState, n: int) -> None:
 
 
 kinetic_at = SimulatedDevice.kinetic_at
-"""As equations call it."""
+"""The name in equations."""

@@ -1,11 +1,11 @@
 """Checks of a running device: its positions change at all, and its motor still pushes in the commanded direction.
 
 A handle that moves against its force may be pushed by a hand, or by a motor whose sign has changed. In slow motion the
-two look alike. So while it does so, the force is cut to a part of it for two pulses, and what the handle does is fitted
-as at the start (`hapnet.plant.actuator_check`). A force that is only ever made smaller cannot make the coupling active.
+two look alike. So during such motion the force is reduced for two pulses, and the handle's response is fitted as at the
+start (`hapnet.plant.actuator_check`). A force that is only ever made smaller cannot make the coupling active.
 
-Where the handle accelerates against its force as only a very fast hand could make it, or a fit speaks against the motor
-without being sure, no more than `PUSH_N` are rendered until that is decided: so the handle does not go far meanwhile.
+If the handle accelerates against its force as only a very fast hand could do it, or if a fit speaks against the motor
+without certainty, at most `PUSH_N` are rendered until that is decided: so the handle does not move far meanwhile.
 
 No clock: times are arguments.
 """
@@ -22,24 +22,24 @@ from hapnet.plant.actuator_check import LATE_TICKS, PLAUSIBLE_KG, pushed
 from hapnet.records.vectors import inner
 
 AGAINST_M, LEAST_N = 0.001, 0.25
-"""The handle has moved so far against its force, of so much at least: the force is cut."""
+"""If the handle has moved this far [m] against a force of at least this size [N], the force is cut."""
 SHOWN_M = 0.0025
-"""The same, after a probe has shown that the motor is right."""
+"""The distance after a probe has shown that the motor is right."""
 BARELY_M, SELDOM_S = 0.0002, 0.3
-"""The same, if the last probe was so long ago."""
+"""The distance if the last probe was at least this long ago [s]."""
 CUT, CUT_N = 0.35, 0.5
-"""The share of the force that is cut; more, up to all of it, where that is less than so much."""
+"""The share of the force that is cut, but at least this many newtons, up to the whole force."""
 PUSH_N = 0.8
-"""So much is rendered between two cuts where all of the force is cut."""
+"""Force between two cuts if the cuts remove the whole force."""
 SUDDEN, SUDDEN_N = 0.5, 0.8
-"""Where the handle accelerates against its force, of so much at least, by so much of what the force alone could do, all
-of it is cut."""
+"""If the handle accelerates against a force of at least this size [N], by at least this share of the acceleration that
+the force alone could cause, the whole force is cut."""
 SURE, SURE_TOGETHER = 15.0, 12.0
-"""Standard errors of 1/m below zero, of one probe, or in the sum of two to four in a row: the motor is reversed."""
+"""If 1/m is this many standard errors below zero in one probe, or in two to four together, the motor is reversed."""
 RIGHT = 6.0
-"""Standard errors of 1/m above zero: then it is not."""
+"""If 1/m is this many standard errors above zero, the motor is right."""
 HEAVIEST = 8.0
-"""With a hand on it the handle seems no heavier than so many times its own mass."""
+"""With a hand on it the handle's apparent mass is at most this many times its own mass."""
 
 _PULSES = (1, 0, 1, 0)
 _PULSE_S, _COARSE_PULSE_S = 0.008, 0.012
@@ -51,14 +51,14 @@ _FADES_S = 0.3
 _PAUSE_S = 0.1
 _DOUBT = 1.5
 _UNEVEN = 2.5
-"""A reading that is late by so many periods makes a probe worthless: when it was taken is not known well enough."""
+"""A reading that is late by this many periods makes a probe useless: its time is not known well enough."""
 
 
 class ForceProbe:
     """Watches force and position of a device, and cuts its force for some hundredths of a second.
 
     period_s : of the readings. resolution : of the encoders [m].
-    mass : the handle's, the smallest of several axes' [kg]; None: not known.
+    mass : the handle's, the smallest over all axes [kg]; None: not known.
     """
 
     def __init__(self, period_s: float, mass: float | None, resolution: float = 0.0) -> None:
@@ -72,11 +72,11 @@ class ForceProbe:
         self._against_m, self._enough_m = 0.0, AGAINST_M
         self._at_s = self._began_s = self._ended_s = 0.0
         self._along: Vector = ()
-        self._shares = (1.0, 1.0)  # between the cuts, and in them
+        self._shares = (1.0, 1.0)  # between the cuts, and during them
         self._doubt, self._probes = 0.0, 0
 
     def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
-        """Take a reading, and the force that acted for `dt` seconds before it; says what is wrong, or nothing."""
+        """Take a reading, and the force that acted for `dt` seconds before it; returns an error message, or ""."""
         if dt > GAP_S or not self._rows:
             self._forget(acted, x)
             self.share, self._enough_m, self._doubt, self._probes = 1.0, AGAINST_M, 0.0, 0
@@ -108,7 +108,7 @@ class ForceProbe:
         return rested_s >= _PAUSE_S and self._against_m >= (BARELY_M if rested_s >= SELDOM_S else self._enough_m)
 
     def _cut(self, between: float, inside: float, acted: Vector) -> None:
-        """Begin to render two shares of the present force in turn, along which the handle is watched."""
+        """Begin to render two shares of the present force in turn, and record the handle's motion along it."""
         size = math.hypot(*acted)
         self._along = tuple([one / size for one in acted])
         self._shares = self.share * min(1.0, between), self.share * max(0.0, inside)
@@ -165,20 +165,20 @@ class ForceProbe:
 
 
 STILL_N, STILL_S = 1.0, 0.3
-"""A position that stays the same to the last digit while its force changes by so much, for so long."""
+"""A position that is constant to the last digit while its force changes by this much, for this long, is an error."""
 GAP_S = 0.05
-"""After a longer time without a reading nothing is known of it: the device was silent, or the servo away."""
+"""After a longer time without a reading the check restarts: the device was silent, or the servo stalled."""
 
 
 class Agreement:
-    """Watches force and position."""
+    """Checks that the position changes when the force does."""
 
     def __init__(self) -> None:
         self._still: tuple[Vector, Vector] | None = None
         self._still_s = self._most_N = 0.0
 
     def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
-        """Take a reading, and the force that acted for `dt` seconds before it; says what is wrong, or nothing."""
+        """Take a reading, and the force that acted for `dt` seconds before it; returns an error message, or ""."""
         if dt > GAP_S:
             self._still = None
             return ""

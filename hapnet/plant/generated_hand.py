@@ -1,8 +1,8 @@
-"""Generated hands, and tremor. Each generated hand has a motion and an impedance of its own, so that nothing is tuned
-to one of them.
+"""Generated hands, and tremor. Each generated hand has its own motion and impedance, so that nothing is tuned to one
+hand.
 
 A hand reaches from place to place with minimum jerk (Flash, Hogan 1985), into the wall and out of it, along the wall in
-between, and rests at each place. All is drawn from its number: hand 5 is the same everywhere.
+between, and rests at each place. Its number is the seed of all of this: hand 5 is the same everywhere.
 
 A tremor has 8 to 12 Hz (Deuschl, Bain, Brin 1998), and a few tenths of a millimetre.
 """
@@ -20,17 +20,17 @@ from hapnet.plant.operator import Impedance, Operator, minimum_jerk, minimum_jer
 from hapnet.records.vectors import added
 
 LASTS_S = 60.0
-"""After this time the motion begins again [s]."""
+"""Length of the motion before it repeats [s]."""
 
 OUTSIDE_M, INSIDE_M = (-0.02, 0.01), (0.025, 0.045)
-"""Where the hand aims to before the wall and behind it, along its normal from the start [m]. The wall is at 20 mm by
-default; the hand is soft, so that it stays before its aim, but it touches such a wall."""
+"""Ranges of the hand's targets in front of the wall and behind it, along its normal from the start [m]. The wall is at
+20 mm by default; the hand is soft and stops short of its target, but it touches such a wall."""
 
 ALONG_M = 0.02
-"""How far it moves along the wall, in both directions [m]."""
+"""Range of its motion along the wall, in both directions [m]."""
 
 REACH_S, TOUCH_S, PAUSE_S = (0.35, 1.2), (0.2, 1.5), (0.1, 0.6)
-"""How long a motion, a touch and a pause last [s]."""
+"""Ranges of the duration of a motion, a touch and a pause [s]."""
 
 FIRST_PAUSE_S = 0.5
 
@@ -43,10 +43,10 @@ class _Reach(NamedTuple):
 
 
 class GeneratedHand:
-    """An operator whose motion and impedance are drawn.
+    """An operator with random motion and impedance.
 
     rng : draws everything. normal : (n,) of the wall. relaxed, firm : the impedance is drawn between these.
-    scale : what its way is multiplied by; for joints, radians to a metre.
+    scale : factor of its motion; for joints, radians per metre.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class GeneratedHand:
         self._begins = [reach.begin_s for reach in self._reaches]
 
     def reference(self, t: float) -> Vector:
-        """Where the hand aims at time t [s], (n,) [m]."""
+        """The hand's target at time t [s], (n,) [m]."""
         t %= LASTS_S
         reach = self._reaches[bisect_right(self._begins, t) - 1]
         share = (t - reach.begin_s) / reach.span_s
@@ -98,11 +98,11 @@ def _reaches(rng: np.random.Generator, normal: np.ndarray, scale: float) -> list
 
 
 HERTZ = (8.3, 9.4, 10.7, 11.9)
-"""No multiples of each other, so that the tremor waxes and wanes."""
+"""Frequencies that are not multiples of each other, so that the tremor waxes and wanes."""
 
 
 class Tremor:
-    """An operator whose reference trembles along every axis.
+    """An operator with a tremor along every axis of its reference.
 
     hand : the operator. amplitude : maximum distance from its reference, on each axis [m].
     """
@@ -113,7 +113,7 @@ class Tremor:
         self._each = amplitude / len(HERTZ)
 
     def reference(self, t: float) -> Vector:
-        """Where the hand aims at time t [s], (n,) [m]."""
+        """The hand's target at time t [s], (n,) [m]."""
         intended = self._hand.reference(t)
         return tuple(
             [

@@ -30,7 +30,7 @@ from hapnet.records.vectors import dot, times
 _MAX_CONDITION = 1e12
 
 OWN = -1.0
-"""The drag of a step on the mass's own coupling, where A has B' + K' T/2."""
+"""Value of the drag for a step on the mass's own coupling, in which A contains B' + K' T/2."""
 
 
 class PassiveIntegrator(Record, Mass):
@@ -46,10 +46,10 @@ class PassiveIntegrator(Record, Mass):
     Attributes
     ----------
     n : the number of axes. M, B, K : the matrices; diagonal : whether all three are diagonal. x, v : x_k and v_k.
-    factored_dt, factored_drag : the step that A was factored for last, and its drag, see `OWN`. L, inverse_pivots : A's
+    factored_dt, factored_drag : the step length and drag of the last factored A, see `OWN`. L, inverse_pivots : A's
         factors.
     vhat, force, coupling_force, work, dissipated, penetration : of the last step, as in `Step`.
-    error, c, damper, product : room for what a step computes.
+    error, c, damper, product : work arrays of a step.
 
     Raises InvalidParameter.
 
@@ -210,7 +210,7 @@ class PassiveIntegrator(Record, Mass):
         return self._step(contacts)
 
     def respond(self, dt: float, contacts: Surroundings | None) -> None:
-        """vhat, with the contacts' force."""
+        """Compute vhat and the contacts' force."""
         solve(self, self.c, self.vhat)
         if contacts is None:
             self.force = [0.0] * self.n
@@ -242,7 +242,7 @@ class PassiveIntegrator(Record, Mass):
             raise InvalidParameter("dt", dt, "a step that 2M/T + B' + K' T/2 can be computed for")
 
     def _solve(self, b: Sequence[float]) -> list[float]:
-        """A^-1 b."""
+        """Return A^-1 b."""
         z = [0.0] * self.n
         solve(self, b, z)
         return z
@@ -257,7 +257,7 @@ def kinetic(mass: PassiveIntegrator) -> float:
 
 @equation
 def factor(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
-    """A = L D L' for this step; false: it cannot be computed."""
+    """Factor A = L D L' for this step; false: it cannot be computed."""
     n, L, pivots, row = mass.n, mass.L, mass.inverse_pivots, mass.error
     mass.factored_dt = 0.0
     for i in range(n):
@@ -283,13 +283,13 @@ def factor(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
 
 @equation
 def factored(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
-    """`factor`, unless it was for this step that A was factored last."""
+    """`factor`, unless A is already factored for this step."""
     return (mass.factored_dt == dt and mass.factored_drag == drag) or factor(mass, dt, drag)
 
 
 @equation
 def solve(mass: PassiveIntegrator, b: Reals, z: Floats) -> None:
-    """A^-1 b into z, by substitution: the residual stays at rounding, however badly conditioned A is."""
+    """Compute A^-1 b into z, by substitution: the residual stays at rounding, however badly conditioned A is."""
     n, L, pivots = mass.n, mass.L, mass.inverse_pivots
     if mass.diagonal:
         for i in range(n):
@@ -309,7 +309,7 @@ def solve(mass: PassiveIntegrator, b: Reals, z: Floats) -> None:
 
 @equation
 def carry_on(mass: PassiveIntegrator, dt: float) -> None:
-    """``2M/T v_k`` into c."""
+    """Compute ``2M/T v_k`` into c."""
     gain = 2.0 / dt
     _multiply(mass, mass.M, mass.v, mass.c)
     for i in range(mass.n):
@@ -318,7 +318,7 @@ def carry_on(mass: PassiveIntegrator, dt: float) -> None:
 
 @equation
 def drive(mass: PassiveIntegrator, dt: float, ybar: Reals) -> None:
-    """c."""
+    """Compute c."""
     carry_on(mass, dt)
     for i in range(mass.n):
         mass.error[i] = mass.x[i] - ybar[i]
@@ -329,7 +329,7 @@ def drive(mass: PassiveIntegrator, dt: float, ybar: Reals) -> None:
 
 @equation
 def finish(mass: PassiveIntegrator, dt: float) -> None:
-    """The rest of a step after `drive`, from vhat and the force."""
+    """Complete a step after `drive`, from vhat and the force."""
     n, error, damper, half = mass.n, mass.error, mass.damper, 0.5 * dt
     _multiply(mass, mass.B, mass.vhat, damper)
     for i in range(n):
@@ -363,13 +363,13 @@ def push_among(mass: PassiveIntegrator, dt: float, drag: float, push: Reals, con
 
 
 def respond(mass: PassiveIntegrator, dt: float, contacts: Surroundings | None) -> None:
-    """As the method, in whose place compiled code has one among walls, or among solids (kernel/kinds.py)."""
+    """As the method; compiled code replaces it by a version for walls, or for solids (kernel/kinds.py)."""
     mass.respond(dt, contacts)
 
 
 @equation
 def move(mass: PassiveIntegrator, dt: float) -> None:
-    """Position and velocity at the step's end, and the work of its force."""
+    """Compute position and velocity at the step's end, and the work of its force."""
     x, v, vhat = mass.x, mass.v, mass.vhat
     for i in range(mass.n):
         x[i] += dt * vhat[i]
@@ -379,7 +379,7 @@ def move(mass: PassiveIntegrator, dt: float) -> None:
 
 @equation
 def _multiply(mass: PassiveIntegrator, matrix: FloatRows, vector: Reals, out: Floats) -> None:
-    """One of the mass's matrices times a vector."""
+    """Multiply one of the mass's matrices by a vector."""
     n = mass.n
     if mass.diagonal:
         for i in range(n):

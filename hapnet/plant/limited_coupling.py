@@ -26,7 +26,7 @@ ROUNDS = 25
 enough, c is bisected."""
 
 _NEAR = 1e-9
-"""How far the force of a limited damper may stay below its limit, relative to the limit."""
+"""Largest relative distance of a limited damper's force from its limit."""
 
 
 class Substep(NamedTuple):
@@ -58,8 +58,8 @@ class LimitedCoupling(Record):
         have unit length in ``a + lambda B``, with lambda = `share`.
     push, offset, pull : of a substep: p [N], e [m] and K e [N], afterwards those at its end.
     middle, force, power, limited : its result: vhat, F, the power dissipated, and whether its damper was limited.
-    whole : the length of F with the whole damper. unsolved : the force is not known, as only Python can search for it.
-    pushes, pulls, end, after, before, spring, drag : room for what a substep computes.
+    whole : the length of F with the whole damper. unsolved : the force is not known, as only plain Python searches it.
+    pushes, pulls, end, after, before, spring, drag : work arrays of a substep.
     """
 
     n: int
@@ -123,7 +123,7 @@ class LimitedCoupling(Record):
 
 @equation
 def substep(coupling: LimitedCoupling) -> None:
-    """A substep from `push`, `offset` and `pull`."""
+    """Compute a substep from `push`, `offset` and `pull`."""
     n = coupling.n
     _damp(coupling)
     coupling.whole = length(n, coupling.force)
@@ -138,7 +138,7 @@ def substep(coupling: LimitedCoupling) -> None:
 
 @equation
 def _damp(coupling: LimitedCoupling) -> None:
-    """With lambda = `share`: ``(a + lambda B + c h/2 K) vhat = p - c K e``, solved in its modes."""
+    """Solve ``(a + lambda B + c h/2 K) vhat = p - c K e`` with lambda = `share`, in its modes."""
     n, h = coupling.n, coupling.h
     c = _saturate(coupling)
     for i in range(n):
@@ -153,7 +153,7 @@ def _damp(coupling: LimitedCoupling) -> None:
 
 @equation
 def _saturate(coupling: LimitedCoupling) -> float:
-    """c, with vhat into `middle`.
+    """Return c, and compute vhat into `middle`.
 
     In the modes ``w = (push - c pull)/(1 + c h/2 mu)``, ``vhat = modes' w``, and at the end
     ``|e|_K^2 = square + 2 h w . pull + h^2 sum mu w^2``, with `square` that at the start [J].

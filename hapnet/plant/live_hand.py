@@ -1,4 +1,4 @@
-"""A simulated hand that is guided while it runs, for example with a mouse."""
+"""A simulated hand that the user guides during the run, for example with a mouse."""
 
 from __future__ import annotations
 
@@ -65,6 +65,6 @@ class WrappedHand:
 
 
 def live_hand_of(hand: Operator) -> LiveHand | None:
-    """The hand that the user guides: `hand` itself, or the one that it wraps; None: the user guides neither."""
+    """The hand that the user guides: `hand` itself, or the hand that it wraps; None: the user guides neither."""
     moving = hand.hand if isinstance(hand, WrappedHand) else hand
     return moving if isinstance(moving, LiveHand) else None

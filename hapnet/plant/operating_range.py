@@ -1,7 +1,7 @@
-"""The declared workspace, maximum speed and stiffness range of a device; the check that its readings keep to them.
+"""The declared workspace, maximum speed and stiffness range of a device; and the check of its readings against them.
 
-All are in SI units. The defaults are generous: they do not fit one device, but they detect millimetres given as metres.
-If you know a device better, declare smaller values with a margin: outside of them no force is rendered any more.
+All are in SI units. The defaults are generous: they fit no particular device, but detect millimetres given as metres.
+If you know a device better, declare smaller values with a margin: outside of them the force is switched off.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ SOFTEST_MOST = 10.0
 """A smaller maximum stiffness is refused [N/m]: it must have been given in N/mm."""
 
 LATENCY_S = 0.005
-"""How old a reading may be [s]: a device that is read often repeats a reading, then jumps."""
+"""Largest age of a reading [s]: a device that is read often repeats a reading, then jumps."""
 
 MIN_MOTION_M = 1e-4
-"""A recorded hand that moves at all moves by more than this [m]: even a hand that holds still trembles as much."""
+"""Smallest motion of a recorded hand that moves at all [m]: even the tremor of a still hand is larger."""
 
-_FAST = 3  # so many velocities in a row must be too high: a single one may come from a division by a short time
+_FAST = 3  # consecutive velocities that must be too high: a single one may come from a division by a short time
 
 
 @dataclass(frozen=True)
 class OperatingRange:
     """The declared range of a device.
 
-    workspace : how far the device reaches from its origin, in all directions or on each axis [m].
+    workspace : the device's reach from its origin, in all directions or on each axis [m].
     speed : maximum speed of the handle [m/s]. stiffness : smallest and largest that it renders [N/m].
     """
 
@@ -97,7 +97,7 @@ def in_millimetres(value: float, most: float) -> str:
 
 
 class RangeWatch:
-    """Checks every reading of a running device. After the first impossible reading all are refused.
+    """Checks every reading of a running device. After the first impossible reading it refuses all.
 
     declared : the device's range. resolution : of its encoders [m]. position : the first reading [m].
     """

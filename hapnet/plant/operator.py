@@ -152,8 +152,8 @@ class Press:
 class HeldAtEnd:
     """A hand that ends its motion: it goes to rest in a minimum-jerk blend, and holds still from then on.
 
-    hand : whose motion it is. from_s : when the blend begins [s]. over_s : how long it takes [s].
-    at : where the hand then rests [m], shape (n,); None: where it was when the blend began.
+    hand : the hand before the blend. from_s : start of the blend [s]. over_s : its duration [s].
+    at : the hand's place of rest after it [m], shape (n,); None: its place when the blend began.
     """
 
     def __init__(self, hand: Operator, from_s: float, over_s: float, at: Vector | None = None) -> None:
@@ -247,9 +247,9 @@ def minimum_jerks(s: Array) -> Array:
 
 
 def hand_path(operator: Operator, times: Array) -> Array:
-    """Where the hand aims at these times [s], which increase, (N, n) [m]: what `reference` gives, bit by bit.
+    """The hand's reference at these increasing times [s], (N, n) [m]: the same values as `reference`, bit by bit.
 
-    A kind of hand that can compute many points at once has a method `path`, with the same arguments and result.
+    A hand that can compute many points at once has a method `path`, with the same arguments and result.
     """
     many: Callable[[Array], Array] | None = getattr(operator, "path", None)
     if many is not None:

@@ -58,7 +58,7 @@ class DeviceState(Record):
 
 
 class TickModel(Record):
-    """The model of a tick besides the state: device, hand and coupling.
+    """The constants of a tick: device, hand and coupling.
 
     dof : n. mass [kg], own_damping [Ns/m] : of the device, on each axis. hand : the hand that holds it.
     period : length of a tick [s]. substeps : their number in a tick.
@@ -67,11 +67,11 @@ class TickModel(Record):
 
     Attributes
     ----------
-    decoupled : whether the axes are independent. k, pull, inverse, b, middle_gain : then of each axis k, k + K_h, 1/A,
-        B and k h/2 - B. inverse_of_all : else A^-1.
-    tried_... : what a tick leads to if no limit acts. results : of one tick, as in `along_axes`. work : of one
-        in which no limit acted.
-    pushing, change, driving, middle : room for what a substep computes.
+    decoupled : whether the axes are independent. k, pull, inverse, b, middle_gain : if so, of each axis k, k + K_h,
+        1/A, B and k h/2 - B. inverse_of_all : if not, A^-1.
+    tried_... : the result of a tick if no limit acts. results : of one tick, as in `along_axes`. work : of a tick
+        without an active limit.
+    pushing, change, driving, middle : work arrays of a substep.
     """
 
     n: int
@@ -174,7 +174,7 @@ def _joined(*axes: Floats) -> TickResult:
 
 @equation
 def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -> float:
-    """One tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
+    """Compute a tick; the hand's reference moves from path[at] to the next point [m]. Returns the hand's work [J]."""
     if not state.coupled:
         return held_tick(model, state, path, at)
     if not state.at_limit:
@@ -191,7 +191,7 @@ def tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -
 
 @equation
 def held_tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: int) -> float:
-    """A tick without a coupling, so that only the held torque acts, and no limit. Returns the hand's work [J].
+    """Compute a tick without coupling and limits: only the held torque acts. Returns the hand's work [J].
 
     `along_axes` gives the same in twice the time, as it keeps extremes and the damper's dissipation.
     """
@@ -226,11 +226,11 @@ def held_tick(model: TickModel, state: DeviceState, path: Sequence[Reals], at: i
 def along_axes(
     model: TickModel, state: DeviceState, path: Sequence[Reals], at: int, ticks: int, results: FloatRows
 ) -> bool:
-    """Compute each axis alone, for as many ticks from path[at] on.
+    """Compute each axis alone, for `ticks` ticks from path[at] on.
 
-    results : takes for each tick, and in it for each axis, the hand's work, and the components of the vectors of
-    `TickResult`. Returns false, and the state has not changed, if the spring may have saturated or the damper may have
-    been limited.
+    results : receives for each tick and axis the hand's work, and the components of the vectors of `TickResult`.
+    Returns false, with the state unchanged, if the spring may have saturated or the damper may have been
+    limited.
     """
     n, h, period, substeps, kh = model.n, model.h, model.period, model.substeps, model.hand_stiffness
     rate_drive, rate_step = model.rate_drive, model.rate_step
@@ -304,7 +304,7 @@ def _may_exceed(model: TickModel, stretch: float, drag: float) -> bool:
 
 @equation
 def _set_out(model: TickModel, begin: Reals, end: Reals) -> None:
-    """The hand's force at the tick's start where the device is at 0, and its change in a substep."""
+    """Compute the hand's force at the tick's start for a device at 0, and its change in a substep."""
     for i in range(model.n):
         rate = (end[i] - begin[i]) / model.period
         model.pushing[i] = model.hand_stiffness * begin[i] + model.rate_drive * rate
@@ -367,7 +367,7 @@ def _together(model: TickModel, state: DeviceState, begin: Reals, end: Reals) ->
 
 @equation
 def _limited(model: TickModel, state: DeviceState, begin: Reals, end: Reals) -> float:
-    """Compute a tick whatever limit acts. Returns its work [J]."""
+    """Compute a tick with any limits active. Returns the hand's work [J]."""
     n, h, kh, coupling, pushing = model.n, model.h, model.hand_stiffness, model.coupling, model.pushing
     x, v, f, middle = state.position, state.velocity, state.hand_force, coupling.middle
     for i in range(n):

@@ -1,4 +1,4 @@
-"""The difference of two hosts' clocks during a run, from what each has recorded of the other's messages.
+"""The difference of two hosts' clocks during a run, from the recorded transits of each other's messages.
 
 A message's transit (`DeviceSample.transit_s`) is its delay plus the receiver's clock less the sender's. So in one
 direction the difference of the clocks is added, in the other it is subtracted:
@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from hapnet.checks import Array
 
 WINDOW_S = 60.0
-"""Clocks are taken to run at constant rates for so long. With temperature, a quartz changes its rate by some 1e-7 in
-that time, which makes some 6 us."""
+"""Clocks are assumed to run at constant rates for this long. With temperature, a quartz changes its rate by some 1e-7
+in that time, which makes some 6 us."""
 
 MOST_DRIFT = 5e-4
 """No clock runs faster or slower than another by more: the limit of NTP's corrections (RFC 5905, section 11.3)."""
@@ -37,7 +37,7 @@ LOW = 0.1
 """This share of the transits is below the lines."""
 
 _MINIMUM = 4  # messages in each direction
-_SPANNED = 0.5  # of a window: a slope over less of it says little of its ends
+_SPANNED = 0.5  # of a window: a slope over less of it is too uncertain at its ends
 _HALVINGS = 48
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
@@ -47,8 +47,8 @@ class ClockDifference:
     """The world's clock less the device's, at some instants of the device's clock; linear between them and beyond.
 
     device_ns, difference_ns : the instants, at least two, and the difference there [ns].
-    error_s : half of a low round trip [s]. A constant difference is wrong by no more than this, however the round trip
-        splits; the drift is fitted, so of a difference that changes this is an estimate.
+    error_s : half of a low round trip [s]. The error of a constant difference is at most this, however the round trip
+        splits; as the drift is fitted, this is only an estimate for a changing difference.
     """
 
     device_ns: tuple[int, ...]
@@ -57,17 +57,17 @@ class ClockDifference:
 
     @classmethod
     def of(cls, reported: Mapping[str, Any]) -> ClockDifference:
-        """From what `vars` gives, through JSON."""
+        """Make a difference from its `vars`, read back from JSON."""
         return cls(tuple(reported["device_ns"]), tuple(reported["difference_ns"]), float(reported["error_s"]))
 
     @property
     def drift(self) -> float:
-        """By how much the world's clock ran faster in the mean, in seconds a second."""
+        """The mean excess rate of the world's clock, in seconds a second."""
         first, last = (at[-1] - at[0] for at in (self.difference_ns, self.device_ns))
         return first / last
 
     def on_device(self, world_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Times of the world's clock on the device's [ns]."""
+        """Convert times of the world's clock to the device's clock [ns]."""
         knots = np.array(self.device_ns, dtype=np.int64) + np.array(self.difference_ns, dtype=np.int64)
         since = (world_ns - knots[0]).astype(float)  # small numbers: a double has no nanoseconds of a year
         at, y = (knots - knots[0]).astype(float), np.array(self.difference_ns, dtype=np.int64) - self.difference_ns[0]
@@ -78,7 +78,7 @@ class ClockDifference:
 
 
 def words(meta: Mapping[str, Any]) -> str | None:
-    """How the two sides of a joined recording were put on one clock, for people; None if `meta` is not of one."""
+    """Text on how a joined recording's two sides were put on one clock; None if `meta` is not of a joined recording."""
     if "sides" not in meta:
         return None
     if not meta.get("aligned"):
@@ -100,9 +100,9 @@ def words(meta: Mapping[str, Any]) -> str | None:
 def clock_difference(
     device: Mapping[str, NDArray[Any]], world: Mapping[str, NDArray[Any]], window_s: float = WINDOW_S
 ) -> ClockDifference | None:
-    """The difference of the clocks of two sides' columns, as of a `Recording`; they must be one pair's.
+    """The difference of the clocks, from both sides' columns of a `Recording`; the sides must be of one pair.
 
-    None if it cannot be known: no ages were recorded, messages came in one direction only, or they are not of one pair.
+    None if it is not known: no ages were recorded, messages came in one direction only, or the sides are not a pair.
     """
     down_ns, down = _transits(device)
     up_ns, up = _transits(world)
@@ -146,7 +146,7 @@ def _line(
 ) -> tuple[float, float, float] | None:
     """Difference at `begin` [s], its slope, and a low round trip [s]; None: too few messages, or for too short a time.
 
-    sent, up : of messages to the world. came, down : of messages to the device. Those from `begin` to `end` count.
+    sent, up : of messages to the world. came, down : of messages to the device. Messages from `begin` to `end` count.
     """
     directions = []
     for at, transit in ((sent, up), (came, down)):
@@ -157,7 +157,7 @@ def _line(
     (x_up, y_up), (x_down, y_down) = directions
 
     def left(slope: float) -> float:
-        """Return the rest that the lines leave, as quantile regression weighs it."""
+        """Return the weighted residual of lines with this slope, as in quantile regression."""
         return _pinball(y_up - slope * x_up) + _pinball(y_down + slope * x_down)
 
     slope = _minimum(left, -MOST_DRIFT, MOST_DRIFT)
@@ -166,13 +166,13 @@ def _line(
 
 
 def _pinball(values: Array) -> float:
-    """The mean loss of the values' quantile `LOW`, whose minimum it is."""
+    """The mean pinball loss of the values at their quantile `LOW`, which minimises it."""
     apart = values - np.quantile(values, LOW)
     return float(np.maximum(LOW * apart, (LOW - 1.0) * apart).mean())
 
 
 def _minimum(function: Any, low: float, high: float) -> float:
-    """Where a convex function has its minimum: golden section."""
+    """The place of a convex function's minimum, by golden section."""
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_a, at_b = function(a), function(b)
     for _ in range(_HALVINGS):

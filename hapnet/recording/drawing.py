@@ -1,4 +1,4 @@
-"""A world's picture in recordings and telemetry: its parts once (`Drawing`), what moves many times (`SceneSample`).
+"""A world's picture in recordings and telemetry: its parts once (`Drawing`), their motion as `SceneSample`.
 
 Numbers are 32 bit, little-endian. A drawing is zlib-compressed msgpack: an array of parts, each an array of its
 vertices' bytes, its triangles' bytes, four colour numbers, its body's number, and whether it is smooth (`Part`).
@@ -22,10 +22,10 @@ PERIOD_NS = 16_000_000
 """The minimum time between two scene samples [ns]: some 60 a second."""
 
 LARGEST = 4 * 1024 * 1024
-"""No drawing is larger [bytes]. A larger one is not sent; a viewer that has the scene's files can still draw it."""
+"""Largest drawing [bytes]. A larger drawing is not sent; a viewer that has the scene's files can still draw it."""
 
 _UNPACKED = 32 * 1024 * 1024
-_MARKS = 1024 * 1024  # what msgpack adds to the numbers [bytes], at most
+_MARKS = 1024 * 1024  # largest overhead of msgpack [bytes]
 _POSE, _TOUCH, _VERTEX = 7, 10, 3  # numbers in each
 
 
@@ -63,15 +63,15 @@ class SceneSample(NamedTuple):
         return _numbers(self.soft, _VERTEX)
 
     def problem(self) -> str | None:
-        """Why this cannot be drawn; None: it can."""
+        """The reason why this cannot be drawn; None: it can."""
         for data, count in ((self.poses, _POSE), (self.touches, _TOUCH), (self.soft, _VERTEX)):
             if len(data) % (4 * count) or not np.isfinite(np.frombuffer(data, "<f4")).all():
-                return "a scene whose numbers are not whole or not finite"
+                return "a scene with incomplete or infinite numbers"
         return None
 
 
 def observe(picture: Picture, now_ns: int, position: Vector, force: Vector) -> SceneSample:
-    """The picture now, with the proxy at `position` (n,) [m], which feels `force` (n,) [N]."""
+    """Sample the picture now, with the proxy at `position` (n,) [m] and the force `force` (n,) [N] on it."""
     touches = [(*touch.point, *touch.normal, touch.friction, *touch.force_N) for touch in
                picture.touches(position, force)]  # fmt: skip
     return SceneSample(now_ns, _bytes(picture.poses()), _bytes(touches), _bytes(picture.soft()))
@@ -80,7 +80,7 @@ def observe(picture: Picture, now_ns: int, position: Vector, force: Vector) -> S
 class SceneWriter:
     """Writes a world's drawing at once, and then scene samples, some 60 a second at most.
 
-    picture : of the world. write : takes what is to be recorded and sent. now_ns : when control starts.
+    picture : of the world. write : records and sends its argument. now_ns : when control starts.
     """
 
     def __init__(self, picture: Picture, write: Callable[[Drawing | SceneSample], None], now_ns: int) -> None:
@@ -88,45 +88,45 @@ class SceneWriter:
         write(Drawing(now_ns, pack(picture.parts)))
 
     def step(self, now_ns: int, position: Vector, force: Vector) -> None:
-        """The world has made a step; arguments as in `observe`."""
+        """Call this after each step of the world; arguments as in `observe`."""
         if now_ns >= self._due_ns:
             self._due_ns = max(now_ns, self._due_ns + PERIOD_NS)
             self._write(observe(self._picture, now_ns, position, force))
 
 
 def pack(parts: tuple[Part, ...]) -> bytes:
-    """The parts as bytes; none if they are too large."""
-    reported = [
+    """Pack the parts as bytes; no bytes if they are too large."""
+    numbers = [
         (_bytes(one.vertices), np.asarray(one.triangles, "<u4").tobytes(), one.color, one.body, one.smooth)
         for one in parts
     ]
-    if sum(len(vertices) + len(triangles) for vertices, triangles, *_ in reported) > _UNPACKED:
+    if sum(len(vertices) + len(triangles) for vertices, triangles, *_ in numbers) > _UNPACKED:
         return b""
-    packed = zlib.compress(msgpack.packb(reported), 6)
+    packed = zlib.compress(msgpack.packb(numbers), 6)
     return packed if len(packed) <= LARGEST else b""
 
 
 def unpack(data: bytes) -> tuple[Part, ...]:
-    """The parts in these bytes; none if there are no bytes: they were too large.
+    """Unpack the parts from these bytes; no parts if there are no bytes, as the drawing was too large.
 
-    Raises BadMessage: they are no drawing.
+    Raises BadMessage: the bytes are not a drawing.
     """
     if not data:
         return ()
     try:
         opened = zlib.decompressobj()
-        reported = msgpack.Unpacker(use_list=False, max_array_len=4, max_map_len=0, max_ext_len=0, max_buffer_size=0)
-        reported.feed(opened.decompress(data, _UNPACKED + _MARKS))
-        parts = tuple([_next_part(reported) for _ in range(reported.read_array_header())])
+        unpacker = msgpack.Unpacker(use_list=False, max_array_len=4, max_map_len=0, max_ext_len=0, max_buffer_size=0)
+        unpacker.feed(opened.decompress(data, _UNPACKED + _MARKS))
+        parts = tuple([_next_part(unpacker) for _ in range(unpacker.read_array_header())])
     except (TypeError, ValueError, OverflowError, zlib.error, msgpack.UnpackException) as error:
         raise BadMessage("drawing", f"no parts ({error})") from None
     return parts
 
 
-def _next_part(reported: msgpack.Unpacker) -> Part:
-    if reported.read_array_header() != len(Part._fields):
-        raise ValueError("a part that is none")
-    return _part(*[reported.unpack() for _ in Part._fields])
+def _next_part(unpacker: msgpack.Unpacker) -> Part:
+    if unpacker.read_array_header() != len(Part._fields):
+        raise ValueError("an array that is not a part")
+    return _part(*[unpacker.unpack() for _ in Part._fields])
 
 
 def _part(vertices: bytes, triangles: bytes, color: Any, body: int, smooth: bool) -> Part:

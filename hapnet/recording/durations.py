@@ -1,9 +1,9 @@
-"""For how long each sample of a recording stands, and means and quantiles over time.
+"""The duration of each sample of a recording, and means and quantiles over time.
 
-A servo that stalls makes no samples, and a world's steps are as long as they take, so a mean over samples leaves out
-what was not served. Here each sample counts for the time until the next one, as a held force does. A gap counts in
-full, for the sample before it: it is time of the run. Only a pause is none, in which nothing moves and nothing is
-recorded. The last sample counts for as long as the median one.
+A servo that stalls makes no samples, and a world's steps vary in length, so a mean over samples would leave out
+stalls. Here each sample counts for the time until the next sample, as a held force does. A gap counts in full for the
+sample before it: it is time of the run. Only a pause does not count: nothing moves and nothing is recorded in it. The
+last sample counts for the median duration.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from hapnet.checks import Array
 from hapnet.recording.samples import Columns
 
 EVEN = 1e-6
-"""Steps that differ by a smaller share of their median are even."""
+"""Steps are even if they differ by less than this share of their median."""
 
 
 def durations_s(columns: Columns, cuts: Iterable[tuple[int, int]] = ()) -> Array:
-    """(N,) for how long each of these samples stands [s]; of samples at one time all but the last for no time.
+    """The duration of each of these samples (N,) [s]; of several samples at the same time only the last has one.
 
-    cuts : begin and end [ns] of what is no time of the run, such as pauses (`hapnet.recording.hand.left_out`).
+    cuts : begin and end [ns] of intervals that do not count, such as pauses (`hapnet.recording.hand.left_out`).
     """
     times = np.asarray(columns["time_s"], dtype=float)
     if len(times) < 2:
@@ -36,20 +36,20 @@ def durations_s(columns: Columns, cuts: Iterable[tuple[int, int]] = ()) -> Array
 
 
 def rms(values: Array, durations: Array) -> float | None:
-    """Root mean square over time of `values` (N,), each of which stands for so long [s]; None: for no time."""
+    """Root mean square over time of `values` (N,) with these durations [s]; None: the durations are zero."""
     return None if (square := mean(values**2, durations)) is None else float(np.sqrt(square))
 
 
 def mean(values: Array, durations: Array) -> float | None:
-    """Mean over time of `values` (N,); None: they stand for no time."""
+    """Mean over time of `values` (N,); None: the durations are zero."""
     total = float(np.sum(durations))
     return float(np.sum(values * durations)) / total if total > 0.0 else None
 
 
 def quantile(values: Array, durations: Array, share: float) -> float | None:
-    """The value that is not exceeded for so large a share of the time, linear between values; None as `mean`.
+    """The value that is not exceeded for this share of the time, linear between values; None as for `mean`.
 
-    Where all stand equally long it is numpy's.
+    With equal durations it is numpy's quantile.
     """
     standing = durations > 0.0
     if not standing.any():
@@ -67,8 +67,8 @@ def is_even(times: Array) -> bool:
 
 
 def evenly(columns: Columns, names: Iterable[str]) -> Columns:
-    """These series on an even grid of the median step: places between two samples lie on the line between them, all
-    else is held. A recording that is even stays as it is."""
+    """These series on an even grid of the median step: positions are interpolated linearly, all other values are held.
+    An even recording is returned unchanged."""
     times = columns["time_s"]
     if is_even(times):
         return columns

@@ -22,15 +22,15 @@ from hapnet.recording.whole_file import complete_or_absent
 
 FORMATS = ("auto", "csv", "parquet", "both")
 ROSBAG = "rosbag2"
-"""A recording's format besides: one directory for both sides."""
+"""A further format of a recording: one directory for both sides."""
 SETTINGS = b"hapnet"
 """The settings of a recording in a Parquet file: a JSON text under this key of its metadata."""
 
 
 def formats(word: str, *others: str) -> tuple[str, ...]:
-    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``; `others`: what an error names besides.
+    """The file endings for ``auto``, ``csv``, ``parquet`` or ``both``; `others`: further formats that an error names.
 
-    Raises InvalidParameter: `word` is none of these. MissingLibrary: Parquet is asked for, but pyarrow is not
+    Raises InvalidParameter: `word` is none of these. MissingLibrary: `word` includes Parquet, but pyarrow is not
     installed.
     """
     if word not in FORMATS:
@@ -42,16 +42,16 @@ def formats(word: str, *others: str) -> tuple[str, ...]:
 
 
 def export(what: Recorded, directory: str | PathLike[str] | None = None, *, format: str = "auto") -> list[Path]:
-    """Write what was recorded of a run as tables, as `hapnet export` does; returns their paths.
+    """Write the recording of a run as tables, as `hapnet export` does; returns their paths.
 
-    ``export("runs/1", format="csv")``. What is recorded may be a run's result, a file, the device's and the world's, or
-    a run's directory.
+    ``export("runs/1", format="csv")``. The recording may be a run's result, a file, the device's and the world's file,
+    or a run's directory.
 
-    directory : where they go; None: beside the file. format : csv, parquet, both, or auto: both where pyarrow is there;
-        or rosbag2, one directory for both sides (`hapnet.recording.rosbag`).
+    directory : for the tables; None: beside the file. format : csv, parquet, both, or auto: both if pyarrow is
+        installed; or rosbag2, one directory for both sides (`hapnet.recording.rosbag`).
 
-    Raises InvalidParameter: there are no samples, or no directory where nothing is a file. MissingLibrary: pyarrow is
-    asked for and missing. RecordingError: a recording cannot be read, or a table cannot be written.
+    Raises InvalidParameter: there are no samples, or no directory and no file. MissingLibrary: pyarrow is needed and
+    not installed. RecordingError: a recording cannot be read, or a table cannot be written.
     """
     endings = () if format == ROSBAG else formats(format, ROSBAG)
     found = opened(what)
@@ -70,13 +70,13 @@ def export(what: Recorded, directory: str | PathLike[str] | None = None, *, form
 
 
 def write(recording: Recording, directory: Path, stems: Sequence[str], endings: Iterable[str]) -> list[Path]:
-    """Write a table for each side and one of the events; each file appears only when it is complete.
+    """Write a table for each side and a table of the events; each file appears only when it is complete.
 
-    stems : the names of the recordings' files, without endings. If it is the device's, ``device.mcap`` becomes
+    stems : the names of the recordings' files, without endings. With the device only, ``device.mcap`` becomes
         ``device.csv`` and ``device-events.csv``; with both sides, ``run.mcap`` becomes ``run-device.csv``,
         ``run-world.csv`` and ``run-events.csv``.
 
-    Raises RecordingError: one cannot be written.
+    Raises RecordingError: a table cannot be written.
     """
     tables: dict[str, dict[str, Any]] = {}
     for k, side in enumerate(side for side in ("device", "world") if getattr(recording, side) is not None):
@@ -118,7 +118,7 @@ def write_csv(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -
 
 
 def _cells(values: NDArray[Any] | list[str]) -> list[Any]:
-    """A value that is unknown is an empty cell."""
+    """The values as cells; an unknown value is an empty cell."""
     if isinstance(values, list) or values.dtype.kind != "f":
         return list(values)
     cells: list[Any] = values.tolist()
@@ -128,7 +128,7 @@ def _cells(values: NDArray[Any] | list[str]) -> list[Any]:
 
 
 def _parquet(columns: dict[str, Any], path: Path, meta: dict[str, Any]) -> None:
-    """A value that is unknown is null."""
+    """Write a Parquet file; an unknown value is null."""
     import pyarrow
     from pyarrow import parquet
 

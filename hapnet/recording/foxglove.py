@@ -1,10 +1,10 @@
 """Foxglove's own schemas, as protobuf: events as lines of a log, handle and proxy as frames, set-positions as poses.
 
 Viewers know these schemas, so they show the lines, and draw the rest in 3D, without configuration. Names, numbers and
-types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; of one or two axes
-the others are 0. Of a tool that turns, frames and poses turn too. What the world and an arm look like is an update of a
-scene, each part in the frame that it moves with. More than three other axes are no place in space, so
-nothing is drawn of them.
+types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; missing axes are
+0. Frames and poses of a tool that turns have its orientation. The shapes of the world and of an arm are an update of a
+scene, each part in the frame that it moves with. More than three axes are not a place in space, so they are
+not drawn.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ MOST_BODIES = 16
 """Further bodies that move have neither frame nor shape."""
 
 MOST_VERTICES = 20_000
-"""Of the shapes together; larger ones are left out."""
+"""Most vertices of all shapes together; beyond that shapes are left out."""
 
-_FIELDS = {  # a field's number where those before it are not used
+_FIELDS = {  # with a field's number if earlier numbers are not used
     "Vector3": {"x": "double", "y": "double", "z": "double"},
     "Quaternion": {"x": "double", "y": "double", "z": "double", "w": "double"},
     "Pose": {"position": "Vector3", "orientation": "Quaternion"},
@@ -66,10 +66,10 @@ _FIELDS = {  # a field's number where those before it are not used
 
 
 class Schema(NamedTuple):
-    """How messages of one kind are written.
+    """The schema of one kind of message.
 
     name : of the message. descriptor : a serialised ``FileDescriptorSet``.
-    encode : gives the message of a sample; ValueError or TypeError if the sample does not have these fields.
+    encode : turns a sample into a message; ValueError or TypeError if the sample does not have these fields.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Schema(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """A pose at a time [ns]: of a frame (`child` is its name), or in `FRAME`. Of two or one axes the others are 0."""
+    """A pose at a time [ns]: of a frame (`child` is its name), or in `FRAME`. Missing axes are 0."""
 
     time_ns: int
     position: Vector
@@ -96,7 +96,7 @@ class Shown(NamedTuple):
 
 def shown(time_ns: int, sample: DeviceSample | WorldSample, units: str = METRES) -> Iterator[tuple[str, Shown]]:
     """Yield the drawing of a sample at this time [ns], each part with its topic; its axes are in `units`."""
-    if RADIANS in units:  # no place in space
+    if RADIANS in units:  # not a place in space
         return
     kind = type(sample)
     turns, places = units == POSE, (sample.position_m, sample.set_position_m)
@@ -116,14 +116,14 @@ def bodies(name: str, time_ns: int, poses: Iterable[Sequence[float]]) -> Iterato
 
 
 class Shapes(NamedTuple):
-    """Surfaces in frames: of those that rest in `FRAME`, of the others in those that `bodies` names."""
+    """Surfaces in frames: resting surfaces in `FRAME`, the others in the frames that `bodies` names."""
 
     time_ns: int
     parts: tuple[tuple[str, Part], ...]
 
 
 def shapes(name: str, time_ns: int, parts: Iterable[Part]) -> Shapes:
-    """The shapes of what `bodies` shows, and of what rests. What is soft has none."""
+    """The shapes of the parts in `bodies` and of the resting parts; soft parts have none."""
     found: list[tuple[str, Part]] = []
     room = MOST_VERTICES
     for part in parts:
@@ -150,7 +150,7 @@ def log_schema() -> Schema:
 
 
 def frame_schema() -> Schema:
-    """``foxglove.FrameTransform``, from what is `Shown`."""
+    """``foxglove.FrameTransform``, from a `Shown`."""
 
     def transform(one: Shown) -> dict[str, Any]:
         return {
@@ -162,7 +162,7 @@ def frame_schema() -> Schema:
 
 
 def pose_schema() -> Schema:
-    """``foxglove.PoseInFrame``, from what is `Shown`."""
+    """``foxglove.PoseInFrame``, from a `Shown`."""
 
     def in_frame(one: Shown) -> dict[str, Any]:
         place = {"position": one.translation, "orientation": one.rotation}
@@ -217,7 +217,7 @@ def _schema(name: str, values: Callable[[Any], dict[str, Any]]) -> Schema:
 
 
 def _files(name: str) -> list[FileDescriptorProto]:
-    """The files that describe the message `name`, one a message; each comes after those that it needs."""
+    """The files that describe the message `name`, one for each message type; each follows the files that it needs."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto
     from google.protobuf.timestamp_pb2 import DESCRIPTOR
 

@@ -1,4 +1,4 @@
-"""A recording's columns as a table: plain, or of pandas (extra `pandas`)."""
+"""A recording's columns as a table: plain, or for pandas (extra `pandas`)."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def table(recording: Recording, side: str = "device") -> Columns:
     """One side's samples as columns of numbers, all of shape (N,), the first ``time_s``, the time since the start.
 
     A vector is a column for each axis: ``position_m`` (N, 2) is ``position_m_x`` and ``position_m_y``, or
-    ``position_rad_x`` where an axis is in radians. Where the recording knows the real time, ``utc_ns`` says it.
+    ``position_rad_x`` where an axis is in radians. If the real time is known, it is in ``utc_ns``.
 
-    Of a tool that turns, positions and forces are those of its point, ``position_m_x`` and ``force_N_x``; beside them
+    For a tool that turns, positions and forces are those of its point, ``position_m_x`` and ``force_N_x``; beside them
     there are quaternions, ``position_quaternion_w`` to ``_z``, torques, ``torque_Nm_x``, and ``velocity_radps_x``.
-    Of an arm's tip, the joints' angles are beside its positions: ``joint_1_rad``, ...
+    For an arm's tip, the joints' angles are beside its positions: ``joint_1_rad``, ...
 
     Raises InvalidParameter: this side was not recorded.
     """
@@ -62,7 +62,7 @@ def _joints(recording: Recording, times: NDArray[np.int64]) -> Columns:
 
 
 def _turning(columns: Columns, poses: Columns) -> Columns:
-    """Quaternions in the place of rotation vectors."""
+    """Replace rotation vectors by quaternions."""
     found = {
         f"{name.removesuffix('_m')}_quaternion_{axis}": values[:, k]
         for name, values in orientations(poses).items()
@@ -75,16 +75,16 @@ def _turning(columns: Columns, poses: Columns) -> Columns:
 
 
 def knows_utc(recording: Recording) -> bool:
-    """Whether it says when it was made. A simulation's time is no real time, and older recordings do not say.
+    """Whether the recording has the real time. A simulation and older recordings do not have it.
 
-    Nor is it known of two hosts whose clocks cannot be compared.
+    A recording of two hosts whose clocks cannot be compared does not have it either.
     """
     meta = recording.meta
     return meta.get("utc_origin_ns") is not None and meta.get("utc_clock") != "virtual" and meta.get("aligned", True)
 
 
 def to_pandas(recording: Recording, side: str = "device") -> DataFrame:
-    """One side's `table` as pandas has it, by time since the start [s].
+    """One side's `table` as a DataFrame, indexed by the time since the start [s].
 
     Raises InvalidParameter: this side was not recorded. MissingLibrary: pandas is not installed.
     """

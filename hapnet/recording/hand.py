@@ -1,4 +1,4 @@
-"""The recorded hand: its targets or, if a person held a real device, the device's positions."""
+"""The recorded hand: its targets, or the device's positions if a person held a real device."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LATE_NS = 500_000_000
 """A recording began late if its first sample comes more than this after the session's start [ns]."""
 
 _LARGEST = 1 << 30  # of a file that is read again [bytes]
-_PAUSED_WITHIN_NS = 200_000_000  # a pause reaches a servo in a process of its own a little later
+_PAUSED_WITHIN_NS = 200_000_000  # a pause reaches a servo in another process a little later
 
 
 def is_recording(name: str) -> bool:
@@ -35,9 +35,9 @@ def is_recording(name: str) -> bool:
 
 @read_once
 def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math.inf) -> Followed:
-    """The hand that follows, once, the motion recorded in the file `name`.
+    """The hand that follows the motion recorded in the file `name` once.
 
-    reach : the motion may go this far from the origin [m].
+    reach : the largest distance of the motion from the origin [m].
 
     Raises RecordingError: the file is not a recording. InvalidParameter: it contains no such motion.
     """
@@ -65,8 +65,8 @@ def knows_hand(recording: Recording) -> bool:
 def hand_times(recording: Recording) -> Array:
     """The times of the device's samples [s] (N,), on the hand's clock, which starts with the device's control.
 
-    That clock stands still during what a replay leaves out (`left_out`). A simulated device advances by whole periods
-    of its servo, whatever the real clock says; so its times are rounded to these.
+    That clock stands still during intervals that a replay leaves out (`left_out`). A simulated device advances by whole
+    periods of its servo, independently of the real clock; so its times are rounded to these periods.
     """
     device, own = recording.device, _own(recording)
     assert device is not None

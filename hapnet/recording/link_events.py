@@ -17,7 +17,7 @@ Change: TypeAlias = LinkProfile | Literal["down", "up"]
 
 
 def text_of(change: Change | Entry) -> str:
-    """The text of the event: a change by hand, or an entry of the side's timeline."""
+    """The text of the event: a change by the user, or an entry of the side's timeline."""
     return f"{_PREFIX}{str(change) or 'ideal'}"
 
 
@@ -31,7 +31,7 @@ def read(text: str) -> Change:
 
 
 def played(spec: str, changes: Iterable[tuple[int, str]]) -> tuple[str, tuple[Entry, ...], list[str]]:
-    """A recorded link, for a run that begins when the changes' times are 0.
+    """A recorded link, for a run that begins at the time 0 of the changes.
 
     spec : the link when the recording began.
     changes : time [ns] and text of each, in order. Changes up to time 0 are in force when the run starts.

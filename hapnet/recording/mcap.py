@@ -1,19 +1,19 @@
 """Recordings as files: MCAP with one protobuf message per topic, written during the run, readable even if torn.
 
 Topics: ``/device/state`` (`DeviceSample`), ``/world/state`` (`WorldSample`), ``/events`` (`Event` as ``foxglove.Log``),
-of an arm's tip ``/device/posture`` (`PostureSample`), and of a world that can be drawn ``/world/scene``
-(`SceneSample`). Its parts are an attachment, ``drawing`` (`Drawing`).
+for an arm's tip ``/device/posture`` (`PostureSample`), and for a world that can be drawn ``/world/scene``
+(`SceneSample`). The world's parts are an attachment, ``drawing`` (`Drawing`).
 A sample's time is its message's log time, in nanoseconds of UTC: a `Sample` has its recording process's monotonic
-clock, and the settings say what UTC was at its origin. A simulation counts from 1970. The other fields are doubles, NaN
+clock, and the settings have UTC at its origin. A simulation counts from 1970. The other fields are doubles, NaN
 where a value is unknown; a vector has one field per axis: ``position_m`` is ``position_x_m``, ``position_y_m``, ...,
 and ``position_x_rad`` where an axis is in radians.
 The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at the end
 (``hapnet.summary``); each is a JSON text under the key ``json``. For viewers only, each side's position is written as a
-``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second. So
-are bodies and links that move; their shapes, and those of what rests, are a ``foxglove.SceneUpdate``, once.
+``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second, as
+are moving bodies and links; all shapes are a ``foxglove.SceneUpdate``, once.
 
-Why protobuf: Foxglove, PlotJuggler and Rerun all decode it, but Rerun keeps JSON as a text. Why one field per axis:
-they plot numbers, not lists. Older recordings can still be read: in JSON, or with log times on the process's clock.
+Protobuf is used because Foxglove, PlotJuggler and Rerun all decode it; Rerun keeps JSON as a text. Each axis has its
+own field because they plot numbers, not lists. Older recordings can be read: JSON, or log times on the process's clock.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ if TYPE_CHECKING:
     from hapnet.recording.mcap_writer import McapWriter
 
 CHUNK_BYTES = 128 * 1024
-"""No chunk is larger. A torn file can lose one chunk, and what came after the last flush."""
+"""Largest size of a chunk. A torn file can lose one chunk, and all samples after the last flush."""
 
 FLUSH_NS = 500_000_000
-"""How old unwritten samples may become while `RecordingWriter.flush` is called [ns]. Each flush ends a chunk."""
+"""Largest age of unwritten samples while `RecordingWriter.flush` is called [ns]. Each flush ends a chunk."""
 
 _MESSAGE_ROOM = 1024  # mcap closes a chunk after the message that passes its limit; a sample is smaller than this
 _META, _SUMMARY, _KEY = "hapnet", "hapnet.summary", "json"
@@ -77,7 +77,7 @@ class RecordingWriter:
     path : the file; an existing one is overwritten.
     meta : settings, seed, versions, role. ``origin_ns`` is the instant from which ``time_s`` counts; ``clock`` names
         the clock (`join` can align recordings of the same clock). ``utc_origin_ns`` is UTC at that instant, and
-        ``utc_clock`` says whose: without it, log times are those of the samples.
+        ``utc_clock`` names the clock of UTC: without it, log times are those of the samples.
 
     Raises RecordingError: from any method, when the file cannot be written (no such directory, disk full, ...).
     """
@@ -129,7 +129,7 @@ class RecordingWriter:
             raise RecordingError(f"a {type(sample).__name__} does not fit those before it ({error})") from None
 
     def flush(self, now_ns: int) -> None:
-        """Hand everything to the operating system if the last flush is `FLUSH_NS` old; call it often."""
+        """Pass everything to the operating system if the last flush is `FLUSH_NS` old; call it often."""
         self._check_open()
         if self._flushed_ns is not None and 0 <= now_ns - self._flushed_ns < FLUSH_NS:
             return
@@ -162,18 +162,18 @@ class RecordingWriter:
         channel, encode = self._channels.get(topic) or self._register(topic, sample)
         data = encode(sample)
         if len(data) > _MESSAGE_ROOM or topic == _TOPICS[Event]:
-            self._writer.flush()  # a long one starts a chunk, so that no chunk passes its limit
+            self._writer.flush()  # a long message starts a chunk, so that no chunk passes its limit
         self._writer.add_message(channel, utc_ns, data, utc_ns)
 
     def _show(self, utc_ns: int, sample: DeviceSample | WorldSample) -> None:
-        """Write where this side is, for viewers, if it is time."""
+        """Write this side's pose for viewers, if it is due."""
         if self._arm is not None and self._arm.by_joints and isinstance(sample, DeviceSample):
             self._show_arm(utc_ns, self._arm.angles(sample.position_m, ()))
         if self._is_due(type(sample), utc_ns):
             self._add_all(shown(utc_ns, sample, text_in(self._meta, len(sample.position_m))))
 
     def _show_arm(self, utc_ns: int, angles: Vector) -> None:
-        """Write where an arm's links are, likewise."""
+        """Write the poses of an arm's links for viewers, if they are due."""
         if self._arm is not None and self._is_due(PostureSample, utc_ns):
             if _ARM not in self._channels:
                 self._add(utc_ns, _ARM, shapes(_LINK, utc_ns, self._arm.parts))
@@ -212,9 +212,9 @@ class RecordingWriter:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording, complete or torn; a torn one up to its last whole chunk.
+    """Read a recording, complete or torn; a torn recording is read up to its last whole chunk.
 
-    Raises RecordingError: the file cannot be read, or is not a recording. InvalidParameter: `path` is no path.
+    Raises RecordingError: the file cannot be read, or is not a recording. InvalidParameter: `path` is not a path.
     """
     require("record", "reading a recording")
     from google.protobuf.message import DecodeError
@@ -255,19 +255,19 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 def _settings(text: str) -> dict[str, Any]:
     found = read_json(text)
     if not isinstance(found, dict):
-        raise ValueError("its settings are no table")
+        raise ValueError("its settings are not a table")
     return found
 
 
 def _summary(text: str, path: str | os.PathLike[str]) -> dict[str, Any]:
     found = read_json(text)
     if not isinstance(found, dict):
-        raise RecordingError(f"{path} is not a recording: its summary does not fit (it is no table)")
+        raise RecordingError(f"{path} is not a recording: its summary does not fit (it is not a table)")
     return found
 
 
 def _time(time_ns: int) -> int:
-    """A time such that the distance of two is a number of 64 bits."""
+    """Return the time; ValueError if differences of such times may exceed 64 bits."""
     if abs(time_ns) >= 1 << 62:
         raise ValueError(f"a time of {time_ns} ns")
     return time_ns
@@ -317,7 +317,7 @@ def repair(path: str | os.PathLike[str]) -> Path:
 
 
 def preload() -> None:
-    """Import what a writer needs. It takes 30 ms, so do it before anything runs that must not wait."""
+    """Import the modules of a writer. This takes 30 ms, so call it before control starts."""
     require("record", "a recording")
     for module in ("hapnet.recording.mcap_writer", "google.protobuf.message_factory", "google.protobuf.timestamp_pb2"):
         import_module(module)
@@ -330,7 +330,7 @@ def _mcap_writer(file: IO[bytes]) -> McapWriter:
 
 
 def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Callable[[int, bytes], Sample]:
-    """The function from log time [ns] and data to a channel's samples. An error if it has no such samples."""
+    """The function from log time [ns] and data to a channel's samples. Raises ValueError for another encoding."""
     if channel.message_encoding == "json":
         return lambda time_ns, data: _json_sample(kind, time_ns, read_json(data))
     if channel.message_encoding != "protobuf" or schema is None:
@@ -339,7 +339,7 @@ def _decoder(kind: type[Sample], channel: Channel, schema: Schema | None) -> Cal
 
 
 def _json_sample(kind: type[Sample], time_ns: int, fields: Mapping[str, Any]) -> Sample:
-    """A sample from JSON: a missing field is unknown, and a field that has no name here is ignored."""
+    """Make a sample from JSON: a missing field is unknown, and a field with an unknown name is ignored."""
     if kind is Event:
         return Event(time_ns, str(fields.get("name")), str(fields.get("message")))
     return kind._make((time_ns, *map(fields.get, kind._fields[1:])))

@@ -1,7 +1,7 @@
-"""Reads the records of MCAP files that may be anybody's: every size in them is a claim.
+"""Reads the records of MCAP files from any source: the sizes given in them are not trusted.
 
-A chunk is unpacked only as far as it says that it goes, and all chunks together only as far as a file of this size can
-go: hapnet's own unpack to twice their size.
+A chunk is unpacked only to its declared size, and all chunks together only to a limit that depends on the file's size:
+hapnet's own files unpack to twice their size.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 
 LARGEST_CHUNK = 8 << 20
-"""No chunk unpacks to more [bytes]."""
+"""Largest size of an unpacked chunk [bytes]."""
 
 MOST_TIMES, AT_LEAST = 30, 1 << 20
-"""All chunks together unpack to at most so many times the file's size, and so many bytes."""
+"""All chunks together unpack to at most this many times the file's size, but at least this many bytes are allowed."""
 
-_WINDOW = 32 << 20  # of zstd [bytes]: what the decompressor may keep
+_WINDOW = 32 << 20  # largest window of zstd [bytes]
 
 
 class Records:
-    """The records of an MCAP file in order, up to the first that is not whole; `torn` is known after the last.
+    """The records of an MCAP file in order, up to the first incomplete record; `torn` is valid after the last.
 
-    Raises RecordingError, while it is iterated: the file cannot be read, is no MCAP file, or unpacks to too much.
+    Raises RecordingError during iteration: the file cannot be read, is not an MCAP file, or unpacks to too much.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,7 +46,7 @@ class Records:
         from mcap.records import Chunk
         from mcap.stream_reader import StreamReader
 
-        # what the reader and the decompressors raise on a record that is cut short or damaged (lz4: RuntimeError)
+        # the errors of reader and decompressors for a record that is cut short or damaged (lz4: RuntimeError)
         damage = (McapError, ValueError, struct.error, RuntimeError, zstandard.ZstdError)
         try:
             with open_plain(self._path) as file:
@@ -108,12 +108,12 @@ def _unpacked(chunk: Chunk, size: int) -> bytes:
     else:
         raise ValueError(f"chunks are compressed by {chunk.compression}")
     if len(data) != size:
-        raise ValueError(f"a chunk says that it has {size} bytes, and has others")
+        raise ValueError(f"a chunk declares {size} bytes and does not have this size")
     return data
 
 
 class _Claimed:
-    """A file that is never asked for more than there is: to read a gigabyte, Python takes a gigabyte first."""
+    """A file that limits each read to its size: to read a gigabyte, Python would first allocate a gigabyte."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self._file, self._left = file, size

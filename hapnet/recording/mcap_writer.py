@@ -1,7 +1,7 @@
-"""Writes MCAP files of any length in the same memory.
+"""Writes MCAP files of any length in constant memory.
 
 The library's writer keeps the index of every chunk until the end: a kilobyte per chunk, some ten megabytes an hour. The
-file itself has all that this index says. So here it is read from the file when that ends. What is written is the same,
+file itself contains the data of this index, so here it is read from the file at the end. The written file is the same,
 byte by byte.
 """
 
@@ -41,7 +41,7 @@ _BLOCK_BYTES = 1 << 16
 
 
 class McapWriter:
-    """As `mcap.writer.Writer`, with lz4 and all indices; its memory does not grow with the file.
+    """A replacement of `mcap.writer.Writer`, with lz4 and all indices; its memory does not grow with the file.
 
     file : open for writing and reading, and empty. chunk_bytes : a chunk ends after the message that passes this size.
     """
@@ -66,7 +66,7 @@ class McapWriter:
         self._write(Header("", LIBRARY_IDENTIFIER))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Returns the schema's number."""
+        """Register a schema; returns its number."""
         self._schemas.append(Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name))
         self._schemas[-1].write(self._chunk)
         self._end_full_chunk()
@@ -75,7 +75,7 @@ class McapWriter:
     def register_channel(
         self, topic: str, message_encoding: str, schema_id: int, metadata: dict[str, str] | None = None
     ) -> int:
-        """Returns the channel's number."""
+        """Register a channel; returns its number."""
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, message_encoding, metadata or {}, schema_id))
         self._channels[-1].write(self._chunk)
@@ -97,14 +97,14 @@ class McapWriter:
         self._end_full_chunk()
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write a metadata record, before the chunk that is being made."""
+        """Write a metadata record, before the present chunk."""
         offset = self._file.tell()
         length = self._write(Metadata(name=name, metadata=data))
         self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
         self._count.metadata_count += 1
 
     def add_attachment(self, create_time: int, log_time: int, name: str, media_type: str, data: bytes) -> None:
-        """Write an attachment, before the chunk that is being made."""
+        """Write an attachment, before the present chunk."""
         offset = self._file.tell()
         length = self._write(Attachment(create_time, log_time, name, media_type, data))
         self._attachments.append(
@@ -113,7 +113,7 @@ class McapWriter:
         self._count.attachment_count += 1
 
     def flush(self) -> None:
-        """End the chunk, and hand everything to the operating system."""
+        """End the chunk, and pass everything to the operating system."""
         self._end_chunk()
         self._file.flush()
 

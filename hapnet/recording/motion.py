@@ -21,7 +21,7 @@ from netem.files import read_once
 _HAND = OperatorParams()
 _GRID_S = 1e-3
 _LARGEST = 16 << 20  # of a file [bytes]
-_LONGEST_S, _SPARSE_S, _ROW_S = 3600.0, 60.0, 1.0  # of a motion: all; with few rows; for each row, where that is more
+_LONGEST_S, _SPARSE_S, _ROW_S = 3600.0, 60.0, 1.0  # longest motion: in all; with few rows; per row, if that is more
 _GAP_S = 0.05  # a longer gap in a recording at 133 Hz means that the tablet lost the pen
 _JUMP_MPS = 0.5  # faster than a hand writes: the tablet lost the pen and found it elsewhere
 _JUMP_S = 0.06  # samples this near to a jump are dropped, so that the motion across is slow enough for a hand
@@ -43,8 +43,8 @@ def read_motion(
     A pen tablet's recording has `pressure` (0 to 1), and optionally `pen_down`, instead of `z_m`. Pressure becomes
     depth below the surface z = 0 (`press_depth` [m] at full pressure); a lifted pen hovers at `hover` [m]. Where
     samples are missing for longer than 50 ms, or the pen jumps, it is lifted and moves on with minimum jerk. Uneven
-    samples are joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the axis that presses (the
-    last one). No coordinate may be farther than `reach` [m] from the origin.
+    samples are joined by cubic curves and resampled at 1 kHz. A one-dimensional device gets the last axis, along which
+    the hand presses. No coordinate may be farther than `reach` [m] from the origin.
 
     Raises InvalidParameter: the file cannot be read, is not such a recording, or is not in metres.
     """
@@ -118,7 +118,7 @@ def _resample(t: Array, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]
 
 
 def _without_jumps(table: dict[str, Array]) -> dict[str, Array]:
-    """The samples without those near jumps of the position, where a gap remains."""
+    """Remove the samples near jumps of the position; a gap remains there."""
     t = table["time_s"]
     planar = [table[name] for name in ("x_m", "y_m") if name in table]
     speed = np.hypot.reduce([np.diff(column) for column in planar]) / np.diff(t)

@@ -1,4 +1,4 @@
-"""The recording of a run, however it is given: one that is there, a file, the files of both sides, or a directory."""
+"""The recording of a run, given as a recording, a file, the files of both sides, or a directory."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ WHOLE = "run.mcap"
 
 @contextmanager
 def fitting(what: object) -> Iterator[None]:
-    """Whoever wrote a recording may have put anything in the place of a number or a table of its settings.
+    """Turn errors from invalid settings of a recording into a RecordingError: a file may contain any values.
 
-    Raises RecordingError: the content of `what` is of other types than a recording's.
+    Raises RecordingError: the settings of `what` have wrong types.
     """
     try:
         yield
@@ -49,8 +49,8 @@ File: TypeAlias = str | PathLike[str]
 class Opened:
     """A run's recording.
 
-    whole : with both sides where both are there. parts : as they were recorded, each in its file. files : the paths of
-    these; none where no file was read.
+    whole : with both sides if both exist. parts : the recordings of the single files. files : the paths of the files;
+    empty if no file was read.
     """
 
     whole: Recording
@@ -62,9 +62,9 @@ Recorded: TypeAlias = Recording | HasRecording | Opened | File | Sequence[File]
 
 
 def opened(what: Recorded) -> Opened:
-    """Read and join what was recorded of a run: a recording, a file, both sides' files, or a run's directory.
+    """Read and join the recording of a run: a recording, a file, both sides' files, or a run's directory.
 
-    Raises InvalidParameter: these are more than two files, or a directory without a recording. RecordingError: one
+    Raises InvalidParameter: there are more than two files, or a directory has no recording. RecordingError: a file
     cannot be read, or the two are not of one run.
     """
     if isinstance(what, Opened):
@@ -85,7 +85,7 @@ def opened(what: Recorded) -> Opened:
 
 
 def _recordings_in(directory: Path) -> list[Path]:
-    """The recordings in a run's directory. One that was cut off before its first samples counts if it is alone."""
+    """The recordings in a run's directory. A recording without samples counts only if there is no other."""
     there = [file for role in ROLES if (file := directory / f"{role}.mcap").exists()]
     if not there and (whole := directory / WHOLE).exists():
         return [whole]

@@ -1,8 +1,8 @@
-"""A recording of a tool that turns, as two of three axes each: its point in metres, and its turning in radians.
+"""A recording of a tool that turns, as two recordings of three axes: its point in metres, and its rotation in radians.
 
-Whatever reads recordings of three axes reads both. In the second, positions are rotation vectors [rad], forces are
-torques [Nm] and velocities those of the rotation [rad/s]. A modulated set-position is no pose: its orientation is the
-nearest one.
+Code for recordings of three axes can read both. In the second, positions are rotation vectors [rad], forces are
+torques [Nm] and velocities are angular velocities [rad/s]. A modulated set-position is not exactly a pose: the nearest
+orientation is used.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ SIDES = ("device", "world")
 
 
 def is_pose(recording: Recording) -> bool:
-    """Whether it says that its axes are those of a pose."""
+    """Whether the recording's axes are those of a pose."""
     return text_in(recording.meta, POSE_AXES) == POSE
 
 
 def of_point(recording: Recording) -> Recording:
-    """Without what turns: the first three axes of a pose; any other recording as it is."""
+    """Return the recording of a pose's point, the first three axes; any other recording unchanged."""
     if not is_pose(recording):
         return recording
     return _with(
@@ -32,7 +32,7 @@ def of_point(recording: Recording) -> Recording:
 
 
 def of_turning(recording: Recording) -> Recording | None:
-    """Return the turning part, in radians; None: it is no recording of poses."""
+    """Return the rotation, in radians; None: it is not a recording of poses."""
     if not is_pose(recording):
         return None
     sides = [getattr(recording, side) for side in SIDES]
@@ -40,7 +40,7 @@ def of_turning(recording: Recording) -> Recording | None:
 
 
 def orientations(columns: Columns) -> dict[str, Array]:
-    """The quaternions (N, 4) w, x, y, z of one side's positions, by the names of these."""
+    """The quaternions (N, 4) w, x, y, z of one side's positions, by the names of the columns."""
     return {name: quaternions(rotation(values)) for name, values in columns.items() if _places(name)}
 
 

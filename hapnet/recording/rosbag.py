@@ -1,16 +1,16 @@
-"""A recording as a rosbag2 that ``ros2 bag play`` plays, without ROS: `rosbags` serialises the messages (extra `ros2`).
+"""Writes a recording as a rosbag2 for ``ros2 bag play``, without ROS: `rosbags` serialises messages (extra `ros2`).
 
-| topic | type | what |
+| topic | type | content |
 |---|---|---|
-| `/device/pose`, `/world/pose` | `geometry_msgs/PoseStamped` | position, of a tool that turns with its orientation |
+| `/device/pose`, `/world/pose` | `geometry_msgs/PoseStamped` | position, and the orientation of a tool that turns |
 | `/device/set_position`, `/world/set_position` | `geometry_msgs/PoseStamped` | ybar |
 | `/device/twist`, `/world/twist` | `geometry_msgs/TwistStamped` | velocity |
 | `/device/wrench`, `/world/wrench` | `geometry_msgs/WrenchStamped` | the coupling's force |
-| `/world/contact` | `geometry_msgs/WrenchStamped` | what is around it, on the virtual mass |
+| `/world/contact` | `geometry_msgs/WrenchStamped` | force of the surroundings on the virtual mass |
 | `/device/joint_states`, `/world/joint_states` | `sensor_msgs/JointState` | an arm's angles, or axes in radians |
 | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | each side's account, once a second, and the events |
 
-Axes that there are not are 0. All stamps are UTC where it is known, else they count from the recording's start.
+Missing axes are 0. All stamps are UTC if it is known, else they count from the recording's start.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _ACCOUNT = ("margin_J", "slack_J", "reservoir_J", "sent_J", "credited_J")
 
 
 class BagMessage(NamedTuple):
-    """One message: its topic, its type, when it was [ns], and its content."""
+    """One message: its topic, type, time [ns] and content."""
 
     topic: str
     kind: str
@@ -47,7 +47,7 @@ class BagMessage(NamedTuple):
 def write(recording: Recording, path: Path) -> None:
     """Write the recording as a rosbag2, the directory `path`.
 
-    Raises MissingLibrary: `rosbags` is not installed. RecordingError: the directory is there, or cannot be written.
+    Raises MissingLibrary: `rosbags` is not installed. RecordingError: the directory exists, or cannot be written.
     """
     try:
         from rosbags.rosbag2 import Writer
@@ -55,7 +55,7 @@ def write(recording: Recording, path: Path) -> None:
     except ImportError as error:
         raise MissingLibrary("--format rosbag2", "rosbags", "ros2") from error
     if path.exists():
-        raise RecordingError(f"{path} is there already: a rosbag2 is a directory of its own")
+        raise RecordingError(f"{path} already exists: a rosbag2 needs its own directory")
     store = get_typestore(Stores.ROS2_HUMBLE)
     try:
         with tempfile.TemporaryDirectory(dir=path.parent) as room:  # it appears only when it is complete
@@ -72,7 +72,7 @@ def write(recording: Recording, path: Path) -> None:
 
 
 def messages(recording: Recording, types: Any) -> Iterator[BagMessage]:
-    """All messages of a recording, a topic after the other. types : the classes of messages by their names."""
+    """Yield all messages of a recording, topic by topic. types : the classes of messages by their names."""
     make = Messages(types)
     for side in _SIDES:
         if getattr(recording, side) is not None:
@@ -88,7 +88,7 @@ class Messages:
         self._types = types
 
     def of_side(self, recording: Recording, side: str) -> Iterator[BagMessage]:
-        """Yield the samples of one side as messages, a topic after the other."""
+        """Yield the samples of one side as messages, topic by topic."""
         columns, force = table(recording, side), _SIDES[side]
         times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
         yield from self._poses(f"/{side}/pose", times, columns, "position")
@@ -100,7 +100,7 @@ class Messages:
         yield from self._joints(f"/{side}/joint_states", times, columns, force)
 
     def account(self, recording: Recording, side: str) -> Iterator[BagMessage]:
-        """The account once a second: an error where the margin is below zero."""
+        """Yield the account once a second, with the level error if the margin is below zero."""
         columns: Columns = getattr(recording, side)
         times = columns["time_ns"] + utc_less_clock_ns(recording.meta)
         since = (times - times[0]) // ACCOUNT_EVERY_NS
@@ -110,7 +110,7 @@ class Messages:
             yield self._diagnosis(int(times[k]), level, f"hapnet: account of the {side}", "", known)
 
     def events(self, recording: Recording) -> Iterator[BagMessage]:
-        """The events."""
+        """Yield the events."""
         more = utc_less_clock_ns(recording.meta)
         for event in recording.events:
             level = _LEVELS.get(event.level, 0)
@@ -134,7 +134,7 @@ class Messages:
         yield from self._pairs(topic, "Wrench", times, columns, name, torque)
 
     def _joints(self, topic: str, times: Array, columns: Columns, force: str) -> Iterator[BagMessage]:
-        """An arm's angles beside its tip, or axes that are joints."""
+        """Yield the angles of an arm that is coupled at its tip, or of axes that are joints."""
         kind = "sensor_msgs/msg/JointState"
         names = [name for name in columns if name.startswith("joint_") and name.endswith("_rad")]
         rates, efforts = [], []
@@ -189,6 +189,6 @@ def _vectors(columns: Columns, name: str) -> Array | None:
 
 
 def _rows(columns: Columns, names: list[str], length: int) -> Array:
-    """These columns beside one another; those that there are not are left out."""
+    """These columns as a matrix; missing columns are left out."""
     found = [columns[one] for one in names if one in columns]
     return np.column_stack(found) if found else np.zeros((length, 0))

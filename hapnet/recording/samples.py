@@ -1,4 +1,4 @@
-"""Recordings of a run: what a sample contains, samples as columns, and one recording joined from two sides."""
+"""Recordings of a run: the samples, samples as columns, and one recording joined from two sides."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 class DeviceSample(NamedTuple):
     """The device's side at one servo tick. Vectors have one element per axis.
 
-    `set_position_m` is PSPM's modulated ybar, `target_m` the y that it was asked for. `force_N` is the coupling's force
-    on the device; with the continuous servo, that of the substep that has ended. `operator_force_N` is the simulated
+    `set_position_m` is PSPM's modulated ybar, `target_m` its input y. `force_N` is the coupling's force on the
+    device; with the continuous servo, the force of the last substep. `operator_force_N` is the simulated
     hand's force and `operator_target_m` its target x_d; both are None if a person holds a real device. Energies are
     those of the modulator and the ledger: `sent_J` and `credited_J` are running totals, `margin_J` and `slack_J` those
     of this side's half of the theorem at this instant.
 
-    `spring_force_N` is K (ybar - x) and `damper_force_N` is -B v: they add up to the force, unless a limit took
-    something off. `model_force_N` and `added_damping_force_N` are the parts of the spring's force that come from the
+    `spring_force_N` is K (ybar - x) and `damper_force_N` is -B v: they add up to the force, unless a limit reduced
+    it. `model_force_N` and `added_damping_force_N` are the parts of the spring's force that come from the
     planes of the local contact model and from added damping. All four are None if a coupling does not report them.
 
     `work_J` is W, the energy put in since the start at the port of this side's account: the hand's with the continuous
-    servo, else the actuator's, by the force really applied. `bound_J` is V(0) + E(0). With them anybody can repeat the
-    account (hapnet/control/ledger.py): margin = W + bound + credited - sent, and slack = margin - V - E. `stored_J` is
+    servo, else the actuator's, by the force really applied. `bound_J` is V(0) + E(0). With them the account can be
+    repeated (hapnet/control/ledger.py): margin = W + bound + credited - sent, and slack = margin - V - E. `stored_J` is
     V, at the hand's port with the kinetic energy. `account_J` is E as the ledger counts it: the reservoir less the
     deficit, and what was harvested since PSPM last ran. `operator_work_J` is the energy that the simulated hand put in.
     Work is summed over every tick and substep, whichever are recorded. All are NaN in older recordings.
 
     More than twenty attributes: one for each series that a viewer plots.
 
-    `velocity_mps` is what the servo measured in this tick. `age_s` and `transit_s` are those of the newest message of
-    the world that it has used, NaN before the first: the time since that was sent, estimated without a common clock
-    (hapnet/wire/path.py), and its arrival on this side's clock less its stamp on the world's. The latter contains the
+    `velocity_mps` is the measured velocity of this tick. `age_s` and `transit_s` belong to the newest used message of
+    the world, NaN before the first: the time since it was sent, estimated without a common clock (hapnet/wire/path.py),
+    and its arrival on this side's clock less its stamp on the world's clock. The transit contains the
     difference of the clocks (the relative transit time of RFC 3550, section 6.4.1).
     """
 
@@ -127,7 +127,7 @@ class WorldSample(NamedTuple):
         velocity: Callable[[Vector], Vector],
         force: Callable[[Vector], Vector],
     ) -> WorldSample:
-        """The sample in other coordinates. place, velocity, force : turn such vectors into them."""
+        """The sample in other coordinates. place, velocity, force : convert such vectors to them."""
         return self._replace(
             position_m=place(self.position_m),
             velocity_mps=velocity(self.velocity_mps),
@@ -158,7 +158,7 @@ class Event(NamedTuple):
 
 
 Sample: TypeAlias = DeviceSample | PostureSample | WorldSample | Event | SceneSample | Drawing
-"""What goes to a file, to a watcher and to memory."""
+"""All kinds of samples that are written to a file, to a watcher and to memory."""
 
 S = TypeVar("S", Event, SceneSample, Drawing)
 
@@ -184,9 +184,9 @@ class Recording:
 
     `device` and `world` map field names to arrays: ``time_ns`` (N,) int64, ``time_s`` (N,) seconds since
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
-    None; of a device of which only the motion was recorded (`MetricSample`) there are no other columns.
-    `torn` : the file ended before its writer closed it. `scene`, `drawing` : what the world looked like, if that was
-    recorded. `posture` : that of an arm, where it does not follow from the positions.
+    None; a device of which only the motion was recorded (`MetricSample`) has no other columns.
+    `torn` : the file ended before its writer closed it. `scene`, `drawing` : the world's picture, if it was
+    recorded. `posture` : of an arm, if it does not follow from the positions.
     """
 
     meta: dict[str, Any]
@@ -233,26 +233,26 @@ class MemoryRecorder:
         self._samples.append(sample)
 
     def extend(self, device: Columns, world: Columns) -> None:
-        """Keep samples of both sides that come after all that were written, as columns without ``time_s``."""
+        """Append later samples of both sides, as columns without ``time_s``."""
         for parts, columns in zip(self._later, (device, world), strict=True):
             if len(columns["time_ns"]):
                 parts.append(columns)
 
     def recording(self, summary: Mapping[str, Any] | None = None) -> Recording:
-        """The recording of what was written, as a file would give it."""
+        """Return the recording of the written samples, as if read from a file."""
         found = from_samples(plain(self._meta), self._samples, plain(summary), torn=False)
         device, world = self._later
         return replace(found, device=_joined(found.device, device, found), world=_joined(found.world, world, found))
 
 
 def join(a: Recording, b: Recording) -> Recording:
-    """One recording of a device's and a world's, given in either order.
+    """Join a device's and a world's recording, given in either order.
 
     The world's times are put on the device's clock, and both are counted from the later origin. If both have the same
     ``meta["clock"]``, that is exact. Otherwise the clocks' difference is measured by the messages, and kept as
-    ``meta["clock_difference"]`` (the fields of a `ClockDifference`). If it cannot be, each starts at its own origin,
+    ``meta["clock_difference"]`` (the fields of a `ClockDifference`). If that fails, each starts at its own origin,
     and ``meta["aligned"]`` is False: the order of events on the two sides is not known. The settings of both are kept
-    under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` joins the two.
+    under ``meta["sides"]``. The summary is None: `hapnet.summary.run.merge` joins the two summaries.
 
     Raises RecordingError: the two are not one device's and one world's, or are of different runs.
     """
@@ -299,7 +299,7 @@ def join(a: Recording, b: Recording) -> Recording:
 
 
 def on_device_clock(meta: Mapping[str, Any], world_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Times of the world's clock on the device's, by the settings of a joined recording [ns]."""
+    """Convert times of the world's clock to the device's [ns], by the settings of a joined recording."""
     if "clock_difference" in meta:
         return ClockDifference.of(meta["clock_difference"]).on_device(world_ns)
     sides = meta["sides"]
@@ -355,7 +355,7 @@ def _columns(samples: list[DeviceSample | MetricSample] | list[WorldSample], ori
 
 
 def _joined(first: Columns | None, later: list[Columns], recording: Recording) -> Columns | None:
-    """The columns with those that came later."""
+    """The columns, followed by the later columns."""
     if not later:
         return first
     parts = later if first is None else [first, *later]
@@ -368,7 +368,7 @@ def _on_clock(columns: Columns, time_ns: NDArray[np.int64], origin_ns: int) -> C
 
 
 def utc_less_clock_ns(meta: Mapping[str, Any]) -> int:
-    """The difference to add to a time on a recording's clock to have UTC [ns]; 0 if its settings do not say."""
+    """The difference to add to a time on a recording's clock to get UTC [ns]; 0 if it is not in the settings."""
     origin_ns, utc_origin_ns = meta.get("origin_ns"), meta.get("utc_origin_ns")
     return 0 if origin_ns is None or utc_origin_ns is None else int(utc_origin_ns) - int(origin_ns)
 

@@ -1,7 +1,7 @@
-"""Samples and events as protobuf messages, and the schemas of these messages, with which anyone can read them.
+"""Samples and events as protobuf messages, and the schemas of these messages, which are stored with them.
 
 A sample's fields are doubles; a vector has one field per axis. Events and poses have Foxglove's schemas (foxglove.py).
-A file is read by its own schema: fields that the schema lacks are unknown, and fields that have no name here are
+A file is read with its own schema: fields that the schema lacks are unknown, and fields with unknown names are
 ignored.
 """
 
@@ -136,7 +136,7 @@ def _event(time_ns: int, line: Any) -> Event:
 def _lists_schema(
     kind: type[SceneSample] | type[PostureSample], number_type: str, numbers: Callable[[Any], list[Any]]
 ) -> Schema:
-    """Of samples whose fields but the time are lists of numbers; `numbers` gives these lists."""
+    """The schema of samples whose fields except the time are lists of numbers; `numbers` returns these lists."""
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 
     name, lists = kind.__name__, kind._fields[1:]

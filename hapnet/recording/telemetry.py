@@ -1,10 +1,10 @@
 """The telemetry of a side for its watchers: its newest sample many times a second, its status twice.
 
-Each message is one msgpack array whose first element is the version and whose second says what it holds: ``device`` or
+Each message is one msgpack array whose first element is the version and whose second names the kind: ``device`` or
 ``world`` (the fields of a `DeviceSample` or `WorldSample` in order), ``event`` (those of an `Event`), ``planes`` (those
 of a `KnownPlanes`), ``posture`` (those of a `PostureSample`), ``drawing`` and ``scene`` (those of a `Drawing` and a
-`SceneSample`: what the world looks like) or ``status`` (a `Status`, one map). The checks of what is read are made from
-these classes' types.
+`SceneSample`: the world's picture) or ``status`` (a `Status`, one map). Received messages are checked against the
+types of these classes.
 Nothing depends on telemetry: it is dropped first and never repeated, and a watcher counts the messages that it cannot
 read.
 """
@@ -30,7 +30,7 @@ from hapnet.wire.messages import Role
 VERSION = 6
 
 MAX_LENGTH = 64 * 1024
-"""No message but a drawing is longer [bytes]."""
+"""Largest length of a message other than a drawing [bytes]."""
 
 _MAX_DRAWING = LARGEST + 64
 
@@ -40,17 +40,17 @@ _LATEST_NS = 2**63 - 1  # of an array's times
 
 @dataclass(frozen=True)
 class Status:
-    """How one side is, as of `time_ns` on its clock.
+    """The state of one side at `time_ns` on its clock.
 
-    incarnation : of the process. paired : it has a peer. paused : what is simulated stands still.
+    incarnation : of the process. paired : it has a peer. paused : the simulation stands still.
     recording : the path of the running recording, or "".
     about : the description of a recording (parameters, seed, scene, surfaces, coupling, clock), session and name.
-    link : `netem.LinkStats` of what this side sends, with ``delay_now_ms`` and ``loss_now``: the mean emulated delay
+    link : `netem.LinkStats` of this side's messages, with ``delay_now_ms`` and ``loss_now``: the mean emulated delay
     and the share lost since the last status (None: nothing was sent).
     path : the path between the sides since the last status, as in the summary, the real network included. This side
-    knows the round trip and the direction to it.
-    account : this side's half of the summary so far, as it reports it to its peer; empty: it has none yet.
-    final : it has stopped, and this is its last account.
+    measures the round trip and the direction to it.
+    account : this side's half of the summary so far, as it reports it to its peer; empty: none yet.
+    final : the side has stopped, and this is its last account.
     """
 
     role: Role
@@ -67,7 +67,7 @@ class Status:
 
 
 class KnownPlanes(NamedTuple):
-    """The planes that the device knows, from the world's newest message; None: the world sends none."""
+    """The device's planes, from the world's newest message; None: the world sends none."""
 
     planes: tuple[Plane, ...] | None
 
@@ -83,7 +83,7 @@ _DRAWING_BEGINS = msgpack.packb((VERSION, "drawing", 0, b""))[:10]
 
 
 def encode(message: Sample | Status | KnownPlanes) -> bytes:
-    """The bytes to publish."""
+    """Encode a message as bytes."""
     packed: bytes
     if isinstance(message, KnownPlanes):
         packed = msgpack.packb((VERSION, "planes", *_parts_of(message.planes)))
@@ -96,7 +96,7 @@ def encode(message: Sample | Status | KnownPlanes) -> bytes:
 
 
 def decode(data: bytes) -> Telemetry:
-    """The message that was published. Raises BadMessage: these bytes are not a message of this version."""
+    """Decode a message. Raises BadMessage: these bytes are not a message of this version."""
     maximum = _MAX_DRAWING if data.startswith(_DRAWING_BEGINS) else MAX_LENGTH
     if len(data) > maximum:
         raise BadMessage("size", f"{len(data)} bytes of telemetry; allowed: up to {maximum}")
@@ -107,8 +107,8 @@ def decode(data: bytes) -> Telemetry:
     match frame:
         case (version, *_) if version != VERSION:
             raise BadMessage("version", f"telemetry of version {version!r}; allowed: {VERSION}")
-        case (_, str(kind), *reported) if kind in _SAMPLES:
-            return _sample(_SAMPLES[kind], reported)
+        case (_, str(kind), *content) if kind in _SAMPLES:
+            return _sample(_SAMPLES[kind], content)
         case (_, "event", int(time_ns), str(kind), str(text), "info" | "warning" | "error" as level):
             return Event(time_ns, kind, text, level)
         case (_, "scene", int(time_ns), bytes(poses), bytes(touches), bytes(soft)) if _is_time(time_ns):
@@ -118,23 +118,23 @@ def decode(data: bytes) -> Telemetry:
             return scene
         case (_, "posture", int(time_ns), tuple(angles)) if _is_time(time_ns) and _are_angles(angles):
             return PostureSample(time_ns, angles)
-        case (_, "drawing", int(time_ns), bytes(reported)) if _is_time(time_ns):
-            unpack(reported)
-            return Drawing(time_ns, reported)
-        case (_, "planes", reported) | (_, "planes", reported, _) | (_, "planes", reported, _, _):
-            fields.planes(reported)
+        case (_, "drawing", int(time_ns), bytes(content)) if _is_time(time_ns):
+            unpack(content)
+            return Drawing(time_ns, content)
+        case (_, "planes", content) | (_, "planes", content, _) | (_, "planes", content, _, _):
+            fields.planes(content)
             bends, friction = (*frame[3:], None, None)[:2]
             about = {fields.CURVATURES: bends, fields.FRICTION: friction}
             known = {name: each for name, each in about.items() if each is not None}
-            fields.surfaces(fields.checked(known, fields.OfProxy), reported)
-            return KnownPlanes(Plane.all_of(reported, bends, friction))
-        case (_, "status", dict(reported)):
-            return _status(reported)
+            fields.surfaces(fields.checked(known, fields.OfProxy), content)
+            return KnownPlanes(Plane.all_of(content, bends, friction))
+        case (_, "status", dict(content)):
+            return _status(content)
     raise BadMessage("telemetry", "neither a sample, an event, planes, a scene, a drawing nor a status")
 
 
 def _parts_of(planes: tuple[Plane, ...] | None) -> tuple[Any, ...]:
-    """Planes as a message has them; then the curvatures of each, if any has some; then the friction, likewise."""
+    """Planes in the form of a message; then the curvatures of each, if any are curved; then the friction, likewise."""
     if planes is None:
         return (None,)
     flat = [plane[:5] for plane in planes]
@@ -144,16 +144,16 @@ def _parts_of(planes: tuple[Plane, ...] | None) -> tuple[Any, ...]:
     return (flat,) if bends is None else (flat, bends)
 
 
-def _sample(kind: type[DeviceSample] | type[WorldSample], reported: list[Any]) -> DeviceSample | WorldSample:
+def _sample(kind: type[DeviceSample] | type[WorldSample], content: list[Any]) -> DeviceSample | WorldSample:
     names = kind._fields
-    if len(reported) != len(names):
-        raise BadMessage("telemetry", f"{len(reported)} fields of a {kind.__name__}, which has {len(names)}")
-    for name, value in zip(names, reported, strict=True):
+    if len(content) != len(names):
+        raise BadMessage("telemetry", f"{len(content)} fields of a {kind.__name__}, which has {len(names)}")
+    for name, value in zip(names, content, strict=True):
         if not _FITS[kind][name](value):
             raise BadMessage("telemetry", f"{name} of a {kind.__name__} is {value!r:.60}")
-    if len({len(value) for name, value in zip(names, reported, strict=True) if name in VECTORS and value}) > 1:
+    if len({len(value) for name, value in zip(names, content, strict=True) if name in VECTORS and value}) > 1:
         raise BadMessage("telemetry", f"vectors of a {kind.__name__} with different numbers of axes")
-    return kind._make(reported)
+    return kind._make(content)
 
 
 def _are_angles(values: tuple[object, ...]) -> bool:
@@ -187,18 +187,18 @@ _STATUS_TYPES: dict[str, Any] = {
 }
 
 
-def _status(reported: dict[str, Any]) -> Status:
-    if set(reported) != set(_STATUS_TYPES):
+def _status(content: dict[str, Any]) -> Status:
+    if set(content) != set(_STATUS_TYPES):
         raise BadMessage("telemetry", "a status with other fields")
     for name, allowed in _STATUS_TYPES.items():
-        if not isinstance(reported[name], allowed):
-            raise BadMessage("telemetry", f"{name} of a status is {reported[name]!r:.60}")
-    if reported["role"] not in get_args(Role):
-        raise BadMessage("telemetry", f"role of a status is {reported['role']!r:.60}")
-    if not (_is_about(reported["about"]) and _is_link(reported["link"]) and _is_path(reported["path"])):
+        if not isinstance(content[name], allowed):
+            raise BadMessage("telemetry", f"{name} of a status is {content[name]!r:.60}")
+    if content["role"] not in get_args(Role):
+        raise BadMessage("telemetry", f"role of a status is {content['role']!r:.60}")
+    if not (_is_about(content["about"]) and _is_link(content["link"]) and _is_path(content["path"])):
         raise BadMessage("telemetry", "a status whose parameters, surfaces, link or path are not valid")
-    fields.signals(reported["account"], fields.AccountMap)
-    return Status(**reported)
+    fields.signals(content["account"], fields.AccountMap)
+    return Status(**content)
 
 
 def _is_about(about: dict[str, Any]) -> bool:

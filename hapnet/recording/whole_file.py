@@ -1,4 +1,4 @@
-"""Files that are written at an end: each appears when it is complete and on the disk, or not at all."""
+"""Files that are written in one go: each appears when it is complete and on the disk, or not at all."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 def complete_or_absent(
     target: Path, what: str = "recording", failure: type[HapnetError] = RecordingError
 ) -> Iterator[Path]:
-    """Gives a path to write to, in the same folder. The file becomes `target` if the body succeeds, and is removed if
-    not; a file of that name from before then stays as it was.
+    """Yield a path to write to, in the same folder. The file becomes `target` if the body succeeds, and is removed if
+    not; then an existing `target` stays unchanged.
 
-    A target that is no file, such as a pipe, is written to itself.
+    A target that is not a regular file, such as a pipe, is written directly.
 
     Raises `failure`: the file cannot be written; the message calls it `what`, and names a disk that is full.
     """
@@ -30,7 +30,7 @@ def complete_or_absent(
         if target.exists() and not target.is_file():
             yield target
             return
-        target = target.resolve()  # what a link leads to, and not the link, is replaced
+        target = target.resolve()  # replace the file behind a link, not the link
         part = target.with_name(target.name + ".part")
         yield part
         _to_disk(part)
@@ -43,20 +43,20 @@ def complete_or_absent(
 
 
 def _why(error: OSError, target: Path) -> str:
-    """Why a file could not be written, in words."""
+    """The reason why a file could not be written, as text."""
     if error.errno in _FULL:
         return f"{error.strerror}: the disk of {_mounted(target)} is full"
     return error.strerror or str(error)
 
 
 def _to_disk(file: Path) -> None:
-    """Wait until the file is on the disk, whose space some systems only give out then."""
+    """Wait until the file is on the disk; some systems allocate its space only then."""
     with file.open("rb") as written:
         os.fsync(written.fileno())
 
 
 def _mounted(target: Path) -> Path:
-    """Where the disk that the file would be on is mounted."""
+    """The mount point of the disk for this file."""
     place = target.absolute().parent
     while not os.path.ismount(place) and place != place.parent:
         place = place.parent

@@ -42,7 +42,7 @@ class BatchRun(NamedTuple):
     params: Params
     seed: int
     summary: Summary
-    """As of a single run."""
+    """As in the result of a single run."""
     device: SideState
     world: SideState
     not_compiled: str | None
@@ -61,7 +61,7 @@ def simulate_batch(
     Parameters
     ----------
     params : one or several, each as for `simulate`; they may differ in anything.
-    seeds : every one of them is used with each of `params`.
+    seeds : each seed is used with each of `params`.
     workers : processes to share the work. With more than one, the caller's main module must be importable.
     progress : called from time to time with the share that is done, 0 to 1.
 
@@ -112,7 +112,7 @@ def _simulate(cases: Sequence[tuple[Params, int]], progress: Progress = lambda s
 
 
 def _is_reusable(setup: Setup) -> bool:
-    """Whether several runs may use it. Worlds other than walls at rest, and a user's own hand, have a state."""
+    """Whether several runs may share it. Worlds other than walls at rest, and a user's own hand, have a state."""
     return type(setup.scene) is Scene and setup.hand is None
 
 

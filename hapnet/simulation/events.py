@@ -1,11 +1,10 @@
-"""Which event of a run comes next, and what each does: the one description of both the plain and the compiled run.
+"""The events of a run: which comes next, and its effect. Plain and compiled runs share these functions.
 
 Plain Python runs these functions over a `Simulation`, compiled code over a record of the whole run
-(`hapnet.ext.compiled.simulation`). They use only what both have, the attributes of `Run`. The functions at the end do
-what each does in its own way; compiled code has others in their place.
+(`hapnet.ext.compiled.simulation`). They use only the attributes of `Run`, which both have. The functions at the end
+are those of plain Python; compiled code replaces them.
 
-Events at the same nanosecond run in a fixed order, that of their kinds. A timer that is past due runs at the present
-time.
+Events at the same nanosecond run in the order of their kinds. A timer that is past due runs at the present time.
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ ends, a tick of the device is due."""
 NO_EVENT = 6
 
 DONE, STOPPED, NEEDS_MORE, IMPOSSIBLE = range(4)
-"""Why a run stops: all is done; its user wants no more; a compiled run needs more draws, steps, ticks of the hand's
-path or room for samples, or has come to what only plain Python can do."""
+"""Why a run stops: all is done; its user stopped it; a compiled run needs more draws, steps, ticks of the hand's
+path or room for samples, or has reached an event that only plain Python can run."""
 
 
 class Clock(Record):
     """The time, and when each kind of event is due [ns].
 
-    tick_ns : the next tick to compute; in plain Python those before the one that is due may wait. later_ns : when the
-    start ends. apart : whether the hand's and the actuator's port are different ones.
+    tick_ns : the next tick to compute; in plain Python ticks before the due one may wait. later_ns : when the
+    start ends. apart : whether the hand's and the actuator's port differ.
     """
 
     now_ns: int
@@ -48,7 +47,7 @@ class Clock(Record):
 
 
 class Run(Protocol):
-    """A run as these functions see it: both sides, each with its port to the link, and the accounts of both ports."""
+    """The attributes of a run that these functions use: both sides with their link ports, and both ports' accounts."""
 
     clock: Clock
     device: Any
@@ -61,7 +60,7 @@ class Run(Protocol):
 
 @equation
 def run_to(run: Run, end_ns: int) -> int:
-    """Run to `end_ns`; returns `DONE`, or why not. If the start ends before, `TwoPort.later` begins to count there."""
+    """Run to `end_ns`; returns `DONE`, or why it stopped. `TwoPort.later` counts from the end of the start on."""
     clock = run.clock
     if clock.later_ns <= end_ns:
         why = _run_all(run, clock.later_ns)
@@ -115,7 +114,7 @@ def run_events(run: Run, end_ns: int) -> int:
 
 @equation
 def _tick(run: Run, now_ns: int) -> None:
-    """A tick of the device: its message goes to the uplink, its shuffled energy to its protocol."""
+    """Run a tick of the device: its message goes to the uplink, its shuffled energy to its protocol."""
     clock, device, port = run.clock, run.device, run.device_port
     message = tick(run, now_ns)
     sends = is_there(message)
@@ -137,7 +136,7 @@ def _tick(run: Run, now_ns: int) -> None:
 
 @equation
 def _step(run: Run, now_ns: int) -> None:
-    """A step of the world ends, and the next begins."""
+    """End a step of the world, and begin the next."""
     clock, world, port = run.clock, run.world, run.world_port
     message = step(run, now_ns)
     if not has_started(world):
@@ -161,7 +160,7 @@ def _step(run: Run, now_ns: int) -> None:
 
 @equation
 def _to_world(run: Run, now_ns: int) -> None:
-    """The world receives what the uplink releases by now."""
+    """Pass the messages that the uplink releases by now to the world."""
     release(run, run.device_port, run.world_port, now_ns)
     run.clock.due[UP] = release_due_ns(run.device_port)
     heard_by_world(run)
@@ -169,7 +168,7 @@ def _to_world(run: Run, now_ns: int) -> None:
 
 @equation
 def _to_device(run: Run, now_ns: int) -> None:
-    """The device receives what the downlink releases by now."""
+    """Pass the messages that the downlink releases by now to the device."""
     release(run, run.world_port, run.device_port, now_ns)
     run.clock.due[DOWN] = release_due_ns(run.world_port)
     heard_by_device(run)
@@ -177,13 +176,13 @@ def _to_device(run: Run, now_ns: int) -> None:
 
 @equation
 def heard_by_world(run: Run) -> None:
-    """Something has happened to the world's protocol: find when it is due next."""
+    """After an event of the world's protocol: find when it is due next."""
     run.clock.due[WORLD_TIMER] = protocol_due_ns(run.world_port)
 
 
 @equation
 def heard_by_device(run: Run) -> None:
-    """Something has happened to the device's protocol: find when it is due next, and no tick may wait any more."""
+    """After an event of the device's protocol: find when it is due next; no tick may wait any more."""
     run.clock.due[DEVICE_TIMER] = protocol_due_ns(run.device_port)
     wake(run)
 
@@ -202,11 +201,11 @@ def earliest(due: Wholes) -> int:
     return due.index(min(due))
 
 
-# -- what compiled code does otherwise --------------------------------------------------------------------------------
+# -- replaced in compiled code ----------------------------------------------------------------------------------------
 
 
 def hindrance(run: Any, kind: int) -> int:
-    """Why the event of this kind may not run; `DONE`: it may."""
+    """The reason why the event of this kind may not run; `DONE`: it may."""
     return int(run.hindrance(kind))
 
 
@@ -231,13 +230,13 @@ def has_started(side: Any) -> bool:
 
 
 def offer(port: Any, now_ns: int, message: Any) -> bool:
-    """Offer control's message to the port's link. True: nothing delays it, so it is not on the link, and is received
+    """Offer control's message to the port's link. True: the link does not delay it, so the other side receives it
     now."""
     return bool(port.offer(now_ns, message))
 
 
 def collect(side: Any, port: Any) -> bool:
-    """Give what control has for the protocol to the protocol; returns whether there was anything."""
+    """Pass control's output for the protocol to the protocol; returns whether there was any."""
     if not port.wire.uncollected:
         return False
     port.collect()
@@ -245,51 +244,51 @@ def collect(side: Any, port: Any) -> bool:
 
 
 def poll(port: Any, now_ns: int) -> None:
-    """Offer the protocol's messages that are due to the port's link."""
+    """Offer the protocol's due messages to the port's link."""
     port.send_due(now_ns)
 
 
 def receive(run: Any, port: Any, message: Any, now_ns: int) -> None:
-    """A side receives a message."""
+    """Pass a message to the side of this port."""
     run.receive(port, (message,))
 
 
 def release(run: Any, sender: Any, receiver: Any, now_ns: int) -> None:
-    """A side receives what the other's link releases by now."""
+    """Pass the messages that the sender's link releases by now to the receiver."""
     packets, _ = sender.release(now_ns)
     run.receive(receiver, packets)
 
 
 def release_due_ns(port: Any) -> int:
-    """When the port's link releases something, or changes."""
+    """The time when the port's link next releases a message, or changes."""
     return or_never(port.release_due_ns)
 
 
 def protocol_due_ns(port: Any) -> int:
-    """When the port's protocol has something to do."""
+    """The time when the port's protocol is due next."""
     return or_never(port.wire.next_due_ns)
 
 
 def or_never(due_ns: int | None) -> int:
-    """A time that may be None for never."""
+    """The time, or the latest possible time for None."""
     return NEVER if due_ns is None else due_ns
 
 
 def next_step_ns(run: Any) -> int:
-    """How long the world's next step lasts."""
+    """The length of the world's next step."""
     return int(run.world.next_step_ns())
 
 
 def skippable_ticks(device: Any) -> int:
-    """How many of the device's next ticks may wait; compiled code makes each when it is due."""
+    """The number of the device's next ticks that may wait; compiled code computes each when it is due."""
     return int(device.skippable_ticks)
 
 
 def catch_up(run: Any, until_ns: int) -> None:
-    """Make the ticks before `until_ns` that have waited."""
+    """Compute the waiting ticks before `until_ns`."""
     run.catch_up(until_ns)
 
 
 def wake(run: Any) -> None:
-    """The device's next tick may not wait if something has arrived for it."""
+    """Let no tick wait if a message has arrived for the device."""
     run.wake()

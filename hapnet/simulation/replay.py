@@ -1,4 +1,4 @@
-"""Replays a recorded run in virtual time, with its parameters and its hand, and compares the two."""
+"""Replays a recorded run in virtual time, with its parameters and its hand, and compares the two runs."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ _MADE = re.compile(r"rest|sine|press|hand-\d+")
 class Original:
     """A recorded run, ready to be replayed.
 
-    params, seed : the replay runs with these. hand : describes the replay's hand.
+    params, seed : of the replay. hand : a description of the replay's hand.
     recording : of both sides, as far as there are files. summary : of the original.
     in_virtual_time : True if the original was simulated, so that the replay is exact.
-    notes : one line for each direction in which the replay differs from the original.
+    notes : one line for each difference between the replay and the original.
     """
 
     files: tuple[Path, ...]
@@ -61,8 +61,8 @@ def read_original(files: Sequence[Path]) -> Original:
     The device's settings, hand and link come from the device's recording; the scene, the world's settings and its link
     come from the world's. With one recording everything comes from it.
 
-    Raises RecordingError: a file cannot be read, or the two do not belong together. InvalidParameter: they contain no
-    run that could be replayed.
+    Raises RecordingError: a file cannot be read, or the two do not belong together. InvalidParameter: the files contain
+    no run that could be replayed.
     """
     if not 1 <= len(files) <= 2:
         raise InvalidParameter("FILE", [str(file) for file in files], "one recording, or the device's and the world's")
@@ -81,36 +81,38 @@ def _original(files: Sequence[Path]) -> Original:
     simulated = device.meta.get("clock") == "virtual"
     known = set(Params().flat())
     own, worlds = _parameters(device), _parameters(world)
-    asked = {name: value for name, value in own.items() if name in known}
-    asked |= {name: value for name, value in worlds.items() if name in known and name.startswith(_WORLDS)}
-    recorded, sources = dict(asked), _sources(device, world)
-    operator, hand = _hand(device, files[at], asked)
-    if operator != asked.get("operator"):
-        asked["operator_hand.end_hold_s"] = 0.0  # the recorded motion has its end already
+    chosen = {name: value for name, value in own.items() if name in known}
+    chosen |= {name: value for name, value in worlds.items() if name in known and name.startswith(_WORLDS)}
+    recorded, sources = dict(chosen), _sources(device, world)
+    operator, hand = _hand(device, files[at], chosen)
+    if operator != chosen.get("operator"):
+        chosen["operator_hand.end_hold_s"] = 0.0  # the recorded motion already contains its end
     notes = [*_notes(device, world, simulated, sorted({*own, *worlds} - known)), *_left_out(recording)]
     if not simulated:
         for direction, part in (("up", device), ("down", world)):
             if direction == "up" or part is not device:
-                changes, about = _link(recording, part, direction, asked)
-                asked |= changes
+                changes, about = _link(recording, part, direction, chosen)
+                chosen |= changes
                 notes += about
     if (then := device.meta.get("hardware_sha256")) is not None:
-        file = arm_file(str(asked.get("hardware")))
+        file = arm_file(str(chosen.get("hardware")))
         if fingerprint(file) not in (then, None):
             notes.append(f"{file} has changed since: the replay has the arm that it describes now")
-            asked = {name: value for name, value in asked.items() if name not in ("device.mass", "device.own_damping")}
-    asked |= {
+            chosen = {
+                name: value for name, value in chosen.items() if name not in ("device.mass", "device.own_damping")
+            }
+    chosen |= {
         "operator": operator,
-        "hardware": hardware if is_arm(hardware := str(asked.get("hardware"))) else "simulated",
-        "duration_s": _duration_s(recording, asked.get("duration_s") if simulated else None),
+        "hardware": hardware if is_arm(hardware := str(chosen.get("hardware"))) else "simulated",
+        "duration_s": _duration_s(recording, chosen.get("duration_s") if simulated else None),
     }
-    if not simulated and asked.get("device.servo") == "auto":
-        asked["device.servo"] = "sampled"
-    if sources is not None:  # what the replay changes is not as its source set it
-        changed = {name for name, value in asked.items() if value != recorded.get(name)}
+    if not simulated and chosen.get("device.servo") == "auto":
+        chosen["device.servo"] = "sampled"
+    if sources is not None:  # values that the replay changes have another source
+        changed = {name for name, value in chosen.items() if value != recorded.get(name)}
         sources |= dict.fromkeys(changed, RECORDING)
-    params, seed = Params.recorded(asked, sources), device.meta.get("seed")
-    if ":" not in params.coupling:  # a user's own is loaded when it runs
+    params, seed = Params.recorded(chosen, sources), device.meta.get("seed")
+    if ":" not in params.coupling:  # a user's own coupling is loaded when it runs
         coupling(params.coupling)
     if not isinstance(seed, int) or seed < 0:
         raise InvalidParameter("seed of the recording", seed, "a whole number, 0 or above")
@@ -124,7 +126,7 @@ def _original(files: Sequence[Path]) -> Original:
 
 
 def compare(original: Original, replay: Recording, summary: Summary) -> dict[str, Any]:
-    """Compare the replay with the original, for machines: key figures of both, and the distance of the device's paths.
+    """Compare the replay with the original, as data: key figures of both, and the distance of the device's paths.
 
     The paths are compared at the original's samples, at the same time since control of the device started, as far as
     both go. `identical` : every value that both recorded is the same at each sample, to the last bit.
@@ -157,15 +159,15 @@ def key_figures(summary: Summary) -> dict[str, float | int | None]:
 
 
 def _parameters(recording: Recording) -> dict[str, Any]:
-    """All parameters of its run, by dotted names."""
+    """All parameters of the recorded run, by dotted names."""
     tree = recording.meta.get("params")
     if not isinstance(tree, Mapping):
-        raise RecordingError("this recording cannot be replayed: it does not say with which parameters it was made")
+        raise RecordingError("this recording cannot be replayed: it does not contain the parameters of its run")
     return dict(flatten(tree))
 
 
 def _sources(device: Recording, world: Recording) -> dict[str, object] | None:
-    """The sources of these parameters; None: an older recording, which has none."""
+    """The sources of the parameters; None: an older recording without sources."""
     own, worlds = device.meta.get("sources"), world.meta.get("sources")
     if not isinstance(own, Mapping) or not isinstance(worlds, Mapping):
         return None
@@ -185,7 +187,7 @@ def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[s
         if (ours := device.meta.get(key)) != (theirs := world.meta.get(key)):
             yield f"the world's {key} was {theirs}: a replay uses one for both sides, by default the device's, {ours}"
     if unknown:
-        yield f"this version does not know these parameters and leaves them out: {', '.join(unknown)}"
+        yield f"this version does not have these parameters and leaves them out: {', '.join(unknown)}"
 
 
 def _left_out(recording: Recording) -> Iterator[str]:
@@ -202,13 +204,13 @@ def _left_out(recording: Recording) -> Iterator[str]:
 
 
 def _link(
-    whole: Recording, part: Recording, direction: str, asked: Mapping[str, Any]
+    whole: Recording, part: Recording, direction: str, chosen: Mapping[str, Any]
 ) -> tuple[dict[str, object], list[str]]:
     """The link's parameters as its side recorded them, including changes during the run; and notes about them.
 
     `whole` is on the device's clock, `part` on its own.
     """
-    words = (part.meta.get("links") or {}).get(direction, asked.get(f"link.{direction}", ""))
+    words = (part.meta.get("links") or {}).get(direction, chosen.get(f"link.{direction}", ""))
     events = [event for event in part.events if event.kind == KIND]
     times = np.array([event.time_ns for event in events], dtype=np.int64)
     times = replay_ns(whole, times if part.device is not None else on_device_clock(whole.meta, times))
@@ -222,10 +224,10 @@ def _link(
     return changed, notes
 
 
-def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str, str]:
-    """The operator that generates the hand again, or else follows its recorded motion; and a text that says which."""
-    operator, recorded = str(asked.get("operator")), str(file.resolve())
-    if not is_simulated(hardware := str(asked.get("hardware", "simulated"))):
+def _hand(device: Recording, file: Path, chosen: Mapping[str, Any]) -> tuple[str, str]:
+    """The operator that generates the hand again, or else follows its recorded motion; and a description of it."""
+    operator, recorded = str(chosen.get("operator")), str(file.resolve())
+    if not is_simulated(hardware := str(chosen.get("hardware", "simulated"))):
         why = f"the device was {hardware}"
     elif begins_late(device):
         why = "the recording begins in the middle of its session"
@@ -246,10 +248,10 @@ def _hand(device: Recording, file: Path, asked: Mapping[str, Any]) -> tuple[str,
     return recorded, f"the device's recorded positions, joined by cubic curves: {why}, and its hand is unknown"
 
 
-def _duration_s(recording: Recording, asked: object) -> object:
-    """Time from pairing to the end, or to where a recording is torn [s]. `asked` : the simulated duration."""
-    if asked is not None and not recording.torn:
-        return asked
+def _duration_s(recording: Recording, simulated_s: object) -> object:
+    """Time from pairing to the end, or to where a recording is torn [s]. `simulated_s` : the simulated duration."""
+    if simulated_s is not None and not recording.torn:
+        return simulated_s
     sides = [side for side in (recording.device, recording.world) if side is not None]
     return max(float(replay_ns(recording, side["time_ns"][-1:])[0]) for side in sides) / 1e9
 

@@ -1,7 +1,7 @@
 """Virtual time: both sides and both links in one process, deterministic under one seed, faster than real time.
 
 Each side uses the same link port as in real time (`hapnet.side.link_port`). The clock jumps to the next due event;
-`hapnet.simulation.events` says which one that is, and what it does.
+`hapnet.simulation.events` finds and runs it.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
 """How long after the end the links may deliver shuffled energy, so that the accounts can be closed [ns]."""
 
-_LOOK = 3
-"""Ticks between two looks whether the handshake is over."""
+_CHECK_TICKS = 3
+"""Ticks between two checks whether the handshake is over."""
 
 _REPORT_NS = 500_000_000
 """Simulated time between two reports of progress [ns]."""
 
-_ASKED = ("hindrance", "tick", "step", "receive")
-"""What `events` asks a simulation for: where a subclass does one of these otherwise, compiled code cannot run it."""
+_EVENT_METHODS = ("hindrance", "tick", "step", "receive")
+"""The methods that `events` calls: if a subclass overrides one of these, compiled code cannot run it."""
 
 
 class Simulation:
@@ -70,9 +70,9 @@ class Simulation:
 
     params : the parameters of the run. seed : of all random draws.
     setup : the result of `prepare` for these parameters, if it exists already.
-    motion_only : record of the device only its motion, for metrics (`MetricSample`).
-    kernel : must compiled code run it where it can (hapnet/ext/compiled), or must it not? None: where its machine code
-        exists; for a very long run it is made beside the run, which goes on compiled then.
+    motion_only : record only the device's motion, for metrics (`MetricSample`).
+    kernel : True: run compiled code where possible (hapnet/ext/compiled); False: never; None: where its machine code
+        exists; during a very long run it is compiled in the background, and the run then goes on compiled.
 
     Raises InvalidParameter, netem.NetemError: the parameters are not valid for a run.
     """
@@ -93,17 +93,17 @@ class Simulation:
             raise InvalidParameter("follower.robot", params.follower.robot, "none or simulated in virtual time")
         self.seed = seed
         if params.operator == LIVE:
-            raise InvalidParameter("operator", LIVE, "another operator: nobody can guide a hand in virtual time")
+            raise InvalidParameter("operator", LIVE, "another operator: a hand cannot be guided in virtual time")
         self.setup: Setup = setup or prepare(params, "continuous")
         why_not = no_compiler() if has_extension("compiled") else "hapnet.ext.compiled is not installed"
         if why_not is None and (is_arm(params.hardware) or self.setup.params.units == POSE):
             self.setup = replace(self.setup, ends=extension("compiled").device_ends(self.setup))
         self._motion_only = motion_only
-        self._awaits_code = False  # is there a compiled kind of this run, without its machine code?
+        self._awaits_code = False  # True: this run could be compiled, but its machine code does not exist yet
         self._begin()
         if kernel is False:
             why_not = "it is switched off"
-        elif any(getattr(type(self), name) is not getattr(Simulation, name) for name in _ASKED):
+        elif any(getattr(type(self), name) is not getattr(Simulation, name) for name in _EVENT_METHODS):
             why_not = f"{type(self).__name__} watches the events"
         elif why_not is None:
             why_not, self._awaits_code = extension("compiled").chosen(self.setup, kernel)
@@ -137,7 +137,7 @@ class Simulation:
         return self.clock.now_ns
 
     def _writer(self) -> Write:
-        """Returns the function that records samples, and makes the recording with its metadata."""
+        """Make the recording with its metadata, and return the function that records samples."""
         setup = self.setup
         duration_s = setup.params.duration_s
         require_room("duration_s", duration_s, duration_s, bytes_a_second(setup.params, setup.dof), "recorded seconds")
@@ -203,23 +203,23 @@ class Simulation:
         return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand_port)
 
     def _on_kernel(self, end_ns: int) -> WholeRun | None:
-        """Complete the handshake, and hand the rest over to the kernel; None: the run's end comes before."""
+        """Complete the handshake, and run the rest on the kernel; None: the run ends before that."""
         while self.now_ns < end_ns:
-            self._until(min(end_ns, self.now_ns + _LOOK * self.clock.period_ns))
+            self._until(min(end_ns, self.now_ns + _CHECK_TICKS * self.clock.period_ns))
             if self.quiet:
                 return cast(WholeRun, extension("compiled runs").CompiledRun(self, self._recorder, end_ns))
         return None
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing of the handshake is to be sent, or on a link."""
+        """Whether no message of the handshake is waiting to be sent or on a link."""
         endpoints = (self.device_endpoint, self.world_endpoint)
         return all(endpoint.session.handshake_over for endpoint in endpoints) and not any(
             entry[2].kind == "control" for link in (self.up, self.down) for entry in link.queue
         )
 
     def pair(self) -> int:
-        """Run until both sides have started. Returns that time [ns]. Raises HapnetError as `run` does."""
+        """Run until both sides have started. Returns the start time [ns]. Raises HapnetError as `run` does."""
         if self.setup.params.duration_s <= 0.0:
             raise HapnetError("a simulation needs a duration above 0 s")
         self._run(PAIRING_LIMIT_NS, lambda: self.device_endpoint.started and self.world_endpoint.started)
@@ -236,7 +236,7 @@ class Simulation:
         return self.now_ns
 
     def resume(self) -> None:
-        """Go on, after everything until now was computed elsewhere and the state was written back."""
+        """Continue after compiled code has computed everything until now and written the state back."""
         for kind, port in ((UP, self.device_port), (DOWN, self.world_port)):
             self.clock.due[kind] = events.release_due_ns(port)
         for kind, port in ((DEVICE_TIMER, self.device_port), (WORLD_TIMER, self.world_port)):
@@ -283,33 +283,33 @@ class Simulation:
         events.run_events(self, end_ns)
         self._done = None
 
-    # -- what the events ask of a run: see hapnet/simulation/events.py ------------------------------------------------
+    # -- called by the events: see hapnet/simulation/events.py --------------------------------------------------------
 
     def hindrance(self, kind: int) -> int:
-        """Why the next event may not run; `DONE`: it may."""
+        """The reason why the next event may not run; `DONE`: it may."""
         return STOPPED if self._done is not None and self._done() else DONE
 
     def tick(self, now_ns: int) -> Packet | None:
-        """Make a tick that may not wait, after those that could; returns its message."""
+        """Compute a tick that may not wait, after all ticks that waited; returns its message."""
         self.catch_up(now_ns, then_tick=True)
         message = self.device.tick(now_ns)
         return None if message is None else self.device_port.outward(message)
 
     def step(self, now_ns: int) -> Packet | None:
-        """Make the world's step; returns its message."""
+        """Compute the world's step; returns its message."""
         message = self.world.step(now_ns)
         return None if message is None else self.world_port.outward(message)
 
     def receive(self, port: LinkPort, packets: Iterable[Packet]) -> None:
-        """The side of this port receives what the other side's link has released."""
+        """Pass the messages that the other side's link has released to the side of this port."""
         for packet in packets:
             port.receive(self.now_ns, packet.data)
 
     def catch_up(self, until_ns: int, *, then_tick: bool = False) -> None:
         """Compute the ticks before `until_ns` that could wait. `then_tick`: a tick that may not wait follows.
 
-        Nothing depends on them before the device's next message, or the world's next step, whose work is paired with
-        theirs.
+        Nothing depends on these ticks before the device's next message, or the world's next step, whose work is paired
+        with theirs.
         """
         clock = self.clock
         ticks = -((clock.tick_ns - until_ns) // clock.period_ns)
@@ -318,13 +318,13 @@ class Simulation:
             clock.tick_ns += ticks * clock.period_ns
 
     def _observe(self, work: float, hand_work: float) -> None:
-        """The energy put in so far at the port of the device's account, and by the hand [J]."""
+        """Record the energy put in so far at the port of the device's account, and by the hand [J]."""
         self.two_port.device(work)
         if self.clock.apart:
             self.hand_port.device(hand_work)
 
     def wake(self) -> None:
-        """The device's next tick may not wait if something has arrived for it."""
+        """Let no tick wait if a message has arrived for the device."""
         clock = self.clock
         if self.device_endpoint.has_news and clock.tick_ns != NEVER:
             self.catch_up(self.now_ns)

@@ -13,7 +13,7 @@ from hapnet.summary.structure import SIDES, SidePart, Summary
 from hapnet.wire.messages import Role
 
 FAILED = 2
-"""Exit code: a process failed or was given something wrong, and said so in one line."""
+"""Exit code: a process failed or got wrong input, and reported that in one line."""
 
 INCOMPLETE = 3
 """Exit code: the run went well, but its output or its account is not complete."""
@@ -22,11 +22,11 @@ NOT_PASSIVE = 4
 """Exit code: a coupling that claims to be passive here was not. It takes precedence over all codes but an error's."""
 
 CONTRADICTED = 5
-"""Exit code: somebody else spoke in the name of one of the sides, so that nobody knows whether the run was passive."""
+"""Exit code: a third party sent messages in the name of a side, so it is not known whether the run was passive."""
 
 
 class Cause(NamedTuple):
-    """passive : what the verdict is for this cause: False; None: not known; True: as it is without this cause.
+    """passive : the verdict for this cause: False; None: not known; True: the cause does not change the verdict.
 
     code : the exit code, unless another cause's takes precedence. `NOT_PASSIVE` : 0 where the coupling claims nothing,
     and `INCOMPLETE` where only the servo is to blame. sentence : with the names of values in braces.
@@ -49,7 +49,7 @@ class Finding(NamedTuple):
 
 
 CAUSES: Mapping[str, Cause] = MappingProxyType({
-    "diverged": Cause(False, NOT_PASSIVE, "it diverged: the energy account is no finite number any more"),
+    "diverged": Cause(False, NOT_PASSIVE, "it diverged: the energy account is no longer finite"),
     "bound": Cause(
         False, NOT_PASSIVE, "{out} mJ came out of both ports, of d² = {bound} mJ: margin {margin} mJ"
     ),
@@ -69,7 +69,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     "joint account": Cause(None, INCOMPLETE, "of both ports together only, and the {side}'s account is not here"),
     "not at once": Cause(None, 0, "of both ports together only, and both were not seen at the same time"),
     "no fit": Cause(None, 0, "the accounts of both sides do not fit each other"),
-    "restart": Cause(None, 0, "the {side} was started anew: what went in and out at the one before is not known"),
+    "restart": Cause(None, 0, "the {side} was restarted: the account of its earlier process is not known"),
     "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),
     "contradiction": Cause(
         None, CONTRADICTED, "somebody else spoke in the {side}'s name: {messages}"
@@ -93,7 +93,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     ),
     "world failed": Cause(None, FAILED, "the world failed, and its own account is not known: {why}"),
     "world's account": Cause(
-        None, 0, "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known"
+        None, 0, "the world's own account is not finite (its stored_J or supplied_J): its energy is not known"
     ),
     "blocked": Cause(True, INCOMPLETE, "the {side}'s driver blocks: {what}"),
     "unproved": Cause(
@@ -118,7 +118,7 @@ _CONTRADICTIONS = {
 
 
 def contradictions(side: Role, part: SidePart) -> Iterator[Finding]:
-    """The sum of both halves is a bound only if nobody credits what was not sent by then."""
+    """Yield contradictions in a side's energy messages: then the sum of both halves is not a bound."""
     other = SIDES[1 - SIDES.index(side)]
     reported = cast(Mapping[str, int | None], part["contradictions"])
     kinds = [_CONTRADICTIONS[kind].format(count) for kind, count in reported.items() if count]
@@ -127,6 +127,6 @@ def contradictions(side: Role, part: SidePart) -> Iterator[Finding]:
 
 
 def unproved(summary: Summary) -> Iterator[Finding]:
-    """All that was judged is of whoever the peer was, where neither a secret nor a certificate says who that is."""
+    """Yield that the peer's identity was not proved, if there was neither a secret nor a certificate."""
     if any(part["peer"]["proof"] == "nobody" for side in SIDES if (part := summary[side]) is not None):
         yield found("unproved")

@@ -1,4 +1,4 @@
-"""Figures of the samples for a summary: how well the proxy followed, how hard contacts were, the margin of both
+"""Figures of a summary that come from the samples: tracking errors, peaks of force and depth, and the margin of both
 ports.
 """
 
@@ -19,7 +19,7 @@ from hapnet.recording.samples import Columns, DeviceSample, Recording, Sample, W
 from hapnet.units import METRES, POSE
 
 START_S = 1.0
-"""The minimum margin from then on is shown too [s]: at the start it is d^2 in any case."""
+"""Time from which on the later minimum of the margin counts [s]: at the start the margin is d^2 in any case."""
 
 
 class MotionFigures(TypedDict):
@@ -49,8 +49,8 @@ def motion(recording: Recording) -> MotionFigures:
     peak_force_N : largest Euclidean norm of the coupling's force on the device [N].
     peak_penetration_m : largest depth of the proxy in a wall [m]; 0 if it never entered one.
     contacts : number of separate visits to a wall, including one that had begun before the start.
-    free_rms_rad, contact_rms_rad, peak_torque_Nm : of a tool that turns, the same of the angle between the
-        orientations [rad] and of the torque [Nm]; the others are then those of its point. None without.
+    free_rms_rad, contact_rms_rad, peak_torque_Nm : for a tool that turns, the same figures of the angle between the
+        orientations [rad] and of the torque [Nm]; the other figures are then those of its point. None without a tool.
     """
     point, turning = of_point(recording), of_turning(recording)
     device, world = point.device, point.world
@@ -82,7 +82,7 @@ _NONE = MotionFigures(
 
 
 def position_error(device: Columns, world: Columns) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Distance between device and proxy [m] where both are known, and (N,) at which of the device's samples that is."""
+    """Distance between device and proxy [m] where both are known, and a mask (N,) of these samples of the device."""
     known = (device["time_s"] >= world["time_s"][0]) & (device["time_s"] <= world["time_s"][-1])
     return np.linalg.norm(device["position_m"][known] - _proxy(world, device, known), axis=1), known
 
@@ -133,7 +133,7 @@ class LiveFigures:
         self._inside = False
 
     def see(self, sample: Sample) -> None:
-        """Take one more sample, on any thread; samples come in the order of their times."""
+        """Take the next sample, on any thread; samples must come in the order of their times."""
         if isinstance(sample, DeviceSample):
             force = sample.force_N
             if self._turns:
@@ -155,11 +155,11 @@ class LiveFigures:
             self.margin_later_J = _less(self.margin_later_J, sample.margin_J)
 
     def later_J(self, end_J: float | None) -> float | None:
-        """The minimum from `START_S` on, with the margin `end_J` at the end, which no sample may have shown [J]."""
+        """The minimum from `START_S` on [J], including the margin `end_J` at the end, which may be in no sample."""
         return None if self.margin_later_J is None or end_J is None else min(self.margin_later_J, end_J)
 
     def motion(self) -> MotionFigures:
-        """Return the figures of motion that are known so far; tracking errors need both sides."""
+        """Return the figures of motion so far; tracking errors need both sides and are None."""
         return self._motion.copy()
 
 
@@ -175,8 +175,8 @@ def total_margin(recording: Recording) -> Columns | None:
     """The sum of both sides' margins over time: ``time_s`` and ``margin_J`` at every sample of either side.
 
     The other side contributes its last sample up to that time. So energy that went in and out again between two samples
-    does not show. The sum covers the time in which both sides are recorded. None if they are not on one clock: a
-    difference of clocks that was only measured may be wrong by milliwatts times milliseconds, and proves nothing.
+    is not included. The sum covers the time in which both sides are recorded. None if they are not on one clock: a
+    measured difference of clocks may cause an error of milliwatts times milliseconds, so it would prove nothing.
     """
     if (both := _on_one_clock(recording)) is None:
         return None
@@ -193,7 +193,7 @@ def total_margin(recording: Recording) -> Columns | None:
 def two_port_margin(recording: Recording) -> float | None:
     """The minimum of d^2 and the energy put in at both ports, over the recorded time [J]; None: as of `total_margin`.
 
-    The sum of both margins leaves out energy in flight. This has it, even if more was credited than was sent.
+    The sum of both margins leaves out energy in flight. This minimum includes it, even if more was credited than sent.
     """
     total, both = total_margin(recording), _on_one_clock(recording)
     if total is None or both is None:
@@ -207,8 +207,8 @@ def two_port_margin(recording: Recording) -> float | None:
 def credited_early(recording: Recording) -> tuple[float | None, float | None]:
     """The most that was credited before it was sent, from the device and from the world [J]; None: not known.
 
-    The receiver's samples are held against the sender's first ones after the receiver's next, which can only be higher:
-    a tick whose thread has to wait may still credit what was sent after it began, and comes to its end before the next.
+    Each sample of the receiver is compared with the sender's first sample after the receiver's next one, which can only
+    be higher: a tick whose thread waits may credit energy sent after the tick began, but it ends before the next tick.
     """
     if (both := _on_one_clock(recording)) is None:
         return None, None

@@ -1,7 +1,7 @@
 """The margin of both ports together while a pair runs, from both sides' samples on one clock.
 
-It is what `from_samples.total_margin` finds in a recording: the sum of both margins at every sample of either side, the
-other side contributing its last sample up to that time.
+As `from_samples.total_margin` of a recording, it is the sum of both margins at every sample of either side; the other
+side contributes its last sample up to that time.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from hapnet.summary.structure import SIDES
 from hapnet.wire.messages import Role
 
 _MOST_WAITING = 4096
-"""So many samples of a side wait for the other's; then the oldest are dropped."""
+"""Most samples of a side that wait for the other's; beyond that the oldest are dropped."""
 
 
 class JointMargin:
-    """The sum since both sides began. A side's samples come in order, those of both in any."""
+    """The sum since both sides began. The samples of each side must come in order; the sides may interleave freely."""
 
     def __init__(self) -> None:
         self._waiting: dict[Role, deque[tuple[int, float]]] = {side: deque(maxlen=_MOST_WAITING) for side in SIDES}
@@ -33,7 +33,7 @@ class JointMargin:
         self._later: float | None = None
 
     def begin(self, role: Role) -> None:
-        """That side has restarted: what was before is another pair's."""
+        """Start again after a restart of that side: earlier samples belong to another pair."""
         self._waiting[role].clear()
         self._newest_ns.pop(role, None)
         self._forget()
@@ -67,5 +67,5 @@ class JointMargin:
             self._later = total if self._later is None else min(self._later, total)
 
     def margins(self) -> dict[str, float | None]:
-        """The minimum, the present sum and the minimum from `START_S` on [J], named as `combine` takes them."""
+        """The minimum, the present sum and the minimum from `START_S` on [J], by the parameters of `combine`."""
         return {"total_margin_J": self._total, "total_end_J": self._end, "total_later_J": self._later}

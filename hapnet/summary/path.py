@@ -1,4 +1,4 @@
-"""The summary's `path`: what the streams showed of the path between the sides, emulated links included."""
+"""The summary's `path`: figures of the path between the sides, measured by the streams, emulated links included."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REPORT_EVERY_NS = 10_000_000_000
 
 
 def unknown() -> Section:
-    """The same keys with value None."""
+    """The keys of `path` with value None."""
     return structure.unknown(Section)
 
 
@@ -51,8 +51,8 @@ def of_side(role: Role, figures: PathFigures) -> Section:
 
 
 def of_both(device: Section | None, world: Section | None) -> Section:
-    """Both sides together. Each direction is as its receiver measured it; what a receiver told the other side counts
-    only where its own measure is missing. The round trip is the device's, if it has one."""
+    """Both sides' figures together. Each direction is measured by its receiver; a receiver's report to the other side
+    counts only where its own figures are missing. The round trip is the device's, if it has one."""
     by_role: dict[Role, Section | None] = {"device": device, "world": world}
     sides = [side for side in (device, world) if side is not None]
     whole = unknown()
@@ -73,7 +73,7 @@ class PathMeter:
         self._path, self._before = path, path.counts()
 
     def read(self) -> Section:
-        """The figures; None where nothing has arrived."""
+        """The figures since the last reading; None where no message has arrived."""
         now = self._path.counts()
         figures, self._before = self._path.figures(self._before), now
         return of_side(self.role, figures)
@@ -87,7 +87,7 @@ class PathReporter:
         self._next_ns: int | None = None
 
     def look(self, now_ns: int) -> Notice | None:
-        """Returns the notice to send, if one is due."""
+        """Return the notice to send, if it is due."""
         if self._next_ns is not None and now_ns < self._next_ns:
             return None
         first, self._next_ns = self._next_ns is None, now_ns + REPORT_EVERY_NS
@@ -100,19 +100,19 @@ class PathReporter:
 
 
 def words(section: Section, role: Role) -> str:
-    """Returns the figures of this side in one line; "" while there are none."""
+    """Return the figures of this side in one line; "" while there are none."""
     flow = section[DIRECTIONS[role]]
     if flow is None or section["round_trip_p50_ms"] is None:
         return ""
     other = "world" if role == "device" else "device"
     trips = f"round trip {section['round_trip_p50_ms']:.1f} ms (99 %: {section['round_trip_p99_ms']:.1f})"
-    heard = f"from the {other} {100 * (flow['loss'] or 0.0):.1f} % lost, jitter {flow['jitter_p99_ms']:.1f} ms (99 %)"
+    inward = f"from the {other} {100 * (flow['loss'] or 0.0):.1f} % lost, jitter {flow['jitter_p99_ms']:.1f} ms (99 %)"
     if 100 * (flow["overtaken"] or 0) >= (flow["sent"] or 0):
-        heard += f", {100 * (flow['overtaken'] or 0) / (flow['sent'] or 1):.1f} % overtaken"
+        inward += f", {100 * (flow['overtaken'] or 0) / (flow['sent'] or 1):.1f} % overtaken"
     if flow["age_p99_ms"] is not None:
-        heard += f", what is used up to {flow['age_p99_ms']:.0f} ms old"
+        inward += f", used messages up to {flow['age_p99_ms']:.0f} ms old"
     stalls = f", {flow['stalls']} stall{'s' * (flow['stalls'] > 1)}" if flow["stalls"] else ""
-    return f"path: {trips}; {heard}{stalls}"
+    return f"path: {trips}; {inward}{stalls}"
 
 
 def _ms(time_ns: int | None) -> float | None:

@@ -1,4 +1,4 @@
-"""The summary of recordings: what the processes reported at their end; if they were killed, what the samples show."""
+"""The summary of recordings: as the processes wrote it at their end, or from the samples if they were killed."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ from hapnet.wire.messages import Role
 from netem import LinkStats
 
 MODULATED_M = 1e-9
-"""Set-positions that differ by more are not the same [m]."""
+"""Set-positions that differ by more count as modulated [m]."""
 
 
 def from_recording(recording: Recording) -> Summary:
-    """The summary of a recording whose writer was killed: what its samples show, at their rate; None for the rest."""
+    """The summary of a recording whose writer was killed, from its samples, at their rate; other values are None."""
     meta = recording.meta
     coupling = meta.get("coupling", "pspm")
     device = None if recording.device is None else _device_columns(recording.device, coupling)
     world = None if recording.world is None else _world_columns(recording.world, coupling)
     ends = [columns["time_s"][-1] for columns in (recording.device, recording.world) if columns is not None]
-    asked = meta.get("links")
-    asked = asked if isinstance(asked, Mapping) else {}
+    profiles = meta.get("links")
+    profiles = profiles if isinstance(profiles, Mapping) else {}
     tuning, felt = meta.get("tuning"), meta.get("felt")
     unknown = dict.fromkeys(field.name for field in fields(LinkStats))
     links = {
-        direction: {**unknown, "profile": asked[direction]} if direction in asked else None
+        direction: {**unknown, "profile": profiles[direction]} if direction in profiles else None
         for direction in ("up", "down")
     }
     return combine(
@@ -85,7 +85,7 @@ def _world_columns(columns: Columns, coupling_name: str) -> SidePart:
 
 
 def _modulated(columns: Columns) -> float | None:
-    """The share of the samples whose set-position in use is another than the wanted one."""
+    """The share of the samples whose set-position differs from the wanted one."""
     away = np.linalg.norm(columns["set_position_m"] - columns["target_m"], axis=1) > MODULATED_M
     return float(np.mean(away)) if len(away) else None
 
@@ -134,9 +134,9 @@ def _nanojoules(energy_J: float) -> int | None:
 
 
 def of_recordings(files: Sequence[Path], recordings: Sequence[Recording]) -> Summary:
-    """The summary of a run from its one or two recordings: what the processes reported at their end, or the samples.
+    """The summary of a run from its one or two recordings: as the processes wrote it at their end, or from the samples.
 
-    Raises RecordingError: the summary in a file is not one.
+    Raises RecordingError: the summary in a file is not a summary.
     """
     for file, recording in zip(files, recordings, strict=True):
         if not isinstance(recording.summary, dict | None):
@@ -160,12 +160,12 @@ def of_parts(
     seed: int,
     margins: Mapping[str, Any] | None = None,
 ) -> Summary:
-    """The summary of a run on this machine, whatever has become of its processes.
+    """The summary of a run on this machine, even if its processes failed.
 
-    reported : by role, the summary that a process left at its end. recordings : by role; they count for a side that
-    left none, or whose servo did not. whole : both recordings, or the one that there is. failed : by role, why a side
-    ended before its time. coupling, seed : of the run. margins : of both ports together, as `combine` takes them; None:
-    those of the recording.
+    reported : by role, the summary that a process left at its end. recordings : by role; they are used for a side whose
+    process, or whose servo's process, left no summary. whole : both recordings, or the only one. failed : by role, the
+    reason why a side ended early. coupling, seed : of the run. margins : of both ports together, as `combine` takes
+    them; None: those of the recording.
     """
     parts: dict[Role, Summary] = {}
     for role in SIDES:
@@ -180,7 +180,7 @@ def of_parts(
         recording = whole if both else None
         return merge(parts["device"], parts["world"], seed=seed, recording=recording, margins=margins)
     for part in parts.values():
-        for role in SIDES:  # the other's half, as this one heard of it
+        for role in SIDES:  # the other's half, as it reported it to this side
             if (side := part[role]) is not None and role in failed:
                 side["failed"] = failed[role]
         return judged(part)
@@ -188,7 +188,7 @@ def of_parts(
 
 
 def _own(recording: Recording) -> Summary:
-    """Return the summary of the process that wrote the recording; if it was killed, the figures of the samples."""
+    """Return the summary of the process that wrote the recording, or figures from the samples if it was killed."""
     return cast(Summary, recording.summary) if recording.summary else from_recording(recording)
 
 

@@ -1,6 +1,6 @@
 """A side's half of a summary as values that it reports to its peer, and both halves as one summary.
 
-A report is a claim of the peer: `peer_report` in the summary says whose it is and when it came; the verdict names it.
+A report is a claim of the peer: `peer_report` in the summary has its side and time; the verdict mentions it.
 `hapnet/wire/README.md` lists the values under "Accounts".
 """
 
@@ -29,7 +29,7 @@ _PART = (
     "environment.env_given_J", "environment.env_paid_J", "environment.env_undone", "environment.env_undone_J",
     "environment.env_overlaps",
 )  # fmt: skip
-"""Of the side's own part of the summary."""
+"""Names from the side's own part of the summary."""
 
 _MOTION: dict[Role, tuple[str, ...]] = {
     "device": ("peak_force_N", "peak_torque_Nm"),
@@ -40,9 +40,9 @@ _WALL = ("stiffness_N_m", "springs_N_m")
 
 
 class Claim(NamedTuple):
-    """The last report of a peer: its values, and when they came, in seconds after this side's pairing.
+    """The last report of a peer: its values, and its arrival in seconds after this side's pairing.
 
-    final : its control had stopped. whole : it covers all of this side's time.
+    final : the peer's control had stopped. whole : the report covers all of this side's time.
     """
 
     values: Mapping[str, Signal]
@@ -52,7 +52,7 @@ class Claim(NamedTuple):
 
 
 class Half(Protocol):
-    """A side's half of the account while it runs: when it was made, and what it covers; a `Status` is one."""
+    """A side's half of the account while it runs, with its time and description; a `Status` is such a half."""
 
     @property
     def role(self) -> Role: ...
@@ -65,17 +65,17 @@ class Half(Protocol):
 
 
 def values_of(own: Summary, role: Role) -> dict[str, Signal]:
-    """Return the values that a side reports, from its own summary. What is not known is left out."""
+    """Return the values that a side reports, from its own summary. Unknown values are left out."""
     found: dict[str, Any] = {name: _at(own[role], name) for name in _PART}
     found |= {f"motion.{name}": _at(own["motion"], name) for name in _MOTION[role]}
     found |= {f"path.{name}": _at(own["path"][DIRECTIONS[role]], name) for name in _PATH}
     found |= {f"path.{name}": _at(own["path"], name) for name in ROUND_TRIP}
     found |= {f"wall.{name}": _at(own["environment"], name) for name in _WALL}
-    return {name: reported for name, value in found.items() if (reported := _reportable(value)) is not None}
+    return {name: signal for name, value in found.items() if (signal := _reportable(value)) is not None}
 
 
 def joined(own: Summary, role: Role, claim: Claim) -> Summary:
-    """Both sides' summary, as one of them knows it: `own`, and what its peer claims."""
+    """The summary of both sides from one side's data: its `own` summary, and its peer's claim."""
     other = SIDES[1 - SIDES.index(role)]
     far = _read(claim.values, other)
     part, mine = far[other], own[role]
@@ -92,15 +92,15 @@ def joined(own: Summary, role: Role, claim: Claim) -> Summary:
 
 
 def present(device: Half, world: Half, margins: Mapping[str, float | None]) -> Summary:
-    """The summary of a pair while it runs, from what both sides report of their halves.
+    """The summary of a pair while it runs, from both sides' reports of their halves.
 
-    Nothing says which of two reports was made first, so that a receiver may know of energy whose sender has not
-    reported it yet: energy that nobody sent is found at the end only. margins : of both ports, as `merge` takes them.
+    The order of two reports is not known, so a receiver may have credited energy that its sender has not reported yet:
+    energy that was never sent is found only at the end. margins : of both ports, as `merge` takes them.
     """
     halves = [_read(half.account, half.role) for half in (device, world)]
     parts = halves[0]["device"], halves[1]["world"]
-    for half, reported in zip(halves, (device, world), strict=True):
-        coupling = reported.about.get("coupling")
+    for half, source in zip(halves, (device, world), strict=True):
+        coupling = source.about.get("coupling")
         half["coupling"] = coupling if isinstance(coupling, str) else None
     for own, other in (parts, parts[::-1]):
         assert own is not None and other is not None  # noqa: PT018  # `_read` makes them
@@ -109,7 +109,7 @@ def present(device: Half, world: Half, margins: Mapping[str, float | None]) -> S
 
 
 def _bring_up(part: SidePart, mine: SidePart) -> None:
-    """Bring the counts of a peer that goes on up to what is known of it since its report."""
+    """Update the counts of a running peer with the newer ones of the other side since its report."""
     sent, credited, acked = part["sent_nJ"], part["credited_nJ"], mine["acked_nJ"]
     if sent is not None and mine["credited_nJ"] is not None and sent < mine["credited_nJ"]:
         part["sent_nJ"] = None
@@ -118,7 +118,7 @@ def _bring_up(part: SidePart, mine: SidePart) -> None:
 
 
 def _read(values: Mapping[str, Signal], role: Role) -> Summary:
-    """The summary that has these values of a side; all else is None, and so is what has another type."""
+    """The summary with these values of a side; other values, and values of a wrong type, are None."""
     part: dict[str, Any] = {"stopped": {}}
     for name in _PART:
         *nested, last = name.split(".")
@@ -147,7 +147,7 @@ def _at(tree: object, name: str) -> object:
 
 
 def _reportable(value: object) -> Signal:
-    """The value as a message can have it; None: it is not known."""
+    """The value in a form that a message can carry; None: it is not known."""
     if isinstance(value, list | tuple):
         numbers = [number for one in value if (number := known(one)) is not None]
         return tuple(numbers) if numbers else None

@@ -43,7 +43,7 @@ from hapnet.wire.session import Session
 
 
 def device_summary(side: DeviceSide, coupling_name: str, servo: Mapping[str, Any] | None = None) -> SidePart:
-    """The device's part, as its control half knows it. `servo`: the servo's timing in real time."""
+    """The device's part from its control half. `servo`: the servo's timing in real time."""
     result = _control_summary(side.endpoint, coupling_name)
     result["servo"] = cast(ServoSummary, {**unknown(ServoSummary), "ticks": side.ticks, **(servo or {})})
     result["quantisation_J"] = side.quantisation
@@ -82,7 +82,7 @@ def unknown_device() -> SidePart:
 
 
 def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
-    """The world's part, as its control half knows it."""
+    """The world's part from its control half."""
     result = _control_summary(side.endpoint, coupling_name)
     steps = side.stepped
     mean, longest = (steps.all_s / steps.count, steps.longest_s) if steps.count else (None, None)
@@ -92,7 +92,7 @@ def world_summary(side: WorldSide, coupling_name: str) -> SidePart:
 
 
 def robot_summary(part: SidePart, side: DeviceSide) -> SidePart:
-    """A robot's part in the world's place, from that of a device: a step is a tick, what is around it is not known."""
+    """A robot's part in the world's place, from a device's part: a step is a tick, its surroundings are not known."""
     lasted_s = 0.0 if side.origin_ns is None else (side.last_ns - side.origin_ns) * NANO
     mean = lasted_s / side.ticks if side.ticks else None
     part["step"] = {"count": side.ticks, "mean_s": mean, "max_s": side.max_ns * NANO if side.ticks else None}
@@ -124,7 +124,7 @@ def has_account(part: SidePart | None) -> bool:
 
 
 def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
-    """The whole part of a side at `now_ns`: what its control half and its wire half know."""
+    """The whole part of a side at `now_ns`, from its control half and its wire half."""
     outages = session.outages(now_ns)
     return {
         **control,
@@ -176,15 +176,15 @@ def combine(
     torn: Sequence[str] = (),
     path: PathSummary | None = None,
 ) -> Summary:
-    """One summary of both sides. `tuning`: what the coupling's rule derived from the link. `felt`: of walls, see
+    """One summary of both sides. `tuning`: derived from the link by the coupling's rule. `felt`: of walls, see
     stiffness.py. `path`: see path.py.
 
     `two_port_J` is the minimum over time of the energy put in at both ports, where one clock saw both;
     `two_port_end_J` its value at the end, `two_port_later_J` its minimum from `START_S` on, `hand_two_port_J` its
     minimum with the simulated hand's port in place of the actuator's. Without one clock the theorem's margin is the sum
-    of both sides' margins, a lower bound of the true one. It is None with one side only, after a restart (the energy
-    that the ended process put in is not known here), and if energy was credited that nobody sent. Its value at the end
-    and its minimum from `START_S` on are the sums of what both sides' accounts have. `torn` names the sides of which
+    of both sides' margins, a lower bound of the true margin. It is None with one side only, after a restart (the energy
+    that the ended process put in is not known here), and if energy was credited that was never sent. Its value at the
+    end and its minimum from `START_S` on are the sums of both accounts' values. `torn` names the sides of which
     only samples are known.
 
     `early_J` is the most that was credited up and down before it was sent, as recorded on one clock. Then the sum of
@@ -212,8 +212,8 @@ def combine(
     elif len(sides) == 2 and None not in margins and not again and not any(map(excess_nJ, flows)):
         margin, end, later = (_sum(sides, name) for name in ("margin_J", "margin_end_J", "margin_later_J"))
         if jointly_passive(coupling):
-            reported = [value for value in (total_margin_J, bound) if value is not None]
-            margin = None if total_margin_J is None else min(reported)
+            candidates = [value for value in (total_margin_J, bound) if value is not None]
+            margin = None if total_margin_J is None else min(candidates)
             end, later = total_end_J, total_later_J
         if any(early is not None and early > ROUNDING_J for early in early_J):
             margin = None if two_port_recorded_J is None else min(margin or 0.0, two_port_recorded_J)
@@ -257,7 +257,7 @@ def _sum(sides: Sequence[SidePart], name: str) -> float | None:
 
 
 def judged(summary: Summary) -> Summary:
-    """`summary` with its verdict. Call it again after a change that the verdict depends on."""
+    """Return `summary` with its verdict. Call it again after a change that the verdict depends on."""
     rest = {name: value for name, value in summary.items() if name != "verdict"}
     return cast(Summary, {"verdict": judge(summary), **rest})
 
@@ -265,7 +265,7 @@ def judged(summary: Summary) -> Summary:
 def _environment(world: SidePart | None, felt: Mapping[str, Any] | None) -> Environment:
     """The environment's port: the energy that it put in, the minimum slack of its half of the theorem, its account [J].
 
-    A summary of an older version has no such account, nor how stiff its walls are felt.
+    A summary of an older version has neither the account nor the felt stiffness.
     """
     ledger = unknown(LedgerSummary) if world is None else world["ledger"]
     own = unknown(EnvironmentPart) | ({} if world is None else world.get("environment") or {})
@@ -274,12 +274,12 @@ def _environment(world: SidePart | None, felt: Mapping[str, Any] | None) -> Envi
 
 
 def _bound(device: SidePart | None, world: SidePart | None) -> float | None:
-    """d^2 over all incarnations, as each side reports it, or its peer, who also knows its predecessors."""
+    """d^2 over all incarnations: each side's own value, or its peer's, which includes the side's earlier processes."""
     initial = []
     for side, peer in ((device, world), (world, device)):
         own = None if side is None else side["ledger"]["bound_J"]
-        reported = None if peer is None else peer.get("peers_J")
-        known = [energy for energy in (own, reported) if energy is not None]
+        by_peer = None if peer is None else peer.get("peers_J")
+        known = [energy for energy in (own, by_peer) if energy is not None]
         if not known:
             return None
         initial.append(float(max(known)))
@@ -314,21 +314,21 @@ def merge(
     )
     whole["wall_clock"] = {"device": device["wall_clock"], "world": world["wall_clock"]}
     moved = [part["motion"] for part in (device, world) if isinstance(part.get("motion"), Mapping)]
-    for name in whole["motion"]:  # what each has seen of its own; tracking errors need both sides' samples
+    for name in whole["motion"]:  # each side's own figures; tracking errors need both sides' samples
         known_of = [value for one in moved if (value := one.get(name)) is not None]
         whole["motion"][name] = next(iter(known_of), None)  # type: ignore[literal-required]
     return whole
 
 
 def _felt(device: object, world: object) -> Felt:
-    """Of what each side reported (`Felt`) what it knows for certain: the device its K, the world K' and its walls."""
+    """The felt stiffness from the certain parts of both sides' reports: the device's K, the world's K' and walls."""
     own, far = _springs(device), _springs(world)
     wall = _positive(world.get("stiffness_N_m")) if isinstance(world, Mapping) else None
     return of_springs([*own[:1], *far[1:]] if own and far else own or far or None, wall)
 
 
-def _springs(reported: object) -> list[float]:
-    springs = reported.get("springs_N_m") if isinstance(reported, Mapping) else None
+def _springs(felt: object) -> list[float]:
+    springs = felt.get("springs_N_m") if isinstance(felt, Mapping) else None
     return [one for one in map(_positive, springs) if one] if isinstance(springs, list | tuple) else []
 
 
@@ -383,7 +383,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
 def _flow(sender: SidePart | None, receiver: SidePart | None, early_J: float | None) -> Flow:
     """Shuffled energy in one direction [nJ]: sent = credited + in flight + abandoned.
 
-    A sender that leaves abandons what is not acknowledged. The receiver knows how much of that it credited.
+    A sender that ends abandons the energy that is not acknowledged. The receiver counts how much of it was credited.
     """
     credited = None if receiver is None else receiver["credited_nJ"]
     if sender is None:

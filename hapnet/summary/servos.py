@@ -1,4 +1,4 @@
-"""A summary's entries about its servos: how often they stalled, what that cost, and which rate they kept."""
+"""Lines about a run's servos: how often they stalled, the energy that this cost, and the rate that they kept."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def leak(summary: Summary, *sides: Role) -> float:
 
 
 def stalls(summary: Summary) -> Iterator[str]:
-    """How often a servo stalled, for how long, and what that cost; how long nobody could have ended its force."""
+    """Yield lines on stalls of the servos: how often, for how long, the energy that it cost, and time without force."""
     for side, part in parts(summary):
         servo, leaked = part["servo"], leak(summary, side)
         times, longest_ms, without_s = servo["overruns"], servo["longest_ms"], servo["without_force_s"]
@@ -34,21 +34,21 @@ def stalls(summary: Summary) -> Iterator[str]:
         if without_s:
             yield f"{seconds(without_s)} s without force in all"
         if withheld_s := servo["withheld_s"]:
-            yield f"no force for {withheld_s:.2g} s: the process that holds the device's network stood still"
+            yield f"no force for {withheld_s:.2g} s: the process of the device's network stood still"
 
 
 def rates(summary: Summary) -> Iterator[str]:
-    """Which servo did not keep its rate, and which rate it kept."""
+    """Yield a line for each servo that did not keep its rate, with the rate that it kept."""
     for side, part in parts(summary):
         servo, lasted_s = part["servo"], summary["duration_s"]
         ticks, skipped = servo["ticks"], servo["skipped"]
         if ticks and skipped and lasted_s and ticks < KEPT * (ticks + skipped):
-            kept, asked = ticks / lasted_s, (ticks + skipped) / lasted_s
-            yield f"the {WHOSE[side]}servo did not keep its rate: {kept:.0f} of {asked:.0f} ticks a second"
+            kept, wanted = ticks / lasted_s, (ticks + skipped) / lasted_s
+            yield f"the {WHOSE[side]}servo did not keep its rate: {kept:.0f} of {wanted:.0f} ticks a second"
 
 
 def parts(summary: Summary) -> Iterator[tuple[Role, SidePart]]:
-    """The sides of which something is known."""
+    """The sides that have a part in the summary."""
     for side in SIDES:
         if (part := summary[side]) is not None:
             yield side, part

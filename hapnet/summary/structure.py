@@ -1,7 +1,7 @@
-"""The structure of a run's summary: typed dictionaries whose keys are those of the JSON. None where a value is unknown.
+"""The structure of a run's summary: typed dictionaries with the keys of the JSON. An unknown value is None.
 
-Summaries also come from files: of an older version, torn, or edited by hand. `read` turns whatever it is given into a
-summary that has every key, so no other code has to check.
+Summaries also come from files: of an older version, torn, or edited by hand. `read` turns any value into a summary
+that has every key, so no other code has to check.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Shape = TypeVar("Shape")
 
 
 class VerdictSummary(TypedDict):
-    """`passive` : None if it is not known. `reason` : why, as a sentence."""
+    """`passive` : None if it is not known. `reason` : the causes, as a sentence."""
 
     passive: bool | None
     reason: str
@@ -66,12 +66,12 @@ class HandSummary(TypedDict):
 class EnvironmentPart(TypedDict):
     """The environment's own account [J], as the world's side keeps it (hapnet/plant/worlds/account.py).
 
-    `env_slack_J` : the minimum of what it has dissipated; below 0 it gave out energy of its own. `env_supplied_J` : put
-    in by what moves its obstacles. `env_stored_J` : in its springs and bodies at the end. `env_given_J`, `env_paid_J` :
-    what it gave out beyond what it had, and what damping took back; None: there was no observer. `env_undone` :
-    substeps that MuJoCo made again, `env_undone_J` : what its bodies lost where they were stopped for that.
+    `env_slack_J` : the minimum of its dissipated energy; below 0 it gave out energy of its own. `env_supplied_J` : put
+    in by the motors of its obstacles. `env_stored_J` : in its springs and bodies at the end. `env_given_J`,
+    `env_paid_J` : energy given out beyond its own, and energy that damping took back; None: there was no observer.
+    `env_undone` : substeps that MuJoCo repeated, `env_undone_J` : energy that bodies lost as they were stopped for it.
     `env_overlaps` : pairs of its bodies that began inside one another.
-    `env_diverged` : one of these was no finite number.
+    `env_diverged` : one of these values was not finite.
     """
 
     env_slack_J: Number
@@ -113,7 +113,7 @@ class LedgerSummary(TypedDict):
 
 
 class OutagesSummary(TypedDict):
-    """The times in which one side heard nothing from the other."""
+    """The times in which one side received nothing from the other."""
 
     count: Count
     longest_s: Number
@@ -152,7 +152,7 @@ class StepSummary(TypedDict):
 
 
 class Stopped(TypedDict):
-    """When and why the device's force was stopped for good. `asked` : somebody wanted it, and the account is exact."""
+    """When and why the device's force was stopped for good. `asked` : on request, and the account is exact."""
 
     after_s: Number
     why: str | None
@@ -160,10 +160,10 @@ class Stopped(TypedDict):
 
 
 class DriverPart(TypedDict):
-    """A real device: how many readings were missed, how often and for how long that was a silence, how long heat
-    limited its force, the apparent mass of each axis, as pushes at the start showed it, None: they did not, which
-    of its calls blocked the servo, None: none did, how many readings it made in a second, None: as many as it was asked
-    for, and how many of its contact forces were missing, None: nobody asked for them."""
+    """A real device: the number of missed readings; number and length of its silences; the time in which heat limited
+    its force; the apparent mass of each axis by the pushes at the start, None: not found; the calls that blocked the
+    servo, None: none; the readings that it made in a second, None: as many as the servo's ticks; and the number of
+    missing contact forces, None: they were not used."""
 
     name: str | None
     missed: Count
@@ -177,7 +177,7 @@ class DriverPart(TypedDict):
 
 
 class Contradictions(TypedDict):
-    """How many messages in the peer's name contradicted what is known of the peer: see `hapnet.wire.sums`."""
+    """The numbers of messages in the peer's name that contradicted the peer's earlier ones: see `hapnet.wire.sums`."""
 
     senders: Count
     credited: Count
@@ -187,14 +187,14 @@ class Contradictions(TypedDict):
 
 
 class PeerPart(TypedDict):
-    """Who a side's last peer is. `proof` : what proves it, as in `Session.proof`. `fingerprint` : of the pair's key."""
+    """The identity of a side's last peer. `proof` : its proof, as in `Session.proof`. `fingerprint` : of the key."""
 
     proof: str | None
     fingerprint: str | None
 
 
 class DevicePart(TypedDict, total=False):
-    """The entries that only the device knows: its held torques, the simulated hand, a stopped force, a real device."""
+    """The entries that only a device has: its held torques, the simulated hand, a stopped force, a real device."""
 
     reserve_J: Number
     reserve_needed_J: Number
@@ -213,7 +213,7 @@ class SidePart(DevicePart, total=False):
     """One side's entries about itself. Only the device has `servo`, `quantisation_J` and `true_slack_J`, only the world
     `step` and `environment`.
 
-    `failed` : why it ended before its time.
+    `failed` : the reason why it ended early.
 
     More than twenty attributes: one for each key of the summary's `device` and `world`.
     """
@@ -264,9 +264,9 @@ class EnergySummary(TypedDict):
 
 
 class DirectionFigures(TypedDict):
-    """The measurements of one direction, end to end: of the messages sent, how many arrived, were overtaken, or lost.
+    """The measurements of one direction, end to end: how many of the sent messages arrived, were overtaken, or lost.
 
-    Overtaken are those that arrived late, and those that the transport dropped for it.
+    A message is overtaken if it arrived after a newer one, or if the transport dropped it for a newer one.
     """
 
     sent: Count
@@ -283,7 +283,7 @@ class DirectionFigures(TypedDict):
 
 
 class PathSummary(TypedDict):
-    """The figures of the path between the sides by their streams, network and emulated links together."""
+    """The figures of the path between the sides, measured by their streams; network and emulated links together."""
 
     round_trip_min_ms: Number
     round_trip_p50_ms: Number
@@ -318,9 +318,9 @@ class Links(TypedDict):
 
 
 class Reported(TypedDict):
-    """Whose part is a peer's report, and when it came, in seconds after pairing [s].
+    """The side whose part is a peer's report, and the arrival of that report after pairing [s].
 
-    `final` : that side's control had stopped. `whole` : it covers the time of the side that has it.
+    `final` : that side's control had stopped. `whole` : the report covers the receiving side's whole time.
     """
 
     side: str | None
@@ -359,7 +359,7 @@ class Summary(TypedDict):
 
 
 def known(value: object) -> float | None:
-    """`value` if it is a finite number."""
+    """Return `value` if it is a finite number, else None."""
     if type(value) is float:
         return value if math.isfinite(value) else None
     if isinstance(value, bool) or not isinstance(value, int | float) or (isinstance(value, int) and abs(value) > 2**63):
@@ -374,7 +374,7 @@ def unknown(shape: type[Shape]) -> Shape:
 
 
 def read(tree: object) -> Summary:
-    """A summary with every key, whatever `tree` is. A value that is missing or of another type is None."""
+    """Return a summary with every key from any value. A value that is missing or of another type is None."""
     return cast(Summary, _reader_of(Summary)(tree))
 
 
@@ -384,7 +384,7 @@ _FORMERLY = {"peer_report": "told", "senders": "tellers"}
 
 @cache
 def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
-    """Returns a function that turns anything into this typed dictionary."""
+    """Return a function that turns any value into this typed dictionary."""
     readers = tuple((name, _reader(hint)) for name, hint in get_type_hints(shape).items())
 
     def reader(tree: object) -> dict[str, Any]:
@@ -395,7 +395,7 @@ def _reader_of(shape: Any) -> Callable[[object], dict[str, Any]]:
 
 
 def _reader(hint: Any) -> Callable[[Any], Any]:
-    """Returns a function that turns anything into a value of the type `hint`."""
+    """Return a function that turns any value into a value of the type `hint`, or None."""
     optional = NoneType in get_args(hint)
     kind = next(kind for kind in get_args(hint) if kind is not NoneType) if optional else hint
     if is_typeddict(kind):

@@ -45,7 +45,7 @@ Part = TypeVar("Part")
 
 
 class _Row(NamedTuple, Generic[Part]):
-    """How a part of the summary shows one of its values, and in which unit."""
+    """A row of a table: label, unit, the value from a part of the summary, and its conversion to text."""
 
     label: str
     unit: str
@@ -86,7 +86,7 @@ _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("step mean", "ms", lambda of: of["step"]["mean_s"], milli),
     _Row("step longest", "ms", lambda of: of["step"]["max_s"], milli),
 )
-_OF_ONE_PORT = {"given out, most", "margin at the end"}  # they mean nothing if only both ports together are passive
+_OF_ONE_PORT = {"given out, most", "margin at the end"}  # meaningless if only both ports together are passive
 _BOTH: tuple[_Row[Theorem], ...] = (
     _Row("bound d²", "mJ", lambda of: of["bound_J"], millijoule),
     _Row("energy that came out, most", "mJ", lambda of: of["energy_out_J"], millijoule),
@@ -97,14 +97,14 @@ _ENVIRONMENT: tuple[_Row[Environment], ...] = (
     _Row("stiffness of the wall", "N/m", lambda of: of["stiffness_N_m"], number),
     _Row("felt stiffness of the wall", "N/m", lambda of: of["felt_stiffness_N_m"], number),
     _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
-    _Row("balance of its own account, min", "mJ", lambda of: of["env_slack_J"], millijoule),
-    _Row("put in by what moves it", "mJ", lambda of: of["env_supplied_J"], millijoule),
+    _Row("slack of its own account, min", "mJ", lambda of: of["env_slack_J"], millijoule),
+    _Row("put in by its motors", "mJ", lambda of: of["env_supplied_J"], millijoule),
     _Row("stored at the end", "mJ", lambda of: of["env_stored_J"], millijoule),
-    _Row("would have given of its own", "mJ", lambda of: of["env_given_J"], millijoule),
+    _Row("excess that it would have given out", "mJ", lambda of: of["env_given_J"], millijoule),
     _Row("paid back by damping", "mJ", lambda of: of["env_paid_J"], millijoule),
-    _Row("substeps made again", "", lambda of: of["env_undone"], number),
-    _Row("lost where bodies were stopped", "mJ", lambda of: of["env_undone_J"], millijoule),
-    _Row("pairs that began in one another", "", lambda of: of["env_overlaps"], number),
+    _Row("substeps repeated", "", lambda of: of["env_undone"], number),
+    _Row("lost as bodies were stopped", "mJ", lambda of: of["env_undone_J"], millijoule),
+    _Row("pairs that overlapped at the start", "", lambda of: of["env_overlaps"], number),
 )
 _OF_RESERVOIRS = {"sent", "credited", "discarded", "abandoned"}
 _ENERGY: tuple[_Row[Flow], ...] = (
@@ -121,7 +121,7 @@ _LINKS: tuple[_Row[LinkPart], ...] = (
     _Row("packets offered", "", lambda of: of["offered"], number),
     _Row("delivered", "", lambda of: of["delivered"], number),
     _Row("resent", "", lambda of: of["resent"], number),
-    _Row("recovered by it", "", lambda of: of["recovered"], number),
+    _Row("recovered by resending", "", lambda of: of["recovered"], number),
     _Row("lost while down", "", lambda of: of["lost_down"], number),
     _Row("dropped, queue full", "", lambda of: of["dropped_limit"], number),
     _Row("reordered", "", lambda of: of["reordered"], number),
@@ -133,8 +133,8 @@ _PATH: tuple[_Row[DirectionFigures], ...] = (
     _Row("lost", "", lambda of: of["lost"], number),
     _Row("jitter p50", "ms", lambda of: of["jitter_p50_ms"], number),
     _Row("jitter p99", "ms", lambda of: of["jitter_p99_ms"], number),
-    _Row("age of what is used p50", "ms", lambda of: of["age_p50_ms"], number),
-    _Row("age of what is used p99", "ms", lambda of: of["age_p99_ms"], number),
+    _Row("age of used messages p50", "ms", lambda of: of["age_p50_ms"], number),
+    _Row("age of used messages p99", "ms", lambda of: of["age_p99_ms"], number),
     _Row("stalls", "", lambda of: of["stalls"], number),
     _Row("longest stall", "ms", lambda of: of["longest_stall_ms"], number),
 )
@@ -160,7 +160,7 @@ class Table:
 
 
 def sides(summary: Summary) -> Table:
-    """A table of each side's figures of itself."""
+    """A table of each side's own figures."""
     hidden = set() if has_reservoirs(summary["coupling"]) else set(_OF_RESERVOIRS)
     if jointly_passive(str(summary["coupling"])):
         hidden |= _OF_ONE_PORT
@@ -169,12 +169,12 @@ def sides(summary: Summary) -> Table:
 
 
 def both_ports(summary: Summary) -> Table:
-    """How far both ports together were from giving out more than d^2."""
+    """A table of both ports together: energy given out, and the margin to d^2."""
     return Table("both ports", ("",), [*_rows(_BOTH, [summary["theorem"]])])
 
 
 def environment(summary: Summary) -> Table:
-    """How stiff its walls are felt, and its own account: below 0 it gave out energy that nobody had put in."""
+    """A table of the environment: felt stiffness, and its own account; slack below 0: it gave out energy of its own."""
     return Table("environment", ("",), [*_rows(_ENVIRONMENT, [summary["environment"]], summary["units"])])
 
 
@@ -186,7 +186,7 @@ def energy(summary: Summary) -> Table:
 
 
 def links(summary: Summary) -> Table:
-    """A table of what the emulated links did; `path` includes the network."""
+    """A table of the emulated links; `path` includes the network."""
     directions = [summary["links"][direction] for direction in DIRECTIONS]
     rows = [*_rows(_LINKS, directions)]
     lost = [None if direction is None else _share(direction["lost"], direction["offered"]) for direction in directions]
@@ -196,7 +196,7 @@ def links(summary: Summary) -> Table:
 
 
 def path(summary: Summary) -> Table:
-    """The path between the sides, as the streams showed it: the network and the emulated links together."""
+    """A table of the path between the sides, measured by the streams: network and emulated links together."""
     found = summary["path"]
     rows = [*_rows(_PATH, [found[direction] for direction in DIRECTIONS])]
     lost = _lost(found)
@@ -208,19 +208,19 @@ def path(summary: Summary) -> Table:
 
 
 def motion(summary: Summary) -> Table:
-    """How the proxy followed the hand."""
+    """A table of the motion: tracking errors, force and contacts."""
     return Table("motion", ("",), [*_rows(_MOTION, [summary["motion"]], summary["units"])])
 
 
 def brief(summary: Summary) -> list[str]:
-    """The most important figures, one line each: tracking error, largest force, how stiff a wall is felt, path."""
+    """The most important figures, one line each: tracking error, largest force, felt stiffness of a wall, path."""
     moved, length = summary["motion"], within(summary["units"], "mm")
     force, depth, contacts = moved["peak_force_N"], moved["peak_penetration_m"], moved["contacts"]
     errors = {
         "free": (moved["free_rms_m"], moved["free_rms_rad"]),
         "in contact": (moved["contact_rms_m"], moved["contact_rms_rad"]),
     }
-    reported = ", ".join(
+    tracking = ", ".join(
         f"{milli(value)} {length}{'' if angle is None else f' and {degrees(angle)}°'} {where}"
         for where, (value, angle) in errors.items()
         if value is not None
@@ -231,7 +231,7 @@ def brief(summary: Summary) -> list[str]:
     pushed += [f"{milli(depth)} {length} deep at most"] if contacts and depth is not None else []
     walls = felt(summary["environment"], units=summary["units"])
     return [
-        f"tracking error (rms): {reported or 'not known'}",
+        f"tracking error (rms): {tracking or 'not known'}",
         f"largest force: {', '.join(pushed) or 'not known'}",
         *([] if walls is None else [f"wall: {walls}"]),
         f"path: {_path_words(summary['path'])}",
@@ -239,7 +239,7 @@ def brief(summary: Summary) -> list[str]:
 
 
 def brief_text(tree: object) -> RenderableType:
-    """The verdict, and `brief`: what people see after a run. `tree` : a summary, perhaps with parts missing."""
+    """The verdict and `brief`, as printed after a run. `tree` : a summary, perhaps with parts missing."""
     from rich.console import Group
     from rich.text import Text
 
@@ -248,7 +248,7 @@ def brief_text(tree: object) -> RenderableType:
 
 
 def summary_text(tree: object) -> RenderableType:
-    """The summary for people: its verdict and all tables; ``-`` where a value is unknown. `tree` : as `brief_text`."""
+    """The verdict and all tables; ``-`` where a value is unknown. `tree` : as for `brief_text`."""
     from rich import box
     from rich.console import Group
     from rich.table import Table as RichTable
@@ -286,7 +286,7 @@ def _verdict_text(tree: object) -> Text:
 
 
 def _path_words(found: PathSummary) -> str:
-    """The round trip, and what each direction lost; the emulated links included."""
+    """The round trip, and the loss in each direction, emulated links included."""
     median, late = found["round_trip_p50_ms"], found["round_trip_p99_ms"]
     parts = [] if median is None else [f"round trip {number(median)} ms"]
     if parts and late is not None:

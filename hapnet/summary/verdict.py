@@ -1,18 +1,18 @@
-"""The verdict on a run: whether it was passive. The rules by which its summary is judged, and whether a coupling kept
-what is claimed of it.
+"""The verdict on a run: the rules that decide from its summary whether it was passive, and whether a coupling kept its
+claim of passivity.
 
-`judge` reads only a summary. A value that an older one lacks is unknown and counts neither for nor against.
+`judge` reads only a summary. A value that an older summary lacks is unknown and counts neither for nor against.
 
 Not passive: more energy than d^2 came out of both ports (of one port, if only that is known), a half of Theorem 1 is
-below zero, or energy was credited that nobody sent. Not known: all that could be judged was kept, but part of the
-account is missing (a side, the end of a torn recording, the process before a restart, one clock for both ports), or
-something happened that the account does not cover (energy that was credited before it was sent, or messages that
-somebody else sent in a side's name; a deficit, a servo that stalled, a speed above the declared one, a force that was
+below zero, or energy was credited that was never sent. Not known: everything that could be judged was passive, but part
+of the account is missing (a side, the end of a torn recording, the process before a restart, one clock for both ports),
+or something happened that the account does not cover (energy that was credited before it was sent, or messages that a
+third party sent in a side's name; a deficit, a servo that stalled, a speed above the declared speed, a force that was
 stopped because a reading was impossible, encoders that blur more than the margin, an energy stream without
-acknowledgements), or the world's own account is no finite number.
+acknowledgements), or the world's own account is not finite.
 
-If a force was held too long because the servo stalled, the energy that it put out is the servo's, not the coupling's:
-it breaks no claim. The port of a simulated device is known meanwhile, so there only the margins count.
+If a force was held too long because the servo stalled, the servo and not the coupling gave out that energy: it breaks
+no claim. The port of a simulated device is known during a stall, so there only the margins count.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from hapnet.summary.structure import SIDES, Direction, Flow, SidePart, Summary, 
 from hapnet.wire.messages import Role
 
 ROUNDING_J = 1e-9
-"""An energy below minus this is negative [J]; rounding may add up to so much in minutes."""
+"""An energy below minus this is negative [J]; rounding may add up to this much in minutes."""
 
 UNANSWERED_S = 5.0
-"""An energy stream is dead if nothing was acknowledged for longer, although positions came [s]."""
+"""An energy stream is dead if nothing was acknowledged for longer, although positions arrived [s]."""
 
 _FLOWS: tuple[tuple[Direction, Role, Role], ...] = (("up", "device", "world"), ("down", "world", "device"))  # from, to
 _WHO: Mapping[Role, str] = {
@@ -55,16 +55,16 @@ _WHO: Mapping[Role, str] = {
 def judge(tree: object) -> VerdictSummary:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
     summary = _with_margin(read(tree), tree)
-    gave = [*_givers(summary), *_stalls(summary), *_rates(summary), *_reporter(summary), *_cut_short(summary)]
-    gave += (one.text for one in _asides(summary))
+    gave = [*_energy_sources(summary), *_stalls(summary), *_rates(summary), *_claimed(summary), *_ended_early(summary)]
+    gave += (one.text for one in _side_findings(summary))
     for passive, findings in ((False, list(_against(summary))), (None, list(_doubts(summary)))):
         if findings:
             reasons = dict.fromkeys([*(one.text for one in findings), *gave])
             return {"passive": passive, "reason": "; ".join(reasons)}
-    words = [_kept(summary)]
+    words = [_margin_words(summary)]
     for side, part in _parts(summary):
         if part["force"] == "commanded":
-            words.append(f"as commanded: the {_WHO[side]} does not report what it applied")
+            words.append(f"as commanded: the {_WHO[side]} does not report the applied force")
     return {"passive": True, "reason": "; ".join([*words, *gave])}
 
 
@@ -74,8 +74,8 @@ def broken(
     """Whether a coupling that claims to be passive here was not passive. Then the exit code is 4.
 
     params : of the run. None: unknown; then only a claim that holds on any link counts. virtual : the run was in
-    virtual time, so the emulated link is the only one. spec : of the coupling; None: hapnet's own of that name, so the
-    claim of a user's own law is unknown.
+    virtual time, so the emulated link is the only one. spec : of the coupling; None: of hapnet's coupling of that name,
+    so the claim of a user's own law is unknown.
     """
     if judge(tree)["passive"] is not False:
         return False
@@ -90,7 +90,7 @@ def broken(
 
 
 def overloaded(tree: object) -> str | None:
-    """One line if a run was not passive because of nothing but forces that were held while the servo stalled."""
+    """One line if a run was not passive only because forces were held while the servo stalled."""
     summary = read(tree)
     if _leak(summary) and any(_against(summary)) and not any(_against(_without_overruns(summary))):
         return f"not passive, because of the servo and not of the coupling: {'; '.join(_stalls(summary))}"
@@ -98,7 +98,7 @@ def overloaded(tree: object) -> str | None:
 
 
 def _without_overruns(summary: Summary) -> Summary:
-    """Changes `summary` as if forces had put out no more than the account held while the servo stalled."""
+    """Change `summary` as if forces had given out no energy beyond the account while the servo stalled."""
     leak, hand = _leak(summary), summary["hand"]
     ledgers = [(part["ledger"], _leak(summary, side)) for side, part in _parts(summary)]
     for part, more in ((summary["theorem"], leak), (hand, leak), *ledgers):
@@ -110,20 +110,20 @@ def _without_overruns(summary: Summary) -> Summary:
 
 
 def excess_nJ(energy: Flow) -> int:
-    """How much more was credited than sent in one direction [nJ]."""
+    """The energy credited beyond the energy sent in one direction [nJ]."""
     sent, credited, abandoned = energy["sent_nJ"], energy["credited_nJ"], energy["abandoned_nJ"]
     beyond = 0 if sent is None or credited is None else credited - sent
     return int(max(beyond, 0 if abandoned is None else -abandoned, 0))
 
 
 def findings(tree: object) -> list[Finding]:
-    """All that speaks against a run or leaves it in doubt, also what the reason does not have room for."""
+    """All findings against a run, or that leave it in doubt, including those that its reason leaves out."""
     summary = _with_margin(read(tree), tree)
-    return [*_against(summary), *_doubts(summary), *_asides(summary)]
+    return [*_against(summary), *_doubts(summary), *_side_findings(summary)]
 
 
 def incomplete(tree: object) -> list[str]:
-    """A line for each part of the account that a run lacks, and for a force that was stopped, on request too."""
+    """A line for each missing part of a run's account, and for a stopped force, even if stopped on request."""
     lines = [one.text for one in findings(tree) if one.code == INCOMPLETE]
     return list(dict.fromkeys([*lines, *(one.text for one in _stops(read(tree)))]))
 
@@ -144,18 +144,18 @@ def restarted(*sides: SidePart | None) -> bool:
 
 
 def has_reservoirs(coupling: object) -> bool:
-    """Whether it shuffles energy between reservoirs, so that each side must keep a half of Theorem 1.
+    """Whether a coupling shuffles energy between reservoirs, so that each side must keep its half of Theorem 1.
 
-    Couplings that are known to have none do not.
+    An unknown coupling counts as one, unless it is a user's own.
     """
     spec = registry.known(coupling)
     return ":" not in str(coupling) if spec is None else spec.halves
 
 
 def _with_margin(summary: Summary, tree: object) -> Summary:
-    """Adds the margin of both ports as the sum of their halves, if an older version did not write it."""
-    reported = tree.get("theorem") if isinstance(tree, Mapping) else None
-    if isinstance(reported, Mapping) and "margin_J" in reported:
+    """Add the margin of both ports as the sum of their halves, if an older version did not write it."""
+    theorem = tree.get("theorem") if isinstance(tree, Mapping) else None
+    if isinstance(theorem, Mapping) and "margin_J" in theorem:
         return summary
     halves = [_half(summary, side) for side in SIDES]
     if None not in halves and not jointly_passive(summary["coupling"]):
@@ -178,7 +178,7 @@ def _restarted(summary: Summary) -> bool:
 
 
 def _against(summary: Summary) -> Iterator[Finding]:
-    """Why it was not passive."""
+    """Yield the reasons why the run was not passive."""
     margin, bound = summary["theorem"]["margin_J"], summary["theorem"]["bound_J"]
     halves, jointly = has_reservoirs(summary["coupling"]), jointly_passive(summary["coupling"])
     if summary["theorem"]["diverged"] is True:
@@ -200,15 +200,15 @@ def _against(summary: Summary) -> Iterator[Finding]:
     for direction, sender, receiver in _FLOWS:
         flow = summary["energy"][direction]
         beyond, certain = excess_nJ(flow), flow["abandoned_nJ"] is not None and flow["abandoned_nJ"] < 0
-        reported = summary["peer_report"]
-        if reported is not None and reported["side"] == sender and not reported["final"]:
+        report = summary["peer_report"]
+        if report is not None and report["side"] == sender and not report["final"]:
             continue  # it may have sent more since
         if beyond and sender not in torn and (certain or not _restarted(summary)):
             yield found("never sent", side=receiver, energy=_milli(beyond * 1e-9), other=sender)
 
 
 def _halves(summary: Summary) -> Iterator[Finding]:
-    """Sides whose half of Theorem 1 was not kept: by their own account or, in a simulation, with the true positions."""
+    """Yield the sides that broke their half of Theorem 1, by their account or, in simulations, the true positions."""
     for side, part in _parts(summary):
         slack, true, blur = part["ledger"]["slack_J"], part["true_slack_J"], part["quantisation_J"] or 0.0
         if slack is not None and slack < -ROUNDING_J:
@@ -218,7 +218,7 @@ def _halves(summary: Summary) -> Iterator[Finding]:
 
 
 def _true_ports(summary: Summary, bound: float | None) -> Iterator[Finding]:
-    """The port of a simulated device's hand is known too, whatever the device reports of its actuator."""
+    """Yield a violation at the port of a simulated hand, which is known independently of the actuator's port."""
     hand, by_world = summary["hand"], summary["environment"]["work_J"]
     minimum, by_hand = hand["margin_J"], hand["work_J"]
     if minimum is None and bound is not None and by_hand is not None and by_world is not None:
@@ -227,11 +227,11 @@ def _true_ports(summary: Summary, bound: float | None) -> Iterator[Finding]:
         yield found("hand", margin=_milli(minimum))
 
 
-def _givers(summary: Summary) -> Iterator[str]:
-    """Who gave energy: the coupling more than d^2, the world more than it had, what moves the world, and the hand.
+def _energy_sources(summary: Summary) -> Iterator[str]:
+    """Yield the sources of energy: the coupling beyond d^2, the world beyond its own, the world's motors, the hand.
 
-    An active world or hand does not count against the coupling: passivity is of the two ports between them. Nothing is
-    said where the world's own account is not known.
+    An active world or hand does not count against the coupling: passivity is a property of the two ports between them.
+    There is no line if the world's own account is not known.
     """
     margin, world = summary["theorem"]["margin_J"], summary["environment"]
     slack, supplied, given = world["env_slack_J"], world["env_supplied_J"], world["env_given_J"]
@@ -243,34 +243,34 @@ def _givers(summary: Summary) -> Iterator[str]:
         "the servo": by_servo,
         "the coupling": None if beyond is None else beyond - by_servo,
         "the world itself": -slack,
-        "what moves the world": supplied,
+        "the motors of the world": supplied,
         "the hand": summary["hand"]["work_J"],
     }
-    reported = [f"{name} ({_milli(of)} mJ)" for name, of in sources.items() if of is not None and of > ROUNDING_J]
-    if reported:
-        yield f"energy came from {', '.join(reported)}"
+    named = [f"{name} ({_milli(of)} mJ)" for name, of in sources.items() if of is not None and of > ROUNDING_J]
+    if named:
+        yield f"energy came from {', '.join(named)}"
     if given is not None and given > ROUNDING_J:
         paid = _milli(world["env_paid_J"])
         yield f"the world would have given {_milli(given)} mJ of its own, of which damping took back {paid}"
 
 
-def _reporter(summary: Summary) -> Iterator[str]:
-    """Whose account is only a claim: that of a process elsewhere."""
-    if (reported := summary["peer_report"]) is not None:
+def _claimed(summary: Summary) -> Iterator[str]:
+    """Yield which side's account is only the claim of a process on another host."""
+    if (report := summary["peer_report"]) is not None:
         for side in SIDES:
-            if side == reported["side"] and _half(summary, side) is not None:
+            if side == report["side"] and _half(summary, side) is not None:
                 yield f"the {side}'s account as it reported it"
 
 
-def _cut_off(summary: Summary) -> Iterator[Finding]:
-    """From when on the account of a process elsewhere is missing."""
-    if (reported := summary["peer_report"]) is not None and not reported["whole"]:
-        when = "" if reported["as_of_s"] is None else f", {reported['as_of_s']:.1f} s after pairing"
-        yield found("peer lost", side=reported["side"], when=when)
+def _missing_since(summary: Summary) -> Iterator[Finding]:
+    """Yield the time from which on the account of a process on another host is missing."""
+    if (report := summary["peer_report"]) is not None and not report["whole"]:
+        when = "" if report["as_of_s"] is None else f", {report['as_of_s']:.1f} s after pairing"
+        yield found("peer lost", side=report["side"], when=when)
 
 
-def _cut_short(summary: Summary) -> Iterator[str]:
-    """Yield the parts that ended before their time, and why."""
+def _ended_early(summary: Summary) -> Iterator[str]:
+    """Yield the sides that ended early, with the reasons."""
     whys = {side: why for side, part in _parts(summary) if (why := part["failed"])}
     if len(whys) == 2 and len({*whys.values()}) == 1:
         yield f"both sides ended before their time: {whys['device']}"
@@ -279,10 +279,10 @@ def _cut_short(summary: Summary) -> Iterator[str]:
 
 
 def _doubts(summary: Summary) -> Iterator[Finding]:
-    """Why it is not known whether it was passive."""
+    """Yield the reasons why it is not known whether the run was passive."""
     margin = summary["theorem"]["margin_J"]
     yield from (found("torn", side=side) for side in _torn(summary))
-    yield from _cut_off(summary)
+    yield from _missing_since(summary)
     if margin is None:
         yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
     for direction, sender, receiver in _FLOWS:
@@ -309,8 +309,8 @@ def _doubts(summary: Summary) -> Iterator[Finding]:
         yield found("world's account")
 
 
-def _asides(summary: Summary) -> Iterator[Finding]:
-    """Yield the findings that stand beside any verdict, and change none."""
+def _side_findings(summary: Summary) -> Iterator[Finding]:
+    """Yield the findings that appear with any verdict and do not change it."""
     for side, part in _parts(summary):
         driver = part["driver"]
         if driver is not None and driver["blocked"] is not None:
@@ -319,12 +319,12 @@ def _asides(summary: Summary) -> Iterator[Finding]:
 
 
 def contradicted(tree: object) -> bool:
-    """Whether somebody else spoke in a side's name. Then the exit code is 5, unless a claim was broken."""
+    """Whether a third party sent messages in a side's name. Then the exit code is 5, unless a claim was broken."""
     return any(one.code == CONTRADICTED for one in findings(tree))
 
 
 def _doubts_of_servo(side: Role, device: SidePart, summary: Summary) -> Iterator[Finding]:
-    """Doubts that come from a servo and its encoders."""
+    """Yield doubts about a servo and its encoders."""
     margin, risk, whose = summary["theorem"]["margin_J"], device["overrun_risk_J"], _WHOSE[side]
     if margin is not None and risk is not None and risk > max(margin, ROUNDING_J):
         yield found("risk", whose=whose, energy=_milli(risk))
@@ -338,18 +338,18 @@ def _doubts_of_servo(side: Role, device: SidePart, summary: Summary) -> Iterator
             yield found("speed", **values)
     true, blur = device["true_slack_J"], device["quantisation_J"]
     if blur is not None and true is not None and has_reservoirs(summary["coupling"]):
-        blur = min(blur, max(0.0, -true))  # a simulation knows what the encoders really hid
+        blur = min(blur, max(0.0, -true))  # in a simulation the true effect of the encoders is known
     if margin is not None and blur is not None and blur > max(margin, ROUNDING_J):
         yield found("blur", whose=whose, energy=_milli(blur), margin=_milli(margin))
 
 
 def _known_port(side: SidePart) -> bool:
-    """Whether it is known what the device's force did at each time. Of a simulated device it is, as of its hand."""
+    """Whether the work of the device's force is known at all times, as it is for a simulated device."""
     return side.get("hand_work_J") is not None
 
 
 def _missing(summary: Summary, accounts: list[Role]) -> Iterator[Finding]:
-    """Why both ports together have no margin, although `accounts` exist."""
+    """Yield the reasons why both ports together have no margin, although `accounts` exist."""
     jointly = jointly_passive(summary["coupling"])
     device = summary["device"]
     driver = None if device is None or "device" in accounts else device["driver"]
@@ -380,8 +380,8 @@ def _of_half(side: SidePart | None) -> str:
     return f", at most {_milli(max(0.0, bound - margin))} of its {_milli(bound)} mJ ever came out"
 
 
-def _kept(summary: Summary) -> str:
-    """How far the run was from not being passive."""
+def _margin_words(summary: Summary) -> str:
+    """The margin of a passive run in words."""
     theorem = summary["theorem"]
     margin, bound, out = theorem["margin_J"], theorem["bound_J"], theorem["energy_out_J"]
     end, later = theorem["margin_end_J"], theorem["margin_later_J"]

@@ -1,4 +1,4 @@
-"""Values of a summary as text: numbers in the units that people read, and the verdict."""
+"""Values of a summary as text: numbers in convenient units, and the verdict."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def get(tree: Any, *keys: str) -> Any:
 
 
 def verdict(summary: object) -> str:
-    """One line: whether the two ports stayed passive, and why."""
+    """The verdict in one line: whether the two ports stayed passive, with the reason."""
     return stated(judge(summary))
 
 
@@ -48,17 +48,15 @@ def legible(value: Any) -> Any:
 
 
 def felt(environment: object, *, springs: bool = True, units: str | None = None) -> str | None:
-    """How stiff the wall is felt, and through which springs; None: there is none, or it is not known.
+    """The felt stiffness of the wall, and the springs, as text; None: there is no wall, or they are not known.
 
-    environment : of a summary, or what a side reported as `Felt`. units : of the axes.
+    environment : of a summary, or a side's reported `Felt`. units : of the axes.
     """
     wall, hand = (known(get(environment, name)) for name in ("stiffness_N_m", "felt_stiffness_N_m"))
     if wall is None or hand is None:
         return None
-    reported = get(environment, "springs_N_m") if springs else None
-    stiff = (
-        [value for one in reported if (value := known(one)) is not None] if isinstance(reported, list | tuple) else []
-    )
+    listed = get(environment, "springs_N_m") if springs else None
+    stiff = [value for one in listed if (value := known(one)) is not None] if isinstance(listed, list | tuple) else []
     unit, through = within(units, "N/m"), ""
     if stiff:
         through = f" through {'springs' if len(stiff) > 1 else 'a spring'} of {' and '.join(map(number, stiff))} {unit}"
@@ -68,7 +66,7 @@ def felt(environment: object, *, springs: bool = True, units: str | None = None)
 
 
 def tuning(summary: Summary) -> str | None:
-    """Describe the choice of the coupling's own rule, if it had anything to choose."""
+    """Describe the choice of the coupling's own rule, if the rule chose anything."""
     chosen = [name if value is True else f"{name} {number(value)}" for name, value in summary["tuning"].items()]
     return ", ".join(chosen) or None
 
@@ -100,7 +98,7 @@ def percent(value: Any) -> str:
 
 
 def millijoule(value: Any) -> str:
-    """As `milli`; a mere rounding error is shown as 0."""
+    """As `milli`; a rounding error is shown as 0."""
     return milli(0 if known(value) is not None and abs(value) < DEFICIT_J else value)
 
 

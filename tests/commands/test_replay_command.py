@@ -63,7 +63,7 @@ def test_a_recording_is_an_operator_everywhere(tmp_path: Path) -> None:
         (["replay", "a.mcap", "--delay", "soon"], "soon"),
         (["replay", "a.mcap", "--set", "hardware=mine:Device"], "a real device does not run in virtual time"),
         (["replay", "run.mcap", "--out", "."], "a directory other than the recording's"),
-        (["replay", "bare.mcap"], "does not say with which parameters"),
+        (["replay", "bare.mcap"], "does not contain the parameters of its run"),
         (["simulate", "--operator", "a.mcap", "--dof", "2", "--scene", "free"], "a recording with 2 axes"),
         (["simulate", "--operator", "nothing.mcap"], "cannot read recording nothing.mcap"),
         (["simulate", "--operator", "empty.mcap"], "a recording with the device's side"),
@@ -91,7 +91,7 @@ def test_what_cannot_be_replayed_is_told_in_one_line(
     [
         ({"seed": "one"}, "seed of the recording"),
         ({"seed": None}, "seed of the recording"),
-        ({"params": [1]}, "does not say with which parameters"),
+        ({"params": [1]}, "does not contain the parameters of its run"),
         ({"params": {"duration_s": "long"}}, "duration_s"),
         ({"params": {"device": {"servo_hz": -1.0}}}, "device.servo_hz"),
         ({"params": {"coupling": "glue"}}, "coupling"),
@@ -121,5 +121,5 @@ def test_settings_of_another_version_are_told(tmp_path: Path) -> None:
         return with_meta(recording, params=params)
 
     original = read_original([rewritten(tmp_path / "a.mcap", newer, "new.mcap")])
-    assert original.notes == ("this version does not know these parameters and leaves them out: device.new, texture",)
+    assert original.notes == ("this version does not have these parameters and leaves them out: device.new, texture",)
     assert original.params.device == Params().device

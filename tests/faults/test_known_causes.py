@@ -299,7 +299,7 @@ def test_a_side_that_is_restarted(anew: str, number: signal.Signals, word: bool,
     (other,) = sides.keys() - {anew}
     sides[other].process.send_signal(signal.SIGTERM)
     proof = () if word else UNPROVED
-    says = f"^passivity not known: .*the {anew} was started anew"
+    says = f"^passivity not known: .*the {anew} was restarted"
     got = hosts.ended(sides[other])
     name = f"{anew} restarted after {number.name}{', with a word' * word}"
     judged(name, got, known("restart", *proof, code=143, says=says, also=("peer lost",)))

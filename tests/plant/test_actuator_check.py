@@ -125,7 +125,7 @@ def test_the_doctor_finds_nothing_wrong_with_a_good_one_and_its_mass() -> None:
 
 def test_half_the_mass_of_before_is_another_grip_or_force() -> None:
     check, _, _ = examined(Handle, known_mass=(0.2,))
-    (mass,) = re.findall(r"moves as (.*) kg would, before as 0\.2 kg: another grip, or force\?", check.value)
+    (mass,) = re.findall(r"moves like (.*) kg, earlier like 0\.2 kg: another grip, or force\?", check.value)
     assert float(mass) == pytest.approx(0.1, rel=0.03)
 
 

@@ -106,6 +106,6 @@ def test_a_user_exports_once(run: Recording, tmp_path: Path, capsys: pytest.Capt
     assert (tmp_path / "rosbag2" / "metadata.yaml").is_file()
     capsys.readouterr()
     assert main(["export", str(tmp_path / "run.mcap"), "--format", "rosbag2"]) != 0
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert main(["export", str(tmp_path / "run.mcap"), "--format", "bag"]) == 2
     assert "rosbag2" in capsys.readouterr().err

@@ -137,7 +137,7 @@ def test_own_moving_world(tmp_path: Path) -> None:
     ((supplied, slack),) = numbers("its motor put in # mJ, the world's slack is # mJ", said)
     assert supplied > 1.0
     assert slack == 0.0
-    assert f"energy came from what moves the world ({supplied:.4g} mJ)" in said
+    assert f"energy came from the motors of the world ({supplied:.4g} mJ)" in said
 
 
 @pytest.mark.slow
@@ -182,7 +182,7 @@ def test_own_moving_world_over_zenoh(tmp_path: Path) -> None:
     assert own["env_supplied_J"] > 1e-3
     assert own["env_slack_J"] >= -1e-14
     assert summary["verdict"]["passive"] is not False
-    assert "energy came from what moves the world" in summary["verdict"]["reason"]
+    assert "energy came from the motors of the world" in summary["verdict"]["reason"]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ FAST = {"speed_max_mps": 1.2, "speed_limit_mps": 1.0}
 STOPPED = {"after_s": 2.5, "why": "it is hot", "asked": False}
 
 CASES: dict[str, tuple[dict[str, Any], str]] = {
-    "diverged": ({"theorem.diverged": True}, "it diverged: the energy account is no finite number any more"),
+    "diverged": ({"theorem.diverged": True}, "it diverged: the energy account is no longer finite"),
     "bound": (
         {"theorem.margin_J": -0.0125},
         "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ",
@@ -66,7 +66,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "no fit": (NO_MARGIN, "the accounts of both sides do not fit each other"),
     "restart": (
         {**NO_MARGIN, "world.incarnations": 2},
-        "the device was started anew: what went in and out at the one before is not known",
+        "the device was restarted: the account of its earlier process is not known",
     ),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
     "contradiction": (
@@ -106,7 +106,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "world's account": (
         {"environment": {"env_diverged": True}},
-        "the world's own account is no finite number (its stored_J or supplied_J): its energy is not known",
+        "the world's own account is not finite (its stored_J or supplied_J): its energy is not known",
     ),
     "blocked": (
         {"device.driver": {"blocked": "read() of mine:Handle took 4.0 s"}},

@@ -93,7 +93,7 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is not here"),
     "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is not here"),
     "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
-    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the device was started anew"),
+    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the device was restarted"),
     "torn": ({"torn": ["device"]}, "the device's recording is torn"),
     "no fit": ({"theorem.margin_J": None}, "the accounts of both sides do not fit each other"),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
@@ -116,7 +116,7 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "blur": ({"device.quantisation_J": 0.11}, "the encoders blur the account by up to 110 mJ, over the margin of"),
     "servo away": ({"device.overrun_leak_J": 0.0058}, "watchdog_s: 5.8 mJ came out beyond the account"),
-    "world's account": ({"environment": {"env_diverged": True}}, "the world's own account is no finite number"),
+    "world's account": ({"environment": {"env_diverged": True}}, "the world's own account is not finite"),
     "failed at once": ({"world.failed": "no strength"}, "the world failed, and its own account is not known: no s"),
     "speed": (
         {"device.speed_max_mps": 1.2, "device.speed_limit_mps": 1.0},
@@ -202,7 +202,7 @@ def test_what_is_no_fault(changes: dict[str, Any]) -> None:
 def test_a_device_that_tells_only_what_it_was_commanded() -> None:
     found = judge(but({"device.force": "commanded"}))
     assert found["passive"] is True
-    assert found["reason"].endswith("; as commanded: the device does not report what it applied")
+    assert found["reason"].endswith("; as commanded: the device does not report the applied force")
 
 
 def test_of_a_sender_that_is_torn_or_began_anew_what_it_sent_is_not_known() -> None:

@@ -88,7 +88,7 @@ FAULTS: tuple[tuple[type[Handle], str], ...] = (
     (ReversedEncoder, "moves against its force: motor or encoder is reversed"),
     (Millimetres, "are these millimetres"),
     (DeadEncoder, "reads the same while 0.3 N push it to and fro: is its encoder connected?"),
-    (Doubled, "moves as 0.05 kg would, and 0.1 kg are declared: is its force larger?"),
+    (Doubled, "moves like 0.05 kg, but 0.1 kg are declared: is its force larger?"),
     (Late, "moves 3 readings after its force"),
     (Backwards, "reports -1 times the velocity of its positions"),
 )

@@ -2,9 +2,9 @@
 
 The ball is the proxy, `ball` its radius. By default the body begins 20 mm in front of the ball, and its far side is
 held. Solids may stand beside it, as in ``soft?pin=none + plane?normal=0,0,-1&at=0,0,-30mm``
-(`hapnet.ext.solids.rigid`): ball and body touch them, and a body that nothing holds lies on one. Every length has a
-unit; what is not given has a default. `lump` is a part that is stiffer: how many times, where its centre is as seen
-from the body's, and its radius.
+(`hapnet.ext.solids.rigid`): ball and body touch them, and a body without a held side lies on a solid. Every length has
+a unit; all properties have defaults. `lump` is a stiffer part: its factor of stiffness, its centre relative to the
+body's centre, and its radius.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
 
 WORD = "soft"
 FIRST_WORDS = (WORD,)
-"""Of texts that describe such a world."""
+"""First words of texts that describe such a world."""
 WORDS = (
     "unit=mm (of a file), size=60mm,60mm,60mm, nodes=1000 (about), young=20000 (Pa), poisson=0.4, density=1000, "
     "beta=0.01 (damping [s]), lump=TIMES, lump_at=X,Y,Z, lump_radius=10mm, pin=+x (-x, +y, ...; none), "
@@ -46,11 +46,11 @@ _PINNED = 0.12
 
 _STEP_M = 5e-4
 _FALLS_MPS = 0.05
-"""A body that still moves so fast has nothing to lie on."""
+"""A body that still moves this fast after settling has nothing to lie on."""
 
 
 class SoftWorld(WorldDefaults):
-    """A ball and a soft body. It is used for one run."""
+    """A world with a ball and a soft body, for one run."""
 
     def __init__(self, name: str, contacts: SoftContacts, min_s: float, max_s: float) -> None:
         self.name, self.dof, self.contacts = name, contacts.dof, contacts
@@ -63,14 +63,14 @@ class SoftWorld(WorldDefaults):
         return tuple([solid.stiffness for solid in self.contacts.solids.solids]) or None
 
     def next_step_s(self, rng: np.random.Generator) -> float:
-        """T_k [s], drawn uniformly. In real time a step that takes longer lasts for what it took."""
+        """T_k [s], drawn uniformly. In real time a step lasts longer if its computation does."""
         return self._steps.next_step_s(rng)
 
     def picture(self) -> SoftPicture:
         return SoftPicture(self.contacts)
 
     def towards(self, position: Vector) -> Vector:
-        """The farthest point on the straight line from `start` to `position` where the ball does not touch."""
+        """The farthest point on the straight line from `start` to `position` where the ball touches nothing."""
         path = tuple([b - a for a, b in zip(self.start, position, strict=True)])
         count = 1 + int(hypot(*path) / _STEP_M)
         place = self.start
@@ -83,7 +83,7 @@ class SoftWorld(WorldDefaults):
 
 
 def builder(text: str) -> Callable[..., SoftWorld] | None:
-    """A function that makes the world that `text` describes; None: it describes no soft body."""
+    """A function that makes the world that `text` describes; None: `text` does not describe a soft body."""
     kinds = [kind_of(part)[0] for part in parts_in(text)]
     if WORD in kinds[1:]:
         raise InvalidParameter("scene", text, "the soft body first, as in soft + plane")
@@ -152,7 +152,7 @@ def _solids(parts: list[str]) -> list[Solid]:
 
 
 def _lump(properties: Properties, places: Array, tets: Indices) -> Array:
-    """How many times stiffer each tetrahedron is."""
+    """The factor of each tetrahedron's stiffness."""
     times, at = _above(properties, "lump", 1.0), properties.lengths("lump_at", (0.0, 0.0, 0.0))
     radius = properties.length("lump_radius", 0.01)
     apart = np.linalg.norm(places[tets].mean(axis=1) - at, axis=1)

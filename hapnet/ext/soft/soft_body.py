@@ -1,11 +1,11 @@
-"""An elastic body of tetrahedra: its mesh, its material, its state, and what its linear equations need.
+"""An elastic body of tetrahedra: its mesh, its material, its state, and the parts of its linear equations.
 
-A step of length T has one linear system, with K the stiffness that is turned with the body, and beta its damping:
+A step of length T has one linear system, with K the stiffness rotated with the body, and beta its damping:
 
     S v = b,    S = 2m/T + (T/2 + beta) K
 
 It is solved by conjugate gradients with a factor at rest as preconditioner (`soft_linear`), in the frames of the nodes:
-their rotations Theta are the means of those of the tetrahedra around.
+a node's rotation Theta is the mean of the rotations of the tetrahedra around it.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ class Material:
 class Body:
     """A body at rest, undeformed.
 
-    nodes : (N, 3) [m]. tets : (E, 4), as indices of nodes, of positive volume. pinned : (N,), true where a node stays.
+    nodes : (N, 3) [m]. tets : (E, 4), as indices of nodes, of positive volume. pinned : (N,), true for a fixed node.
 
-    Attributes: x, v (N, 3) [m], [m/s], and mean, the velocity of the last step; pinned nodes are the last ones, from
-    `free` on. mass (N,) [kg]. strains (E, 6), turns (E, 3, 3), see `soft_elastic`; middle, h: the turns and turned
+    Attributes: x, v (N, 3) [m], [m/s], and mean, the velocity of the last step; pinned nodes are the last nodes, from
+    `free` on. mass (N,) [kg]. strains (E, 6), turns (E, 3, 3), see `soft_elastic`; middle, h: the rotations and rotated
     gradients of a step's middle; nodal (N, 3, 3) : Theta. surface (F, 3), normals (N, 3) outwards at rest.
     """
 
@@ -84,18 +84,18 @@ class Body:
 
     @property
     def moving_J(self) -> float:
-        """Kinetic energy, and that in the field of gravity [J]."""
+        """Kinetic energy, and potential energy in the field of gravity [J]."""
         return float(0.5 * (self.mass @ (self.v * self.v).sum(axis=1)) - (self.weight * self.x).sum())
 
     @property
     def strained_J(self) -> float:
-        """Of the stored strains [J]."""
+        """Energy of the stored strains [J]."""
         return float(equations().energy(self.lam, self.mu, self.strains))
 
     # -- a step's parts -----------------------------------------------------------------------------------------------
 
     def true_strains(self) -> Array:
-        """Those of the present positions (E, 6), and the rotations with them."""
+        """The strains at the present positions (E, 6), and the rotations."""
         equations().turn(self.x, self.tets, self.grads, self.turns)
         found = np.zeros_like(self.strains)
         found[:, :3] = -1.0
@@ -103,7 +103,7 @@ class Body:
         return found
 
     def push(self, dt: float, mean: Array) -> Array:
-        """b without contacts (N, 3) [N], of a body turned as half way through a step of `dt` [s] with `mean`."""
+        """b without contacts (N, 3) [N], of the body rotated as half way through a step of `dt` [s] with `mean`."""
         self.middle[:] = self.turns
         equations().turn(self.x + 0.5 * dt * mean, self.tets, self.grads, self.middle)
         b: Array = (2.0 / dt * self.mass)[:, None] * self.v + self.weight
@@ -134,7 +134,7 @@ class Body:
         return found
 
     def to_world(self, local: Array) -> Array:
-        """The other way, where Theta is a rotation."""
+        """The inverse of `to_local`, if Theta is a rotation."""
         out = np.zeros_like(self.x)
         out[: self.free] = (self.nodal[: self.free] @ local.reshape(-1, 3, 1))[:, :, 0]
         return out
@@ -155,14 +155,14 @@ class Body:
         return found
 
     def turned_normals(self) -> Array:
-        """The normals at the nodes (N, 3) as the body is turned now, about of unit length."""
+        """The normals at the nodes (N, 3) of the body as it is rotated now, of about unit length."""
         found: Array = (self.nodal @ self.normals[:, :, None])[:, :, 0]
         return found
 
-    # -- made once ----------------------------------------------------------------------------------------------------
+    # -- computed once ------------------------------------------------------------------------------------------------
 
     def _mean_of_turns(self, volumes: Array) -> Any:
-        """A matrix (N, E) that averages what tetrahedra have at their nodes."""
+        """A matrix (N, E) that averages values of tetrahedra at their nodes."""
         from scipy import sparse
 
         count = len(self.tets)

@@ -1,9 +1,9 @@
-"""A ball, the proxy, an elastic body that it presses, and rigid solids around: what a step needs, and its energy.
+"""The contacts between a ball, which is the proxy, an elastic body and rigid solids: a step, and its energy.
 
 The equations of the points that touch are those of `hapnet.ext.soft.soft_touch`, the body's those of
 `hapnet.ext.soft.soft_body`. The stored energy is anchored (`hapnet.ext.solids.rigid_contacts`): at a step's onset
-all strains and depths are set back to the true ones, times one common s that E_c can pay for. E_c gets what dampers and
-friction dissipate. It is full at the start: this much the body may give out, and it is part of what is stored then.
+all strains and depths are set back to the true ones, times one common s that E_c can pay for. E_c gets the energy that
+dampers and friction dissipate. It is full at the start: the body may give out this much, which counts as stored then.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ RESERVOIR_J = 0.01
 """The ceiling of E_c."""
 
 TOLERANCE = 0.01
-"""Of the linear solve."""
+"""Relative tolerance of the linear solve."""
 
 _SOLVES = 5
 _FAR_M = 1e-3
-"""If a node goes by so much farther than expected, the body's turns are computed again."""
+"""If a node moves farther than expected by more than this, the body's rotations are computed again."""
 
 _NEAR_M, _MOST, _MOST_LYING = 3e-3, 150, 300
-"""A point may touch if it is nearer to the ball's way than this, and than what it goes itself; the most that touch the
-ball, and the most that touch solids."""
+"""A point may touch if it is nearer to the ball's path than this plus its own displacement; the most points that touch
+the ball, and that touch solids."""
 
 _FREE = 1e3
-"""So compliant is what nothing holds [m/N]."""
+"""Compliance of a body that nothing holds [m/N]."""
 
 _SETTLING_S, _SETTLES, _SETTLED_MPS = (0.01, 0.1), 20, 1e-4
-"""The first steps are short: in a long one a body would tilt over an edge before that pushes back."""
+"""The first steps are short: in a long step a body would tilt over an edge before the contact pushes back."""
 
 _SUNK = 0.5
-"""A point may be so far behind the ball's centre, as a cosine: a ball that has sunk in by more than its radius touches
-what is beside it too."""
+"""Largest cosine by which a touching point may lie behind the ball's centre: a ball that has sunk in by more than its
+radius also touches the surface beside it."""
 
 _STAYS_S = 0.5
-"""Time constant with which the shape without the ball is followed: a body that is held has about that of its rest, and
-what follows from one step's motion alone is rough."""
+"""Time constant with which the shape without the ball is filtered: a held body has about its shape at rest, and the
+estimate from a single step's motion is rough."""
 
 
 @dataclass(frozen=True)
 class Skin:
-    """How a body meets the ball: k [N/m], b [Ns/m] and mu of each of its points; the ball's radius [m]."""
+    """The contact between body and ball: k [N/m], b [Ns/m] and mu of each point; the ball's radius [m]."""
 
     stiffness: float = 500.0
     damping: float = 0.5
@@ -69,15 +69,15 @@ class Skin:
 class SoftContacts(Surroundings):
     """The `Surroundings` of a ball, one body and solids. dof : the ball's axes; the body always has three.
 
-    A contact is a row: the first `points` are those of the body's surface with the ball, then come those of the
-    surface's nodes with each solid, and at last those of the ball with each solid. nodes, weights (C, 3): where a row
-    is in the body. by_ball (C,) : 1 where the ball moves there, else 0. stiffness, damping (C,) [N/m], [Ns/m].
+    A contact is a row: the first `points` rows are the contacts of the body's surface with the ball, then those of the
+    surface's nodes with each solid, and last those of the ball with each solid. nodes, weights (C, 3): the place of a
+    row in the body. by_ball (C,) : 1 if the row moves with the ball, else 0. stiffness, damping (C,) [N/m], [Ns/m].
 
     Attributes: scale, s of the last step; discarded_J, in total; rounds, of the last step's solve, all passes; q (C,)
-    [m] and forces (C, 3) [N], of the rows; still: where they would be without the ball (C, 3) [m], None: not known, as
+    [m] and forces (C, 3) [N], of the rows; still: the rows' places without the ball (C, 3) [m], None: not known, as
     nothing holds the body.
 
-    More than twenty attributes: what is known of the rows is an array for each quantity.
+    More than twenty attributes: the rows have an array for each quantity.
     """
 
     def __init__(
@@ -116,22 +116,22 @@ class SoftContacts(Surroundings):
     # -- geometry -----------------------------------------------------------------------------------------------------
 
     def places(self, x: Array) -> Array:
-        """Where all rows are in the body (C, 3), with the nodes at x (N, 3)."""
+        """The places of all rows in the body (C, 3), with the nodes at x (N, 3)."""
         found: Array = np.einsum("pk,pki->pi", self.weights, x[self.nodes])
         return found
 
     def outward(self) -> Array:
-        """The body's normals at all rows (C, 3), about of unit length."""
+        """The body's normals at all rows (C, 3), of about unit length."""
         return self.places(self.body.turned_normals())
 
     def turn_of(self, point: int) -> Array:
-        """How a point of the surface is turned (3, 3)."""
+        """The rotation of a point of the surface (3, 3)."""
         return np.asarray(self.weights[point] @ self.body.nodal[self.nodes[point]].reshape(3, 9)).reshape(3, 3)
 
     def compliance(self, points: Indices) -> Array:
-        """The static one of points (k,): how they give way to forces on one another (3k, 3k) [m/N].
+        """The static compliance of points (k,): their displacements by forces on one another (3k, 3k) [m/N].
 
-        What lies on solids is held by the springs of its contacts, and across them too where there is friction.
+        A body on solids is held by the springs of its contacts, and with friction also across them.
         """
         resting = np.flatnonzero((self.q > 0.0) & (self.by_ball == 0.0))
         to_points, held = self.from_nodes(np.concatenate([points, resting]))
@@ -145,7 +145,7 @@ class SoftContacts(Surroundings):
         return found
 
     def _held_by(self, rows: Indices) -> Array:
-        """How the contacts of nodes with solids give way (k, 3, 3) [m/N]."""
+        """The compliance of the nodes' contacts with solids (k, 3, 3) [m/N]."""
         places, gives = self.places(self.body.x)[rows], 1.0 / self.stiffness[rows, None, None]
         _, normals = self.solids.tangents(rows - self.points, places)
         along = normals[:, :, None] * normals[:, None, :]
@@ -170,10 +170,10 @@ class SoftContacts(Surroundings):
     def gaps(self, points: Array, centre: Array, which: Any = slice(None)) -> tuple[Array, Array]:
         """Depth (k,) [m] of points (k, 3) in the ball, and the unit normals (k, 3) from the ball into the body.
 
-        which : the rows' numbers, none of a solid.
+        which : the rows' numbers, without rows of solids.
 
-        The ball is in front of a point's surface, or has sunk in beside it. If its centre is behind that of the nearest
-        point, it has gone through: then this point is deeper than the radius.
+        The ball is in front of a point's surface, or has sunk in beside it. If its centre is behind the surface at the
+        nearest point, it has passed through: then this point is deeper than the radius.
         """
         apart = points - centre
         sizes = np.linalg.norm(apart, axis=1)
@@ -186,7 +186,7 @@ class SoftContacts(Surroundings):
             normals[nearest] *= -1.0
         return depths, normals
 
-    # -- what it is to the mass ---------------------------------------------------------------------------------------
+    # -- surroundings of the mass -------------------------------------------------------------------------------------
 
     def require_outside(self, position: Sequence[float]) -> None:
         if (depth := self.penetration(position)) > 0.0:
@@ -194,19 +194,19 @@ class SoftContacts(Surroundings):
             raise InvalidParameter("start", tuple(position), allowed)
 
     def penetration(self, position: Sequence[float]) -> float:
-        """How deep the ball at `position` is in the point where it is deepest [m]."""
+        """The depth of the ball at `position` at its deepest point [m]."""
         centre, ball = np.array(padded(position)), slice(0, self.points)
         depths, _ = self.gaps(self.places(self.body.x)[ball], centre, ball)
         others, _ = self.solids.tangents(*self._balls(centre))
         return float(np.concatenate([[0.0], depths, others]).max())
 
     def _balls(self, centre: Array) -> tuple[Indices, Array]:
-        """The solids' rows of the ball, and where it is for them."""
+        """The rows of the ball with solids, and the ball's place for each."""
         rows = np.arange(self.solids.balls, self.solids.rows)
         return rows, np.tile(centre, (len(rows), 1))
 
     def depths(self, points: Array, centre: Array, travel: Array) -> Array:
-        """Of all rows (C,) [m]: how deep they are, each of which may go so far (C,) [m]."""
+        """The depths of all rows (C,) [m]; each may move by at most `travel` (C,) [m]."""
         ball, middle = slice(0, self.points), slice(self.points, self.points + self.solids.balls)
         corners = slice(0, self.solids.count)
         found, _ = self.gaps(points[ball], centre, ball)
@@ -214,7 +214,7 @@ class SoftContacts(Surroundings):
         return np.concatenate([found, others, self.solids.tangents(*self._balls(centre))[0]])
 
     def friction(self, rows: Indices, places: Array) -> Array:
-        """mu of rows (k,) at places (k, 3): of a node and a solid the larger one of both."""
+        """mu of rows (k,) at places (k, 3): for a node and a solid the larger of both."""
         found, first = np.full(len(rows), self.skin.friction), int(np.searchsorted(rows, self.points))
         mu = self.solids.friction(rows[first:] - self.points, places[first:])
         found[first:] = np.where(self.by_ball[rows[first:]] > 0.0, mu, np.maximum(mu, found[first:]))
@@ -268,7 +268,7 @@ class SoftContacts(Surroundings):
         return speed
 
     def _travel(self, dt: float, free: Array) -> Array:
-        """How far each row may go [m]: what ball and body go, and what the body falls."""
+        """The largest displacement of each row [m]: by the motion of ball and body, and by the body's fall."""
         reached = np.linalg.norm(self.places(self.body.mean), axis=1) + self.by_ball * np.linalg.norm(free)
         found: Array = dt * (reached + (1.0 - self.by_ball) * dt * self._falling)
         return found
@@ -276,7 +276,7 @@ class SoftContacts(Surroundings):
     def _advance(
         self, dt: float, points: Array, depths: Array, travel: Array, place: Array, free: Array, compliance: Array
     ) -> tuple[Array, Array]:
-        """One step. The ball's force on all (3,) [N], and its velocity (3,) [m/s]."""
+        """Make a step. Returns the ball's total force (3,) [N], and its velocity (3,) [m/s]."""
         body = self.body
         self._anchor(depths)
         b = body.push(dt, body.mean)
@@ -301,9 +301,9 @@ class SoftContacts(Surroundings):
         return touch.on_ball(forces), ball
 
     def _near(self, depths: Array, points: Array, travel: Array, place: Array, going: Array) -> Indices:
-        """The rows that may touch in this step: those that do, and those that may come to.
+        """The rows that touch, or may touch, in this step.
 
-        travel : how far each may go (C,) [m]. going : the ball's way from `place` on (3,) [m].
+        travel : the largest displacement of each (C,) [m]. going : the ball's displacement from `place` on (3,) [m].
         """
         apart = points - place
         share = np.clip(apart @ going / max(float(going @ going), 1e-12), 0.0, 1.0)
@@ -315,7 +315,7 @@ class SoftContacts(Surroundings):
         return np.concatenate([_deepest(near[:first], ahead, _MOST), _deepest(near[first:], depths, _MOST_LYING)])
 
     def _finish(self, dt: float, touch: ContactEquations, mean: Array, rho: Array, forces: Array) -> None:
-        """Body and springs at the step's end, and what was dissipated."""
+        """Compute body and springs at the step's end, and the dissipated energy."""
         body = self.body
         along = (touch.normals * rho).sum(axis=1)
         slip = (rho * rho).sum(axis=1) - along * along
@@ -360,7 +360,7 @@ def _deepest(rows: Indices, depths: Array, most: int) -> Indices:
 
 
 def surface_points(surface: Indices) -> tuple[Indices, Array]:
-    """The points of a surface that can touch: its nodes, and the middles of its edges. As nodes and weights (P, 3)."""
+    """The points of a surface that can touch, its nodes and the middles of its edges, as nodes and weights (P, 3)."""
     nodes = np.unique(surface)
     edges = np.unique(
         np.sort(np.concatenate([surface[:, [0, 1]], surface[:, [1, 2]], surface[:, [2, 0]]]), axis=1), axis=0

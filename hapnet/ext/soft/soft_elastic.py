@@ -1,10 +1,10 @@
-"""The equations of a corotated elastic body, a loop over its tetrahedra each; a body compiles them (extra `soft`).
+"""The equations of a corotated elastic body, each a loop over its tetrahedra; a body compiles them (extra `soft`).
 
 A tetrahedron has a constant gradient ``F = sum x_a g_a'`` of its position, with g_a the gradients of its shape
-functions at rest, and the rotation R nearest to F. Its strain in the frame that turns along is
+functions at rest, and the rotation R nearest to F. Its strain in the rotating frame is
 ``eps = sym(R' F) - I`` (Mueller, Gross 2004), kept as xx, yy, zz, xy, yz, zx. With Lame's constants its energy is
-``V (1/2 lam tr(eps)^2 + mu |eps|^2)``. A step turns the gradients to ``h_a = Q g_a`` with the rotation Q of its middle:
-then the stiffness of the body is that of linear elasticity with h_a in place of g_a, and nothing is assembled.
+``V (1/2 lam tr(eps)^2 + mu |eps|^2)``. A step rotates the gradients to ``h_a = Q g_a``, with Q the rotation half way:
+then the stiffness of the body is that of linear elasticity with h_a in place of g_a, and no matrix is assembled.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 from hapnet.records.machine_code import compiled
 
 TURNS, NEAR = 8, 1e-5
-"""The most rounds in which a rotation is found, and the change [rad] below which it is."""
+"""The most rounds of the search for a rotation, and the change [rad] below which it ends."""
 
 
 def turn(x: Any, tets: Any, grads: Any, turns: Any) -> None:
-    """Find the rotations R (E, 3, 3) at the positions x (N, 3), from those before (Mueller, Bender et al. 2016)."""
+    """Find the rotations R (E, 3, 3) at the positions x (N, 3), from the last ones (Mueller, Bender et al. 2016)."""
     for e in range(len(tets)):
         f = turns[e].copy()
         for i in range(3):
@@ -54,7 +54,7 @@ def turn(x: Any, tets: Any, grads: Any, turns: Any) -> None:
 
 
 def strain(x: Any, tets: Any, grads: Any, turns: Any, scale: float, strains: Any) -> None:
-    """``strains += scale sym(R' sum x_a g_a')``: of positions the strains but for -I, of velocities their rates."""
+    """``strains += scale sym(R' sum x_a g_a')``: for positions the strains without -I, for velocities their rates."""
     for e in range(len(tets)):
         r, f = turns[e], turns[e].copy()
         for i in range(3):
@@ -73,7 +73,7 @@ def strain(x: Any, tets: Any, grads: Any, turns: Any, scale: float, strains: Any
 
 
 def energy(lam: Any, mu: Any, strains: Any) -> float:
-    """Of these strains [J]; lam, mu (E,) : Lame's constants times the volume [J]."""
+    """The energy of these strains [J]; lam, mu (E,) : Lame's constants times the volume [J]."""
     total = 0.0
     for e in range(len(strains)):
         a, b, c = strains[e, 0], strains[e, 1], strains[e, 2]
@@ -84,7 +84,7 @@ def energy(lam: Any, mu: Any, strains: Any) -> float:
 
 
 def stress(tets: Any, grads: Any, turns: Any, lam: Any, mu: Any, strains: Any, h: Any, force: Any) -> None:
-    """Add the strains' forces on the nodes to `force` (N, 3), and put the turned gradients into h (E, 4, 3)."""
+    """Add the strains' forces on the nodes to `force` (N, 3), and put the rotated gradients into h (E, 4, 3)."""
     for e in range(len(tets)):
         r, s = turns[e], strains[e]
         pressure = lam[e] * (s[0] + s[1] + s[2])
@@ -101,7 +101,7 @@ def stress(tets: Any, grads: Any, turns: Any, lam: Any, mu: Any, strains: Any, h
 
 
 def stiff(tets: Any, h: Any, lam: Any, mu: Any, v: Any, out: Any) -> None:
-    """``out += K v``, both (N, 3): the stiffness with turned gradients h, applied without being assembled."""
+    """``out += K v``, both (N, 3): the stiffness with rotated gradients h, applied without being assembled."""
     for e in range(len(tets)):
         l00, l01, l02, l10, l11, l12, l20, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for a in range(4):
@@ -134,5 +134,5 @@ class Equations(NamedTuple):
 
 @cache
 def equations() -> Equations:
-    """All of them; this loads the compiler."""
+    """Return all compiled loops; this loads the compiler."""
     return Equations(*map(compiled, (turn, strain, energy, stress, stiff)))

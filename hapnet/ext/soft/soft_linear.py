@@ -1,8 +1,8 @@
 """The linear equations of a soft body: conjugate gradients, and a factor at rest as their preconditioner.
 
-S at rest is factored once, for one step. A body that has turned since is at rest in the frames of its nodes, nearly: so
-with their rotations Theta the preconditioner is ``Theta S0^-1 Theta'``. It is positive definite whatever Theta is; a
-good one saves rounds. A few columns of ``S0^-1`` are kept: they say how the body gives way to forces on those nodes.
+S at rest is factored once, for one step length. A body that has rotated since is nearly at rest in the frames of its
+nodes: so with their rotations Theta the preconditioner is ``Theta S0^-1 Theta'``. It is positive definite for any
+Theta; a good Theta saves rounds. A few columns of ``S0^-1`` are kept: the displacements by forces on those nodes.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from hapnet.checks import Array
 Indices = NDArray[np.int64]
 
 FACTORED_S = 0.2
-"""The step for which S is factored [s]: good for 10 to 100 ms, and nearly static: then S is the stiffness."""
+"""The step length for which S is factored [s]: good for 10 to 100 ms, and nearly static, so that S is the stiffness."""
 
 MOST_ROUNDS = 60
 MOST_COLUMNS = 500
-"""Nodes of which columns are kept: those that were touched last."""
+"""Most nodes whose columns are kept: the nodes that were touched last."""
 
 
 @cache
 def one_thread() -> None:
-    """Linear algebra in this process takes one thread from now on.
+    """Use one thread for linear algebra in this process from now on.
 
     A step solves matrices of some hundred rows. With more threads that takes 100 times as long where other programs
-    run: each waits for the one that the system has put aside.
+    run: all threads wait for a thread that the system has suspended.
     """
     from threadpoolctl import threadpool_limits
 
@@ -40,10 +40,10 @@ def one_thread() -> None:
 class Factor:
     """S at rest, ``2m/T + (T/2 + beta) K`` for T = `FACTORED_S`, factored.
 
-    tets, grads, lam, mu : see `hapnet.ext.soft.soft_elastic`. mass (N,) [kg]. free : so many nodes, the first ones,
-        can move. places (N, 3) : the nodes' [m].
+    tets, grads, lam, mu : see `hapnet.ext.soft.soft_elastic`. mass (N,) [kg]. free : the number of nodes that can move,
+        the first ones. places (N, 3) : the nodes' [m].
 
-    If all nodes are free, the body moves as a rigid one too: there S is ``2m/T``, and its part of the inverse is exact.
+    If all nodes are free, there are rigid motions too: for these S is ``2m/T``, and their part of the inverse is exact.
     """
 
     def __init__(
@@ -71,26 +71,26 @@ class Factor:
 
     @property
     def static(self) -> float:
-        """Return the factor that makes S0^-1 about K^-1 [s]."""
+        """The factor with which S0^-1 is about K^-1 [s]."""
         return 0.5 * FACTORED_S + self._beta_s
 
     def softness(self, dt: float) -> float:
-        """By how much S is smaller for a step of `dt` [s] than for the one that it was factored for, about."""
+        """The approximate ratio of S at its factored step length to S at a step of `dt` [s]."""
         return self.static / (0.5 * dt + self._beta_s)
 
     def solve(self, dt: float, local: Array) -> Array:
-        """``S^-1 b``, about, with b and the result in the frames of the nodes, (3 free,)."""
+        """Approximate ``S^-1 b``, with b and the result in the frames of the nodes, (3 free,)."""
         found: Array = self._factor.solve(local) * self.softness(dt)
         if self._rigid.size:
             found += self._stiffer(dt) * (self._rigid @ (self._rigid.T @ local))
         return found
 
     def _stiffer(self, dt: float) -> float:
-        """Return the difference that a rigid motion makes to the inverse [s], over the mass."""
+        """The correction of the inverse for rigid motions [s], over the mass."""
         return 0.5 * (dt - self.softness(dt) * FACTORED_S)
 
     def responses(self, dt: float, nodes: Indices, at: Indices | None = None) -> Array:
-        """The columns of ``S^-1`` for a step of `dt` [s], about, which belong to free nodes (m,): (3 free, 3 m).
+        """The approximate columns of ``S^-1`` for a step of `dt` [s] and free nodes (m,): (3 free, 3 m).
 
         at : only the rows of these free nodes (l,), in order: (3 l, 3 m).
         """
@@ -101,7 +101,7 @@ class Factor:
         return found
 
     def columns(self, nodes: Indices, at: Indices | None = None) -> Array:
-        """Those of ``S0^-1``, as in `responses`: how the body gives way to forces on these nodes."""
+        """The columns of ``S0^-1``, as in `responses`: the body's displacements by forces on these nodes."""
         missing = [a for a in nodes.tolist() if a not in self._slots]
         if len(self._slots) + len(missing) > MOST_COLUMNS:
             self._slots.clear()
@@ -136,7 +136,7 @@ def rigid_modes(mass: Array, places: Array) -> Array:
 def conjugate_gradients(
     apply: Callable[[Array], Array], precondition: Callable[[Array], Array], b: Array, v: Array, tolerance: float
 ) -> tuple[Array, int]:
-    """v with ``S v = b`` but for a residual r with ``r . v = 0``, from the guess v; and the number of rounds.
+    """Solve ``S v = b`` up to a residual r with ``r . v = 0``, from the guess v; returns v and the number of rounds.
 
     tolerance : of the error's norm in S, as a share of the solution's.
     """

@@ -15,7 +15,7 @@ from hapnet.loading import cause
 
 MOST_TETRAHEDRA = 60_000
 _ROUND = 0.65
-"""How near the organ is to an ellipsoid; 0: a block. At 1 the tetrahedra at the block's edges vanish."""
+"""Roundness of the organ: 0: a block, 1: an ellipsoid, where the tetrahedra at the block's edges would vanish."""
 
 _BEND = 0.35
 _FLAT = 1e-6
@@ -23,7 +23,7 @@ _FLAT = 1e-6
 
 
 def block(size: tuple[float, ...], nodes: int) -> tuple[Array, Indices]:
-    """A block (3,) [m] about the origin, with about so many nodes: (N, 3) [m], (E, 4)."""
+    """A block of this size (3,) [m] about the origin, with about this number of nodes: (N, 3) [m], (E, 4)."""
     spacing = (size[0] * size[1] * size[2] / nodes) ** (1.0 / 3.0)
     counts = [max(2, round(side / spacing)) for side in size]
     axes = [np.linspace(-0.5 * side, 0.5 * side, count) for side, count in zip(size, counts, strict=True)]
@@ -62,13 +62,13 @@ def organ(size: tuple[float, ...], nodes: int) -> tuple[Array, Indices]:
 
 
 def oriented(nodes: Array, tets: Indices) -> Indices:
-    """The same tetrahedra, with positive volumes."""
+    """Reorder the nodes of the tetrahedra so that all volumes are positive."""
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
     return np.where((np.linalg.det(edges) < 0.0)[:, None], tets[:, [0, 2, 1, 3]], tets)
 
 
 def read(file: str, unit_m: float, nodes: int) -> tuple[Array, Indices]:
-    """The tetrahedra of a file in one of meshio's formats; a surface is filled with about so many nodes.
+    """The tetrahedra of a file in one of meshio's formats; a surface is filled with about this number of nodes.
 
     Raises InvalidParameter: the file cannot be read, or has neither tetrahedra nor triangles. MissingLibrary.
     """
@@ -79,7 +79,7 @@ def read(file: str, unit_m: float, nodes: int) -> tuple[Array, Indices]:
         raise MissingLibrary("a soft body of a file", "meshio", "soft") from None
     try:
         mesh = meshio.read(file)
-    except (Exception, SystemExit) as error:  # of a broken file it may raise anything, and it ends programs
+    except (Exception, SystemExit) as error:  # for a broken file meshio may raise any error, even SystemExit
         raise InvalidParameter("soft", file, f"a mesh that meshio reads ({cause(error)})") from None
     cells = {kind: np.asarray(found, dtype=np.int64) for kind, found in mesh.cells_dict.items()}
     places = unit_m * np.asarray(mesh.points, dtype=float)
@@ -93,11 +93,11 @@ def read(file: str, unit_m: float, nodes: int) -> tuple[Array, Indices]:
 
 
 def checked(file: str, places: Array, tets: Indices) -> tuple[Array, Indices]:
-    """Without flat tetrahedra and nodes that nothing uses. Raises InvalidParameter."""
+    """Remove flat tetrahedra and unused nodes. Raises InvalidParameter."""
     if not len(tets) or len(tets) > MOST_TETRAHEDRA:
         raise InvalidParameter("soft", f"{file} with {len(tets)} tetrahedra", f"1 to {MOST_TETRAHEDRA}")
     if tets.min() < 0 or tets.max() >= len(places) or not np.isfinite(places[tets]).all():
-        raise InvalidParameter("soft", file, "tetrahedra between nodes that are there, with finite coordinates")
+        raise InvalidParameter("soft", file, "tetrahedra between existing nodes with finite coordinates")
     extent = float(np.ptp(places[np.unique(tets)], axis=0).max())
     if not SMALLEST_M <= extent <= LARGEST_M:
         allowed = f"{1e3 * SMALLEST_M:g} mm to {LARGEST_M:g} m: is the unit right?"
@@ -110,7 +110,7 @@ def checked(file: str, places: Array, tets: Indices) -> tuple[Array, Indices]:
 
 
 def _filled(file: str, places: Array, triangles: Indices, nodes: int) -> tuple[Array, Indices]:
-    """A closed surface, filled with tetrahedra (fTetWild, Hu et al. 2020)."""
+    """Fill a closed surface with tetrahedra (fTetWild, Hu et al. 2020)."""
     try:
         import wildmeshing
     except ImportError:

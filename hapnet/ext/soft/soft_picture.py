@@ -1,7 +1,7 @@
 """The picture of a soft body: its surface, coloured by strain, and the ball.
 
-A colour is a shell of its own: it lies a hair outside the surface where the strain is larger than the colour's, and a
-hair inside where it is smaller. So where they meet is the line of that strain, and only vertices have to be sent.
+Each colour is a separate shell: it lies slightly outside the surface where the strain is larger than the colour's
+strain, and slightly inside where it is smaller. So only vertices have to be sent to move the lines between colours.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from hapnet.plant.worlds.picture import SOFT, Color, Part, Touch, at_rest, part
 COLORS: tuple[tuple[float, Color], ...] = (
     (0.0, (226, 150, 140, 255)), (0.05, (240, 190, 90, 255)), (0.1, (235, 125, 50, 255)), (0.2, (200, 40, 40, 255)),
 )  # fmt: skip
-"""Each with the strain from which on it is seen."""
+"""Each colour with the strain from which on it is visible."""
 
 _BALL: Color = (51, 102, 170, 255)
 _HAIR_M = 2e-4
@@ -30,7 +30,7 @@ _SHARP, _INSIDE = 40.0, -6.0
 
 
 class SoftPicture:
-    """Of this body and ball."""
+    """The picture of this body and ball."""
 
     def __init__(self, contacts: SoftContacts) -> None:
         self._contacts = contacts
@@ -45,11 +45,11 @@ class SoftPicture:
         return (*shells, *(() if ball is None else (ball,)), *parts_of(self._contacts.solids.solids))
 
     def poses(self) -> Array:
-        """The ball's."""
+        """The ball's pose."""
         return at_rest([self._contacts.centre.tolist()])
 
     def soft(self) -> Array:
-        """All shells, one after another."""
+        """The vertices of all shells, one after another."""
         contacts = self._contacts
         strains, normals = contacts.body.nodal_strains()[self._used], contacts.body.turned_normals()[self._used]
         places = contacts.body.x[self._used]
@@ -77,7 +77,7 @@ class SoftPicture:
 
 
 def strains_shown(shells: Array, triangles: Indices) -> Array:
-    """The strains (V,) that the shells (4, V, 3) show, from where they lie over the surface: up to some 22 %."""
+    """The strains (V,) that the shells (4, V, 3) show, from their distances to the surface: up to some 22 %."""
     normals, found = corner_normals(shells[0], triangles), np.zeros(len(shells[0]))
     for i, (least, _) in enumerate(COLORS[1:], 1):
         hairs = ((shells[i] - shells[0]) * normals).sum(axis=1) / (_HAIR_M * i)

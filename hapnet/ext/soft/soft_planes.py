@@ -1,14 +1,14 @@
-"""The planes that a device renders of a soft body: how its force grows where the ball presses, as springs in parallel.
+"""The planes of a soft body for a device: springs in parallel that match the growth of its force on the ball.
 
-The ball's centre goes on along a mean normal n, to c. The surface's points p are then where their pushes F take them:
+The ball's centre moves along a mean normal n, to c. The pushes F then displace the surface's points p:
 
     p_i = o_i + sum_j G_ij n_j F_j,    F_i = k max(0, r - |p_i - c|),    n_i = (p_i - c)/|p_i - c|
 
-with o their places in the shape without these pushes, and G the static compliance of the points by the factor at rest,
-turned as the body is now. The force along n is about convex: more points touch. So a few planes with the same normal,
-each from its own depth on, are its piecewise linear course, the part before the present depth too: there the device
-meets a body that is still in the shape in which it was not touched. It is computed with the ball where it would be: as
-seen from afar a ball would be as flat as its distance.
+with o their places without these pushes, and G the static compliance of the points by the factor at rest, rotated as
+the body is now. The force along n is about convex, as more points touch. So a few planes with the same normal, each
+from its own depth on, are its piecewise linear course. The course includes the part before the present depth: there the
+device meets the shape without contact. It is computed with the ball at each depth, not at its present place: from
+there a ball would have the curvature of its distance.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 _MOST = 40
 _ROUNDS, _TURNS = 12, 2
 _AHEAD_M = (0.002, 0.006, 0.015)
-"""Where the course is computed, beyond the present depth, and beyond where it begins if the ball does not touch."""
+"""Depths of the course beyond the present depth, or beyond its beginning if the ball does not touch."""
 
 _BESIDE_M = 0.002
-"""Points so much less deep than the deepest one have a share in the normal: what there is of the mesh is not felt."""
+"""Points less deep than the deepest point by up to this have a share in the normal, so the mesh itself is not felt."""
 
 _FLAT_PER_M = 2.0
 _FACING = 0.8
@@ -54,7 +54,7 @@ def _of_body(contacts: SoftContacts, centre: Array, reach_m: float) -> list[Plan
         return []
     n = np.maximum(depths + max(0.0, _BESIDE_M - depths[deepest]), 0.0) @ normals
     if not (size := float(np.linalg.norm(n))) > 0.0:
-        return []  # between two faces that look at each other
+        return []  # between two faces that face each other
     n = n / size
     course = Course(contacts, depths, normals, centre, n)
     if (begin := course.begin()) == np.inf:
@@ -74,7 +74,7 @@ def _of_body(contacts: SoftContacts, centre: Array, reach_m: float) -> list[Plan
 
 
 def _cut(plane: Plane, dof: int) -> Plane | None:
-    """The plane for a ball with fewer axes, which feels what is along them; None: next to nothing."""
+    """The plane for a ball with fewer axes, projected on these; None: almost nothing is left."""
     unit = plane.normal[:dof]
     if dof == 3 or (size := hypot(*unit)) < 0.1:
         return plane if dof == 3 else None
@@ -87,7 +87,7 @@ def _cut(plane: Plane, dof: int) -> Plane | None:
 class Course:
     """The force on the ball as it goes further in, from `centre` along n (3,).
 
-    depths, normals : of all points, as they are.
+    depths, normals : of all points at present.
     """
 
     def __init__(self, contacts: SoftContacts, depths: Array, normals: Array, centre: Array, n: Array) -> None:
@@ -96,7 +96,7 @@ class Course:
         ahead = away @ n
         aside = (away * away).sum(axis=1) - ahead * ahead
         early = ahead - np.sqrt(np.maximum(radius * radius - aside, 0.0))
-        early[(aside > radius * radius) | (depths < -1.0)] = np.inf  # those that the ball goes by, or that face away
+        early[(aside > radius * radius) | (depths < -1.0)] = np.inf  # points that the ball misses, or that face away
         near = np.argsort(early)[:_MOST]
         near = np.sort(near[early[near] < np.inf])
         self._k, self._radius, self._centre, self._n = contacts.skin.stiffness, radius, centre, n
@@ -110,14 +110,14 @@ class Course:
             self._still = self._apart + moving - (self._G @ push.ravel()).reshape(-1, 3)
 
     def begin(self) -> float:
-        """The delta at which the first point touches the body as it is without the ball [m]."""
+        """The delta at which the ball first touches the body's shape without the ball [m]."""
         ahead = self._still @ self._n
         aside = (self._still**2).sum(axis=1) - ahead * ahead
         early = ahead - np.sqrt(np.maximum(self._radius**2 - aside, 0.0))
         return float(early.min(initial=np.inf))
 
     def force(self, delta: float) -> float:
-        """[N] along n; call it with deltas that grow, as each begins with the last one's places."""
+        """The force [N] along n; call it with increasing deltas, as each call begins with the last call's places."""
         c = delta * self._n
         pushes = np.zeros(len(self._still))
         for _ in range(_TURNS):
@@ -147,9 +147,9 @@ def one_sided(matrix: Array, wanted: Array) -> Array:
 
 
 def _curvatures(contacts: SoftContacts, first: int, n: Array) -> Curvatures:
-    """How the surface bends where no ball is: by the normals at rest around the point, as far as the ball is wide.
+    """The curvatures of the surface without a ball, from the normals at rest around the point, over the ball's width.
 
-    What touches the ball's centre is the surface moved by its radius: ``k/(1 + k r)``.
+    The surface for the ball's centre is offset by its radius: ``k/(1 + k r)``.
     """
     rest, outward = contacts.rest[: contacts.points], contacts.outward_at_rest[: contacts.points]
     facing = outward[first]
@@ -177,7 +177,7 @@ def _curvatures(contacts: SoftContacts, first: int, n: Array) -> Curvatures:
 
 
 def _apart(found: list[Curvature], n: Array) -> Curvatures:
-    """The second direction is across the first one."""
+    """Make the second direction perpendicular to the first."""
     first = np.array(found[0].direction)
     second = np.cross(n, first)
     return (found[0], Curvature(tuple((second / np.linalg.norm(second)).tolist()), found[1].per_m))

@@ -1,8 +1,8 @@
-"""Rigid solids that rest around a soft body: what its surface's nodes and the ball have of them.
+"""Rigid solids at rest around a soft body: their contacts with the surface's nodes and with the ball.
 
-A solid is a signed distance (`hapnet.ext.solids.shapes`). A contact with it is a row: of each solid one for each
-node of the body's surface, and then one for each solid with the ball. In a step a solid is the plane that is tangent to
-it where the row is half way. Distances are asked only of nodes that may have come near.
+A solid is a signed distance (`hapnet.ext.solids.shapes`). A contact with it is a row: for each solid a row for each
+node of the body's surface, and then a row for each solid with the ball. In a step a solid is its tangent plane at the
+row's place half way. Distances are computed only for nodes that may have come near.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from hapnet.mechanics.plane import Plane
 
 
 class Solids:
-    """Of a body with `count` nodes on its surface, and a ball of `radius` [m].
+    """The solids for a body with `count` nodes on its surface, and a ball of `radius` [m].
 
-    Attributes: count; rows : how many contacts there are. balls : the first one with the ball.
+    Attributes: count; rows : the number of contacts. balls : the first row with the ball.
     """
 
     def __init__(self, solids: Sequence[Solid], count: int, radius: float) -> None:
@@ -35,14 +35,14 @@ class Solids:
         self._around = RigidContacts(self.solids, 3)
 
     def _of(self, row: int) -> tuple[Solid, bool]:
-        """A row's solid, and whether it is the ball that touches it."""
+        """A row's solid, and whether the row is the ball's."""
         is_ball = row >= self.balls
         return self.solids[row - self.balls if is_ball else row // self.count], is_ball
 
     def tangents(self, rows: Indices, places: Array) -> tuple[Array, Array]:
-        """Depths (k,) [m] and unit normals (k, 3), from what pushes to what is pushed, of rows at places (k, 3) [m].
+        """Depths (k,) [m] and unit normals (k, 3) of rows at places (k, 3) [m].
 
-        What pushes a node is the solid; what pushes a solid is the ball.
+        A normal points from the solid to a node, and from the ball to the solid.
         """
         depths, normals = np.empty(len(rows)), np.empty((len(rows), 3))
         for i, (row, place) in enumerate(zip(rows.tolist(), places.tolist(), strict=True)):
@@ -54,9 +54,9 @@ class Solids:
         return depths, normals
 
     def depths(self, nodes: Array, travel: Array) -> Array:
-        """Of all rows but the ball's (R,), with the nodes at (M, 3) [m]; each row may go so far (R,) [m].
+        """The depths of all rows but the ball's (R,), for nodes at (M, 3) [m]; a row may move by `travel` (R,) [m].
 
-        Of what stays clear of a solid it is no more than that: less than -`travel`.
+        For a node that stays clear of a solid the value is not exact, only less than -`travel`.
         """
         moved = np.linalg.norm(nodes - self._seen, axis=1)
         self._clear -= np.concatenate([moved * solid.shape.slope for solid in self.solids] or [moved[:0]])
@@ -71,7 +71,7 @@ class Solids:
         return np.array(found)
 
     def planes(self, centre: Array, reach_m: float) -> list[Plane]:
-        """The planes near the ball: those that its centre meets, with three axes."""
+        """The planes near the ball, offset so that its centre meets them, with three axes."""
         found: list[Plane] = []
         if not self.solids:
             return found

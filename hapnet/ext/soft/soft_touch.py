@@ -1,16 +1,16 @@
 """The points of a soft body that touch a ball or solids in one step: one linear solve, and exact energy.
 
 Points of the body's surface meet the ball with springs of depth q along a normal n, from the ball into the body. With
-rho the ball's velocity less the point's, u = n . rho, and theta the share of the way for which they touch, a point gets
+rho the ball's velocity less the point's, u = n . rho, and theta the share of the path on which they touch, a point gets
 
     f = k theta (q + theta T u/2) + b theta u along n, and c_t rho across it;    q1 = q + theta T u
 
-so ``f u T`` is what the spring gains and the dampers dissipate, for any theta. With a solid, which rests, rho is the
+so ``f u T`` is the spring's gain plus the dampers' dissipation, for any theta. With a solid, at rest, rho is the
 point's velocity alone, or the ball's. theta and the friction's c_t (mu f over the speed) are found beforehand: with
 both given, all forces are ``F = f0 n + H rho``, linear in the velocities. The ball's own equation ``A v_p = c - sum F``
 is eliminated (a 3 x 3 Schur complement), the body's is solved by conjugate gradients to any tolerance and scaled so
 that its residual does no work, and then the ball's is solved exactly. So the account closes at any tolerance. Without
-the elimination the error would be the ball's: energy from nothing.
+the elimination the error would act on the ball: energy from nothing.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
 
 _PASSES = 10
 _SAME, _SLIGHT = 0.02, 0.01
-"""No theta changes by more in the last pass; below the second it is 0."""
+"""Largest change of theta in the last pass; a theta below the second value is 0."""
 
 _RUB = 0.1
-"""Friction is found to this share of it."""
+"""Relative tolerance of friction."""
 
 _CREEP_MPS = 5e-5
 """Below this speed friction is a damper: a contact that sticks creeps by less."""
 
 
 class ContactEquations:
-    """The points of one step that may touch, and the equations with them.
+    """The points of one step that may touch, and their equations.
 
-    contacts : whose they are. dt : of the step [s]. points : (k,), as numbers of rows, in order.
-    free, compliance : the ball's velocity without contact [m/s], and its C = A^-1, 0 along axes that it has not (3, 3).
+    contacts : of these points. dt : of the step [s]. points : (k,), as numbers of rows, in order.
+    free, compliance : the ball's velocity without contact [m/s], and its C = A^-1, 0 along missing axes (3, 3).
 
-    First the passes are made with an approximation of the body, in which only the points are left (`settle`): with G
+    First the passes use an approximation of the body with only these points (`settle`): with G
     their compliance by the factor at rest, ``rho = rho_free - (G + C) F`` and ``F = f0 n + H rho``. Then the body's
-    equation is solved with theta, normals and c_t as they came out.
+    equation is solved with the resulting theta, normals and c_t.
 
-    More than twenty attributes: a step's whole linear system, and what its passes keep of one another.
+    More than twenty attributes: a step's whole linear system, and the results that its passes share.
     """
 
     def __init__(self, contacts: SoftContacts, dt: float, points: Indices, free: Array, compliance: Array) -> None:
@@ -60,22 +60,22 @@ class ContactEquations:
         self._first = int(np.searchsorted(points, contacts.points))  # of the solids
         self._to_points, self._held_nodes = contacts.from_nodes(points)
         count = len(points)
-        self._given = np.zeros((3 * count, 3 * count))  # G + C, the columns of those that are `_known`
+        self._columns_known = np.zeros((3 * count, 3 * count))  # G + C; only columns of `_known` points are computed
         self._known = np.zeros(count, dtype=bool)
         self._is_solved, self._eliminated = False, -1
         self._put(np.zeros(count), np.zeros((count, 3)), np.zeros(count))
         self.drag = contacts.drag[points]
 
     def _put(self, theta: Array, normals: Array, drag: Array) -> None:
-        """These are theta, the normals and c_t."""
+        """Set theta, the normals and c_t."""
         self.theta, self.normals, self.drag = theta, normals, np.where(theta > 0.0, drag, 0.0)
         self._push = (self._stiffness * theta * self._contacts.q[self.points])[:, None] * normals  # f0 n
         firm = 0.5 * self._stiffness * self._dt * theta * theta + self._damping * theta
         along = normals[:, :, None] * normals[:, None, :]
         self._H = firm[:, None, None] * along + self.drag[:, None, None] * (np.eye(3) - along)
 
-    def _know(self, which: Marks) -> None:
-        """Forces on these points (k,) are coming: how all points give way to them."""
+    def _compute_columns(self, which: Marks) -> None:
+        """Compute the displacements of all points by forces on these points (k,), if not known yet."""
         new = np.flatnonzero(which & ~self._known)
         if not len(new):
             return
@@ -84,22 +84,22 @@ class ContactEquations:
         of_nodes = self._contacts.body.factor.responses(self._dt, held, self._held_nodes)
         given = (to_points @ (self._to_points @ of_nodes).T).T
         given += np.kron(np.outer(self._by_ball, self._by_ball[new]), self._compliance)
-        self._given[:, axes_of(new)] = given
+        self._columns_known[:, axes_of(new)] = given
 
     # -- the passes ---------------------------------------------------------------------------------------------------
 
     def place(self, points: Array, depths: Array, centre: Array) -> None:
-        """Where all rows are at the onset (C, 3) [m], how deep they are (C,) [m], and the ball's centre."""
+        """Set the places of all rows at the onset (C, 3) [m], their depths (C,) [m], and the ball's centre."""
         self._centre, self._depths = centre, depths[self.points]
         self._places = np.where(self._in_body, points[self.points], centre)
         self._mu = self._contacts.friction(self.points, self._places)
 
     def _travel(self, rho: Array, ball: Array) -> Array:
-        """How far the rows go (k, 3) [m] if these are the velocities."""
+        """The displacements of the rows (k, 3) [m] with these velocities."""
         return self._dt * np.where(self._in_body, self._by_ball * ball - rho, ball)
 
     def _see(self, rho: Array, ball: Array) -> tuple[Array, Array]:
-        """The solids' tangents half way: how deep the rows would be without their own way [m], and the normals."""
+        """The solids' tangents half way: the rows' depths without their own displacement [m], and the normals."""
         rows, half = slice(self._first, None), 0.5 * self._travel(rho, ball)[self._first :]
         depths, normals = self._contacts.solids.tangents(
             self.points[rows] - self._contacts.points, self._places[rows] + half
@@ -107,7 +107,7 @@ class ContactEquations:
         return depths - 0.5 * self._dt * (normals * rho[rows]).sum(axis=1), normals
 
     def _gaps(self, rho: Array, ball: Array, solids: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Depths (k,) [m] at the step's end, and normals (k, 3) half way, if these are the velocities."""
+        """Depths (k,) [m] at the step's end, and normals (k, 3) half way, with these velocities."""
         contacts, dt, first = self._contacts, self._dt, self._first
         travel, place, rows = self._travel(rho, ball)[:first], self._places[:first], self.points[:first]
         depths, _ = contacts.gaps(place + travel, self._centre + dt * ball, rows)
@@ -121,10 +121,10 @@ class ContactEquations:
     def settle(self, v: Array, forces: Array) -> Array | None:
         """Find theta, normals, c_t and the forces (k, 3) [N], of a body that moves with v (N, 3) under `forces`.
 
-        None: they are those that it was solved with.
+        None: they did not change since the body was solved.
         """
-        given = self._given
-        self._know(np.asarray(forces.any(axis=1)))
+        given = self._columns_known
+        self._compute_columns(np.asarray(forces.any(axis=1)))
         ball = self._free - self._compliance @ self.on_ball(forces)
         rho = self.rho(ball, v)
         free = rho.ravel() + given @ forces.ravel()
@@ -143,7 +143,7 @@ class ContactEquations:
                 np.where(theta > _SLIGHT, theta, 0.0), normals, self.next_drag(rho, forces) if turn else self.drag
             )
             touching: Marks = np.asarray(self.theta > 0.0)
-            self._know(touching)
+            self._compute_columns(touching)
             rows = axes_of(np.flatnonzero(touching))
             inner = given[np.ix_(rows, rows)]
             beside = np.eye(len(rows)) + times_blocks(inner, self._H[touching])
@@ -157,8 +157,8 @@ class ContactEquations:
         return forces
 
     def rho(self, ball: Array, v: Array) -> Array:
-        """Return the touching points' velocity less the touched ones' (k, 3) [m/s], with the ball's and the nodes' (N,
-        3).
+        """Return the pushing points' velocity less the pushed points' (k, 3) [m/s], from the velocities of the ball and
+        the nodes (N, 3).
         """
         return self._by_ball * ball - self.at_points(v)
 
@@ -174,17 +174,17 @@ class ContactEquations:
         return found
 
     def _pushes(self, forces: Array) -> Array:
-        """Along the normals (k,) [N]."""
+        """The components of forces along the normals (k,) [N]."""
         found: Array = np.maximum((forces * self.normals).sum(axis=1), 0.0)
         return found
 
     def _slips(self, rho: Array) -> Array:
-        """Across them (k,) [m/s]."""
+        """The speeds across the normals (k,) [m/s]."""
         found: Array = np.linalg.norm(rho - (rho * self.normals).sum(axis=1)[:, None] * self.normals, axis=1)
         return found
 
     def forces(self, rho: Array) -> Array:
-        """On what is pushed, of the rows (k, 3) [N]."""
+        """The forces of the rows on the pushed parts (k, 3) [N]."""
         found: Array = self._push + (self._H @ rho[:, :, None])[:, :, 0]
         return found
 
@@ -196,7 +196,7 @@ class ContactEquations:
     # -- the body's equation, without the ball ------------------------------------------------------------------------
 
     def _eliminate(self) -> None:
-        """``(I + C sum H) v_p = w - C sum (f0 n - H v_i)``, and what the preconditioner needs."""
+        """``(I + C sum H) v_p = w - C sum (f0 n - H v_i)``, and compute the preconditioner's parts."""
         by_ball = self._by_ball[:, :, None] * self._H
         whole = by_ball.sum(axis=0)
         self._schur = np.linalg.solve(np.eye(3) + self._compliance @ whole, self._compliance)
@@ -213,34 +213,34 @@ class ContactEquations:
         self._inner = np.linalg.solve(np.eye(len(M)) + M @ self._columns[axes_of(self._pushed)], M)
 
     def at_points(self, v: Array) -> Array:
-        """A field of the nodes (N, 3) at the points (k, 3)."""
+        """Interpolate a field of the nodes (N, 3) at the points (k, 3)."""
         found: Array = np.einsum("pk,pki->pi", self._weights, v[self._nodes])
         return found
 
     def to_nodes(self, forces: Array) -> Array:
-        """Forces on the points (k, 3) as forces on the nodes (N, 3)."""
+        """Distribute forces on the points (k, 3) to the nodes (N, 3)."""
         out = np.zeros_like(self._contacts.body.x)
         np.add.at(out, self._nodes, self._weights[:, :, None] * forces[:, None, :])
         out[self._contacts.body.free :] = 0.0
         return out
 
     def spread(self, forces: Array) -> Array:
-        """Return the change of the nodes' velocities (N, 3) by forces on the points (k, 3), about."""
+        """The approximate change of the nodes' velocities (N, 3) by forces on the points (k, 3)."""
         local = self._from_points @ forces[self._known].ravel()
         return self._contacts.body.to_world(self._columns @ local)
 
     def yielded(self, forces: Array) -> Array:
-        """How far the nodes of a body that is held have given way to the ball, if its forces (k, 3) last (N, 3) [m]."""
+        """The nodes' displacements by the ball (N, 3) [m] in a held body, if its forces (k, 3) persist."""
         return (0.5 * self._dt + self._contacts.body.beta_s) * self.spread(self._by_ball * forces)
 
     def apply(self, v: Array) -> Array:
-        """The body's matrix with the contacts in it, and without the ball, times v (N, 3)."""
+        """Multiply v (N, 3) by the body's matrix, including the contacts, with the ball eliminated."""
         held = (self._H @ self.at_points(v)[:, :, None])[:, :, 0]
         back = self._by_ball * (self._H @ (self._schur @ self.on_ball(held)))
         return self._contacts.body.response(self._dt, v) + self.to_nodes(held - back)
 
     def precondition(self, residual: Array) -> Array:
-        """The preconditioner with the contacts in it, by Woodbury's formula."""
+        """Apply the preconditioner, including the contacts by Woodbury's formula."""
         body = self._contacts.body
         local = body.to_local(residual)
         found = body.factor.solve(self._dt, local) - self._columns @ (self._inner @ (self._columns.T @ local))
@@ -254,7 +254,7 @@ class ContactEquations:
 
 
 def shares(before: Array, after: Array) -> Array:
-    """theta: the share of a way that lies inside, from its depths at both ends."""
+    """theta: the share of a path that lies inside, from the depths at both ends."""
     d0, d1 = np.maximum(before, -1.0), np.maximum(after, -1.0)
     travel = np.maximum(np.abs(d1 - d0), 1e-12)
     inside = np.minimum(1.0, np.maximum(np.maximum(d0, d1), 0.0) / travel)
@@ -262,13 +262,13 @@ def shares(before: Array, after: Array) -> Array:
 
 
 def times_blocks(matrix: Array, blocks: Array) -> Array:
-    """A matrix (n, 3k) times the block diagonal one of (k, 3, 3)."""
+    """Multiply a matrix (n, 3k) by the block diagonal matrix of (k, 3, 3)."""
     parts: Array = matrix.reshape(len(matrix), len(blocks), 3).transpose(1, 0, 2) @ blocks
     return parts.transpose(1, 0, 2).reshape(matrix.shape)
 
 
 def block_diagonal(blocks: Array) -> Array:
-    """(3k, 3k) of (k, 3, 3)."""
+    """The block diagonal matrix (3k, 3k) of blocks (k, 3, 3)."""
     k = len(blocks)
     found = np.zeros((k, 3, k, 3))
     found[np.arange(k), :, np.arange(k)] = blocks

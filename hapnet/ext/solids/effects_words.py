@@ -1,4 +1,4 @@
-"""Effects of a solid's surface from its properties; recorded grains from files."""
+"""Reads the effects of a solid's surface from its properties, and recorded grains from files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _snap(properties: Properties) -> tuple[float, float]:
 
 _HEADER = "distance_m,height_m"
 _UNEVEN = 1e-3
-"""Distances may be wrong by this share of their spacing."""
+"""Allowed error of the distances, as a share of their spacing."""
 
 
 def read_grain(file: str, along: tuple[float, ...]) -> Grain:

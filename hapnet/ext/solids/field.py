@@ -1,8 +1,8 @@
 """Solids given by a number at each place: a function of the position, or a grid of voxels.
 
-The number is below 0 inside. Where it is a distance, it is used as it is. Of any other function f, such as a gyroid's,
+The number is below 0 inside. If it is a distance, it is used directly. For any other function f, such as a gyroid's,
 the distance is taken to be ``f/|grad f|``, which is right to first order near the surface (Taubin 1991). The gradient
-is made of central differences. How the surface bends is the change of the unit gradient along two directions in the
+is computed by central differences. The curvature is the change of the unit gradient along two directions in the
 tangent plane; a level set at the distance d has the curvature ``k/(1 + k d)`` where the surface has k.
 """
 
@@ -25,29 +25,29 @@ from hapnet.mechanics.curvature import Curvature, Curvatures, across
 from hapnet.records.vectors import inner
 
 REACH_M = 0.12
-"""A function is looked at in a cube of this half side about the start."""
+"""Half side of the cube about its origin in which a function is sampled."""
 
 _SAMPLES = 13
 """Places along each side of that cube."""
 
 _CUBES = 41
-"""Places along each side where a function is asked for its picture."""
+"""Places along each side where a function is evaluated for its picture."""
 
 _STEP_M = 2e-5
-"""Of a function's differences."""
+"""Step of a function's differences."""
 
 _FLATTEST = 0.3
-"""A gradient below this share of the usual one is that of an edge or a middle, where it says nothing of distances."""
+"""A gradient below this share of the usual one belongs to an edge or a middle, where f/|grad f| is no distance."""
 
 _DISTANCE = 0.01
-"""A function whose gradient is 1 nearly everywhere, by less than this, is a distance."""
+"""If a function's gradient differs from 1 by less than this nearly everywhere, the function is a distance."""
 
 _FLAT_PER_M, _SHARP_PER_M = 1e-3, 1e3
-"""A curvature below the first is none; above the second it is that of an edge, which a tangent plane meets better."""
+"""A curvature below the first counts as 0, and so does one above the second: it belongs to an edge."""
 
 
 class FieldShape:
-    """The common part of the two kinds of fields: a `hapnet.ext.solids.shapes.Shape` that knows how it bends."""
+    """The common part of the two kinds of fields: a `hapnet.ext.solids.shapes.Shape` with curvatures."""
 
     slope: float = 1.0
     _bend_m: float = 2e-4
@@ -58,7 +58,7 @@ class FieldShape:
 
     @abstractmethod
     def sampled(self) -> tuple[list[Array], Array]:
-        """The coordinates along each axis [m], and what is below 0 inside at all places (nx, ny, nz), for pictures."""
+        """Coordinates along each axis [m], and the values, below 0 inside, at all places (nx, ny, nz), for pictures."""
 
     def curvatures(self, position: Vector) -> Curvatures:
         """Principal curvatures of the surface where it is nearest to `position` (3,) [m]."""
@@ -84,10 +84,10 @@ class FieldShape:
 class DistanceFunction(FieldShape):
     """The solid where a function of the position (3,) [m] is below 0.
 
-    function : gives a finite number. name : of it, for messages. at : (3,) where the function's origin is [m].
+    function : returns a finite number. name : of it, for messages. at : (3,) place of the function's origin [m].
 
-    Raises InvalidParameter: it raises something or gives no finite number, or there is no solid within `REACH_M` of the
-    function's origin.
+    Raises InvalidParameter: it raises an error or returns no finite number, or there is no solid within `REACH_M` of
+    the function's origin.
     """
 
     def __init__(self, function: Callable[[Vector], float], name: str, at: Sequence[float] = (0.0, 0.0, 0.0)) -> None:

@@ -1,6 +1,6 @@
 """The picture of a world that is a function: arrows of a force, or pieces of the surface that its planes touch.
 
-The function is asked once, at places around the origin, when the picture is made: at rest, and at the time 0.
+The function is evaluated once, at places around the origin, when the picture is made: at rest, and at the time 0.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from hapnet.mechanics.plane import Plane
 from hapnet.plant.worlds.picture import GREY, Color, Part, StillDefaults, Touch, part
 
 REACH_M = 0.045
-"""A field is drawn so far from the origin [m]."""
+"""A field is drawn up to this distance from the origin [m]."""
 
 _ARROW: Color = (202, 138, 4, 190)
 _COUNT = {1: 19, 2: 11, 3: 7}  # places along each axis
-_ROWS_M = (-0.03, -0.015, 0.015, 0.03)  # with one axis: where its arrows are drawn
+_ROWS_M = (-0.03, -0.015, 0.015, 0.03)  # with one axis: the rows of its arrows
 _FAINT = 0.01
-"""What is weaker than this share of the strongest force is not drawn."""
+"""Forces below this share of the strongest force are not drawn."""
 
 _SAMPLES = {1: 31, 2: 31, 3: 13}
 _SIDES = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def field(force: Callable[[Vector], Sequence[float] | float], dof: int) -> tuple[Part, ...]:
-    """Arrows of `force` (n,) [N] at positions (n,) [m]; their length goes with its square root.
+    """Arrows of `force` (n,) [N] at positions (n,) [m]; their length grows with its square root.
 
-    Nothing with more than three axes, where it fails, is no vector of `dof` numbers, or is zero everywhere: a picture
-    is no place for errors.
+    No arrows with more than three axes, or if the function fails, returns no vector of `dof` numbers, or is zero
+    everywhere: a picture raises no errors.
     """
     if dof not in _COUNT:
         return ()
     places = list(_grid(dof, _COUNT[dof]))
     try:
         forces = np.array([np.atleast_1d(force(place)) for place in places], dtype=float)
-    except Exception:  # whatever a user's function raises: the run will say it, where it matters
+    except Exception:  # any error of a user's function: the run will report it
         return ()
     if forces.shape != (len(places), dof) or not np.isfinite(forces).all():
         return ()
@@ -62,10 +62,10 @@ def field(force: Callable[[Vector], Sequence[float] | float], dof: int) -> tuple
 
 
 def surface(planes: Callable[[Vector, float], Iterable[Plane] | None], dof: int) -> tuple[Part, ...]:
-    """Pieces of the surface that `planes` gives near a position (n,) [m], within a reach [m].
+    """Pieces of the surface from `planes` near a position (n,) [m], within a reach [m].
 
-    A piece lies where a plane touches: at the foot of its normal, if the plane that is given for the foot goes through
-    it. Nothing with more than three axes, or where the function fails.
+    A piece lies at the foot of a plane's normal, if the plane returned for the foot passes through the foot. No pieces
+    with more than three axes, or if the function fails.
     """
     if dof not in _SAMPLES:
         return ()
@@ -88,7 +88,7 @@ def surface(planes: Callable[[Vector, float], Iterable[Plane] | None], dof: int)
     triangles: list[tuple[int, ...]] = []
     for foot, normal in pieces.values():
         across, along = _beside(normal)
-        size = 0.6 * step, 0.6 * step if dof > 2 else 0.015  # flat worlds have a depth to be seen
+        size = 0.6 * step, 0.6 * step if dof > 2 else 0.015  # flat worlds get a visible depth
         first = len(vertices)
         vertices += [foot + a * size[0] * across + b * size[1] * along for a, b in _SIDES]
         triangles += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
@@ -102,7 +102,7 @@ class StillPicture(StillDefaults):
         self.parts = parts
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """None: a function has no contacts to show."""
+        """No contacts: a function has none to show."""
         return []
 
 

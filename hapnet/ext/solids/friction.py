@@ -1,10 +1,10 @@
 """Coulomb's friction as a damper across the contact's normal, chosen anew each step.
 
-With ``D = sum c_i P_i``, ``P_i = I - n_i n_i' / |n_i|^2``, the step is ``(A + D) vhat = c + sum n_i f_i``. What D
-dissipates, ``vhat' D vhat T``, is never negative for any c_i >= 0: so friction is passive, and the choice of c_i only
-decides how it feels. With s the tangential speed without friction and a = A along it, c = mu |F| / (s - mu |F|/a) makes
+With ``D = sum c_i P_i``, ``P_i = I - n_i n_i' / |n_i|^2``, the step is ``(A + D) vhat = c + sum n_i f_i``. The energy
+that D dissipates, ``vhat' D vhat T``, is never negative for any c_i >= 0: so friction is passive, and c_i only affects
+its feel. With s the tangential speed without friction and a = A along it, c = mu |F| / (s - mu |F|/a) makes
 the friction mu |F| while it slides. If it sticks, a mass that began the step with the tangential velocity v0 would end
-it with -v0 if vhat became 0, and would chatter: so no c is greater than what makes it end at rest, |vhat| = |v0|/2.
+it with -v0 if vhat became 0, and would chatter: so c is limited to the value that ends it at rest, |vhat| = |v0|/2.
 
 mu may vary over the surface: a step takes its value where the step begins. That is passive for the same reason.
 """
@@ -21,14 +21,14 @@ from hapnet.records.record import FloatRows, Reals, Record, equation
 from hapnet.records.vectors import dot, length
 
 Friction = Callable[[Vector], float]
-"""Coulomb's mu at a place (3,) [m]; what is not above 0 there counts as 0."""
+"""Coulomb's mu at a place (3,) [m]; a value that is not above 0 counts as 0."""
 
 _STUCK = 1e3
 """The largest c, in units of a."""
 
 
 def at(friction: float | Friction, place: Vector) -> float:
-    """mu at a place (3,) [m]; 0 where the function gives none, or no number."""
+    """mu at a place (3,) [m]; 0 where the function returns no positive number."""
     if not callable(friction):
         return friction
     found = friction(place)
@@ -93,7 +93,7 @@ def resistance_along(vector: Vector, size: float, C: FloatRows) -> float:
 
 @equation
 def tangential(vector: Vector, normal: Vector) -> tuple[float, float, float]:
-    """The part of `vector` across `normal`."""
+    """The component of `vector` across `normal`."""
     x, y, z = vector[0], vector[1], vector[2]
     a, b, c = normal[0], normal[1], normal[2]
     share = (x * a + y * b + z * c) / (a * a + b * b + c * c)

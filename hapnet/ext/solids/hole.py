@@ -15,7 +15,7 @@ from hapnet.records.vectors import inner
 
 
 class Hole:
-    """All that lies behind a plane, but for a round hole in it, whose mouth is chamfered.
+    """The half space behind a plane, with a round hole whose mouth is chamfered.
 
     at : the middle of the mouth (3,) [m]. normal : into the hole (3,). radius [m]. chamfer : its depth [m]; 0: none.
 

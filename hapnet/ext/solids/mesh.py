@@ -1,9 +1,9 @@
-"""A closed triangle mesh as a signed distance. The nearest triangle is libigl's; sign and gradient are made here.
+"""A closed triangle mesh as a signed distance. libigl finds the nearest triangle; sign and gradient are computed here.
 
 The nearest point c lies in a triangle, on an edge or at a corner. Where edges are sharp, the sign of ``(x - c) . n``
-says on which side x is, if n is the pseudonormal there: the triangle's normal, the sum of those of the edge's two
-triangles, or the sum of those around the corner, weighted by their angles (Baerentzen, Aanaes 2005). That is exact for
-a closed mesh. Elsewhere the surface is the smooth patch of `hapnet.ext.solids.mesh_walk`.
+gives the side of x, if n is the pseudonormal there: the triangle's normal, the sum of the normals of the edge's two
+triangles, or the sum of the normals around the corner, weighted by the angles (Baerentzen, Aanaes 2005). This is exact
+for a closed mesh. Elsewhere the surface is the smooth patch of `hapnet.ext.solids.mesh_walk`.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from hapnet.records.machine_code import compiled
 from hapnet.records.vectors import inner
 
 _NOWHERE_M = 1e-12
-"""A point that is nearer has no direction from the surface."""
+"""For a nearer point the direction from the surface is undefined."""
 
 _SCALE = float(1 << 17)
-"""Rays are cast in units of 7.6 um: libigl takes a triangle whose determinant is below 1e-6 as seen from its edge."""
+"""Rays are cast in units of 7.6 um: libigl treats a triangle whose determinant is below 1e-6 as parallel to the ray."""
 
 _STRAIGHT_PER_M = 0.5
-"""Less curvature than that of a ball of 2 m is none [1/m]."""
+"""A curvature below that of a ball of 2 m counts as 0 [1/m]."""
 
 _SAME_FACE = 0.999
 """Normals with this cosine or above belong to one face."""
 
 _OBTUSE = 0.2
-"""Two faces at a concave edge whose normals have a larger cosine are not told apart: behind both of them the nearest
-point counts, since the second face would begin to act with some depth at once."""
+"""Two faces at a concave edge whose normals have a larger cosine count as one: behind both of them the nearest point
+is used, since the second face would begin to act with some depth at once."""
 
 
 class Foot(NamedTuple):
-    """The place of the surface that is nearest, at least among those nearby."""
+    """The nearest place of the surface, at least locally."""
 
     near: Near
     face: int  #: its triangle
     at: Vector  #: (3,) [m]
     kind: int  #: see `hapnet.ext.solids.mesh_walk`
-    corner: int  #: 0 to 2: the one, or the one across from the edge
+    corner: int  #: 0 to 2: the corner, or the corner across from the edge
 
 
 class Mesh:
     """A solid that a closed mesh bounds.
 
     vertices : (V, 3) [m]. triangles : (F, 3) indices of vertices, anticlockwise as seen from outside. sharp_deg :
-        triangles that meet at a larger angle meet at an edge, others stand for a curved surface; 0: all are facets.
+        triangles that meet at a larger angle meet at an edge, others form a curved surface; 0: all are facets.
 
     Raises InvalidParameter: the mesh is empty or not closed. MissingLibrary: the extra `mesh` is not installed.
     """
@@ -86,7 +86,7 @@ class Mesh:
         return self.foot(position).near
 
     def foot(self, position: Vector, face: int | None = None) -> Foot:
-        """The nearest place; with `face` the one where a walk ends that begins in that triangle."""
+        """The nearest place; with `face` the end of a walk that begins in that triangle."""
         x, y, z = position
         if face is None:
             self._point[0] = (_SCALE * x, _SCALE * y, _SCALE * z)
@@ -102,7 +102,7 @@ class Mesh:
         return Foot(Near(signed, (x / signed, y / signed, z / signed)), face, (a, b, c), kind, corner)
 
     def struck(self, place: Vector, path: Vector) -> Foot | None:
-        """Where the straight `path` (3,) from `place` [m] first meets a triangle, from either side; None: nowhere."""
+        """The first point of a triangle, from either side, on the straight `path` (3,) from `place` [m], or None."""
         self._point[0] = [_SCALE * part for part in place]
         self._direction[0] = [_SCALE * part for part in path]
         faces, shares, _ = self._tree.intersect_ray_first(self._scaled, self.triangles, self._point, self._direction)
@@ -112,9 +112,9 @@ class Mesh:
         return self.foot(tuple([a + share * b for a, b in zip(place, path, strict=True)]), face)
 
     def seen(self, place: Vector, paths: Array) -> list[tuple[int, float]]:
-        """For straight `paths` (N, 3) from `place` [m]: the triangle that each meets first, and at which share of it.
+        """For straight `paths` (N, 3) from `place` [m]: the first triangle on each path, and the path's share there.
 
-        Triangle -1 and share 1: it meets none.
+        Triangle -1 and share 1: the path meets none.
         """
         start = np.repeat([[_SCALE * part for part in place]], len(paths), axis=0)
         faces, shares, _ = self._tree.intersect_ray_first(self._scaled, self.triangles, start, _SCALE * paths)
@@ -129,8 +129,8 @@ class Mesh:
         return normal
 
     def faces(self, foot: Foot) -> list[Vector]:
-        """The unit normals of the faces that meet where a proxy behind a concave edge or corner has its foot, if they
-        are to be told apart; else empty.
+        """The unit normals of the faces that meet at the foot of a proxy behind a concave edge or corner; empty if they
+        count as one.
         """
         if foot.kind == SMOOTH or foot.near.distance_m >= 0.0:
             return []
@@ -150,7 +150,7 @@ class Mesh:
         return [] if obtuse else found
 
     def curvatures(self, position: Vector) -> Curvatures:
-        """How the surface bends at the nearest place."""
+        """The curvatures of the surface at the nearest place."""
         return self.curvatures_at(self.foot(position))
 
     def curvatures_at(self, foot: Foot) -> Curvatures:

@@ -1,10 +1,10 @@
 """A mesh near the proxy: the foot that stays on the surface that was entered, and the planes that meet there.
 
-While the proxy is in contact, its foot walks over the mesh (`hapnet.ext.solids.mesh_walk`), so it matters neither how
-thin the solid is nor what lies behind. It enters where its path first meets the mesh, however long the step is.
+While the proxy is in contact, its foot walks over the mesh (`hapnet.ext.solids.mesh_walk`), so the solid may be thin
+and other surfaces may lie behind it. It enters where its path first meets the mesh, however long the step is.
 
-A foot at a concave edge has a plane for each face. A step that leads from one face behind another one finds that plane
-where its foot ends.
+A foot at a concave edge has a plane for each face. If a step leads from one face behind another, the other face's plane
+is found at the end of the foot's walk.
 """
 
 from __future__ import annotations
@@ -36,52 +36,52 @@ from hapnet.mechanics.curvature import Curvatures, across, tangent
 from hapnet.records.vectors import added
 
 _OTHERS = 2
-"""A proxy touches up to three faces at once."""
+"""Further faces: a proxy touches up to three faces at once."""
 
 _SAME_SIDE = 0.64
-"""Normals with a greater cosine (50 degrees) are those of one surface that turns."""
+"""Normals with a greater cosine (50 degrees) belong to one curved surface."""
 
 _LITTLE = 0.05
-"""If the last step's plane turned by less, that of the next one is taken to turn as much: mostly it need not be
-corrected then."""
+"""If the last step's plane turned by less, the next plane is assumed to turn as much: then it mostly needs no
+correction."""
 
 _TURNS_LITTLE = 0.87
-"""30 degrees."""
+"""Cosine of 30 degrees."""
 
 _TOUCHES_M = 1e-9
 
 _CLEAR_M = 1e-4
-"""So far in front of a smooth patch none of its facets is in the way."""
+"""At this distance in front of a smooth patch none of its facets is in the way."""
 
 _AROUND_M, _LIFT_M, _RAYS = 0.015, 0.0005, 8
-"""How far, from how far in front of the foot, and in how many directions what is beside it is looked for."""
+"""Search for faces beside the foot: reach, distance of its origin in front of the foot, number of directions."""
 
 _STILL_M = 0.0005
-"""So far a proxy may move over the same triangle until it is looked for again."""
+"""Distance that a proxy may move over the same triangle before this search is repeated."""
 
 _GHOST_M = 0.0003
-"""A plane that is so deep where the proxy can be is none..."""
+"""A plane is left out if a free place of the proxy is this deep behind it..."""
 
 _HALF_AS_FAR, _NEARBY_M = 1.5, 0.002
-"""... as far as it is looked for: not much farther away than the plane itself."""
+"""... within this range: not much farther away than the plane itself."""
 
 
 class FootSecant(Secant):
-    """A mesh near the proxy. `others` are the planes of further faces; they come behind it in a list of all."""
+    """A mesh near the proxy. `others` are the planes of further faces; they follow it in a list of all planes."""
 
     def __init__(self, mesh: Mesh, stiffness: float, damping: float, friction: float | Friction) -> None:
         super().__init__(mesh, stiffness, damping, friction)
         self._mesh = mesh
         self._face: int | None = None  # of the foot at the last onset, or where the step enters; None: free
-        self._next: int | None = None  # where it may have gone in after it had left
-        self._at: Vector | None = None  # the place of which the foot is known
+        self._next: int | None = None  # face that it may have entered after leaving
+        self._at: Vector | None = None  # the place whose foot is `_foot`
         self._foot: Foot | None = None
-        self._walked = False  # did a walk find it?
-        self._slides = False  # was it on a smooth patch at the last onset?
+        self._walked = False  # True: a walk found it
+        self._slides = False  # True: it was on a smooth patch at the last onset
         self._from: Vector = (0.0, 0.0, 0.0)  # a point of the plane
-        self._there: tuple[int, int, int] | None = None  # where the foot was when it was last looked around...
-        self._looked: Vector = (0.0, 0.0, 0.0)  # ... from here...
-        self._seen: list[_Plane] = []  # ... and what was beside
+        self._there: tuple[int, int, int] | None = None  # the foot at the last search for faces beside it...
+        self._looked: Vector = (0.0, 0.0, 0.0)  # ... the proxy's place...
+        self._seen: list[_Plane] = []  # ... and the planes found
         self.more: list[tuple[Vector, Vector]] = []
         """Faces that the proxy is, or would be, behind at once: the normal out of the solid, and a point."""
         self.others: tuple[FaceBeside, ...] = tuple([FaceBeside(self) for _ in range(_OTHERS)])
@@ -90,7 +90,7 @@ class FootSecant(Secant):
         return self.foot(x).near
 
     def foot(self, x: Vector) -> Foot:
-        """That of `x` [m]; in contact the one that is found from where the foot was."""
+        """The foot of `x` [m]; in contact it is found by a walk from the last foot."""
         if self._at == x and self._foot is not None:
             return self._foot
         self._foot = foot = self._mesh.foot(x, self._face)
@@ -173,7 +173,7 @@ class FootSecant(Secant):
 
     def hit(self, x: Vector, direction: Vector, length: float) -> Hit:
         struck = self._mesh.struck(x, direction)
-        if struck is None or dot(struck.near.gradient, direction) >= 0.0:  # at most the patch was entered
+        if struck is None or dot(struck.near.gradient, direction) >= 0.0:  # at most the smooth patch was entered
             entry = super().hit(x, direction, length)
             self._face, self._at = (self._mesh.foot(entry.at).face if entry.found else None), None
             return entry
@@ -192,13 +192,13 @@ class FootSecant(Secant):
         return turned(self, x, delta, end, found, good)
 
     def _is_beyond(self, x: Vector, gradient: Vector) -> bool:
-        """Whether a surface that the step enters at `x` is found on another side at its end, as beyond an edge."""
+        """Whether the surface entered at `x` faces another side at the step's end, as beyond an edge."""
         if self._foot is None or dot(gradient, triple(self.normal)) < -_TURNS_LITTLE:
             return False
         return dot(gradient, _less(x, self._foot.at)) < 0.0
 
     def _ahead(self, end: Vector) -> Near | None:
-        """Distance and gradient at the step's end of the face to which the plane belongs; None: it has left that."""
+        """Distance and gradient of the plane's face at the step's end; None: the proxy has left this face."""
         foot = self.foot(end)
         distance, (a, b, c) = foot.near
         self.more, self._next = [], None
@@ -215,7 +215,7 @@ class FootSecant(Secant):
         return foot.near
 
     def _look_out(self, end: Vector) -> None:
-        """A step that leaves the surface may end behind another one, which its path meets in front of this one."""
+        """Find another surface on the path of a step that leaves this surface: the step may end behind the other."""
         start = along(self._from, triple(self.normal), -_CLEAR_M)
         path = _less(end, start)
         struck = self._mesh.struck(start, path)
@@ -224,8 +224,8 @@ class FootSecant(Secant):
             self._next = struck.face
 
     def facing(self, end: Vector, normal: Vector) -> Near | None:
-        """Distance and gradient at the step's end of the face to which the plane with `normal` belongs, of those that
-        meet there; None: it has left them.
+        """Distance and gradient at the step's end of the face with `normal`, among the faces that meet there; None: the
+        proxy has left them.
         """
         gradient, at = min(self.more, key=lambda face: dot(face[0], normal))
         return Near(dot(gradient, _less(end, at)), gradient) if dot(gradient, normal) < -_SAME_SIDE else None
@@ -236,7 +236,7 @@ class FootSecant(Secant):
         return dot(gradient, rise) < _TOUCHES_M and dot(triple(self.normal), rise) < _TOUCHES_M
 
     def further(self, x: Vector) -> Near | None:
-        """A face that this step is, or ends, behind and that has no plane yet: its distance from `x`, and gradient."""
+        """A face without a plane that the proxy is behind, or ends behind: its distance from `x`, and gradient."""
         used = [triple(one.normal) for one in (self, *self.others) if one is self or one.met]
         for gradient, at in self.more:
             if all(dot(gradient, normal) > -_SAME_SIDE for normal in used) and self._is_hollow(gradient, at):
@@ -244,10 +244,10 @@ class FootSecant(Secant):
                 return Near(distance if at == self._from else max(0.0, distance), gradient)
         return None
 
-    # -- what is told -------------------------------------------------------------------------------------------------
+    # -- planes for the device ----------------------------------------------------------------------------------------
 
     def _beside(self, x: Vector, foot: Foot, known: Sequence[_Plane], dof: int) -> list[_Plane]:
-        """As `_around`, of a place nearby if the proxy is still there."""
+        """The planes of `_around`; its last result if the proxy is still near that place."""
         there = foot.face, foot.kind, foot.corner
         if there != self._there or dist(x, self._looked) > _STILL_M:
             self._there, self._looked = there, x
@@ -255,10 +255,10 @@ class FootSecant(Secant):
         return self._seen
 
     def _around(self, x: Vector, foot: Foot, known: Sequence[_Plane], dof: int) -> list[_Plane]:
-        """The planes of what a proxy at `x` would run into, if it moved along the surface or away from it.
+        """The planes of the faces that a proxy at `x` would hit, if it moved along the surface or away from it.
 
-        They are seen from just in front of the foot, so nothing hides them. One that the proxy could not be in front of
-        where nothing is in the way would be a ghost: it is left out.
+        The rays start just in front of the foot, so nothing hides these faces. A plane is a ghost, and left out, if a
+        free place lies behind it.
         """
         middle = _unit([added(parts) for parts in zip(*[one.normal for one in known], strict=True)])
         place = x if foot.near.distance_m > _LIFT_M else along(foot.at, middle, _LIFT_M)
@@ -294,7 +294,7 @@ class FaceBeside(Secant):
         self._owner = owner
 
     def farther_than(self, reach: float, x: Vector) -> bool:
-        """The mesh itself is asked."""
+        """Always true: the mesh's own secant returns all planes."""
         return True
 
     def meets(self, x: Vector, delta: Vector, length: float) -> bool:
@@ -313,7 +313,7 @@ class FaceBeside(Secant):
 
 
 def secants_of(shape: Shape, stiffness: float, damping: float, friction: float | Friction) -> tuple[Secant, ...]:
-    """Return the objects that keep the contact with a solid of this shape."""
+    """Return the secants that hold the contact with a solid of this shape."""
     if not isinstance(shape, Mesh):
         return (Secant(shape, stiffness, damping, friction),)
     foot = FootSecant(shape, stiffness, damping, friction)
@@ -321,7 +321,7 @@ def secants_of(shape: Shape, stiffness: float, damping: float, friction: float |
 
 
 class _Plane:
-    """A tangent plane: the normal out of the solid, a point, and how the surface bends there."""
+    """A tangent plane: the normal out of the solid, a point, and the curvatures there."""
 
     def __init__(self, normal: Vector, at: Vector, curvatures: Curvatures) -> None:
         self.normal, self.at, self.curvatures = normal, at, curvatures
@@ -329,7 +329,7 @@ class _Plane:
         self._into = (-a, -b, -c)
 
     def depth(self, place: Vector) -> float:
-        """How deep `place` is behind it [m]."""
+        """The depth of `place` behind the plane [m]."""
         return tangent(self._into, self.at, self.curvatures, place)[1]
 
     def normal_at(self, place: Vector) -> Vector:
@@ -338,13 +338,13 @@ class _Plane:
 
 
 def _covers(known: _Plane, one: _Plane) -> bool:
-    """Whether the plane that is known already covers that one, or that one lies behind it."""
+    """Whether the `known` plane already covers plane `one`, or `one` lies behind it."""
     depth = known.depth(one.at)
     return depth > _GHOST_M or (depth > -_GHOST_M and dot(known.normal_at(one.at), one.normal) > 0.9)
 
 
 def _directions(normals: Sequence[Vector], middle: Vector, dof: int) -> Array:
-    """Away from the surface, and along it."""
+    """Directions away from the surface, and along it."""
     if dof == 2:
         a, b, _ = middle
         return np.array([*normals, (-b, a, 0.0), (b, -a, 0.0)])

@@ -23,10 +23,10 @@ SMALLEST_M, LARGEST_M = 0.001, 2.0
 """The smallest and the largest extent of a solid: a hand with a desktop device reaches some 0.1 m."""
 
 _SAME = 1e-7
-"""Vertices that are nearer than this share of the extent are one."""
+"""Vertices closer than this share of the extent are joined."""
 
 _BACK_M = 0.01
-"""A height field is so thick below its lowest point."""
+"""Thickness of a height field below its lowest point."""
 
 
 def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
@@ -49,14 +49,14 @@ def read_mesh(file: str, unit_m: float) -> tuple[Array, Triangles]:
         loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind[1:], force="mesh", process=False)
         vertices = np.asarray(loaded.vertices, dtype=np.float64)
         triangles = np.asarray(loaded.faces, dtype=np.int64)
-    except Exception as error:  # of a broken file it may raise anything
+    except Exception as error:  # for a broken file trimesh may raise any error
         raise InvalidParameter("mesh", file, f"a mesh that can be read ({cause(error)})") from None
     if triangles.ndim != 2 or not len(triangles):
         raise InvalidParameter("mesh", file, "a file with triangles")
     if len(triangles) > MOST_TRIANGLES:
         raise InvalidParameter("mesh", f"{file} with {len(triangles)} triangles", f"{MOST_TRIANGLES} at most")
     if triangles.min() < 0 or triangles.max() >= len(vertices) or not np.isfinite(vertices[triangles]).all():
-        raise InvalidParameter("mesh", file, "triangles between vertices that are there, with finite coordinates")
+        raise InvalidParameter("mesh", file, "triangles between existing vertices with finite coordinates")
     vertices = unit_m * vertices
     extent = _checked_extent(file, vertices[triangles].reshape(-1, 3))
     _, first, numbers = np.unique(np.round(vertices / (_SAME * extent)), axis=0, return_index=True, return_inverse=True)

@@ -1,8 +1,8 @@
-"""The parts of a mesh as one solid: each turned the right way out, and those that overlap joined.
+"""Joins the parts of a mesh to one solid: turns parts that are inside out, and joins parts that overlap.
 
-CAD programs write assemblies: parts that overlap or touch, screws inside of blocks, sometimes a part whose triangles
-face inwards. Where parts overlap no triangle says what is inside. So they are told apart by their edges; a part inside
-of another one that faces the other way is a cavity and stays; manifold3d makes the union.
+CAD programs write assemblies: parts that overlap or touch, screws inside blocks, sometimes a part whose triangles
+face inwards. Where parts overlap, no triangle shows what is inside. So parts are separated by their edges; a part
+inside another part that faces the other way is a cavity and stays; manifold3d makes the union.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from hapnet.installing import require
 from hapnet.records.vectors import added
 
 _SAMPLES = 40
-"""Vertices of a part that are tried to see if it lies inside another one."""
+"""Vertices of a part that are tested to find whether it lies inside another part."""
 
 _EMPTY = 1e-9
-"""A part with less volume, as a share of the cube around it, is none."""
+"""A part with less volume, as a share of the cube around it, is left out."""
 
 _ROUNDING = 1e-9
 
@@ -46,7 +46,7 @@ class MeshPart(NamedTuple):
 
     @property
     def pieces(self) -> int:
-        """Of its surface: more than one with cavities."""
+        """Number of pieces of its surface: more than one with cavities."""
         return int(import_module("igl").facet_components(self.triangles)[0])
 
     def turned(self) -> MeshPart:
@@ -65,7 +65,7 @@ class MeshPart(NamedTuple):
 
 
 def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str]:
-    """Vertices and triangles of a mesh that may have parts, as one solid; and what was done, in words.
+    """Vertices and triangles of a mesh, its parts joined to one solid; and a note on the changes.
 
     Raises InvalidParameter: it is not closed, has no volume, or cannot be joined. MissingLibrary: there are parts to
     be joined, and manifold3d is not installed; or libigl is not.
@@ -99,9 +99,9 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
 
 
 def _oriented(parts: Sequence[MeshPart]) -> tuple[list[MeshPart], int, int]:
-    """Each solid together with its cavities; and how many parts were turned, how many are cavities.
+    """Each solid together with its cavities; the number of turned parts, and of cavities.
 
-    A part is what the outermost one around it is, a solid, unless it faces the other way.
+    A part is a solid if it faces the same way as the outermost part around it, else a cavity.
     """
     around = [[j for j, other in enumerate(parts) if j != i and other.holds(part)] for i, part in enumerate(parts)]
     outermost = [min(inside, key=lambda j: len(around[j]), default=i) for i, inside in enumerate(around)]
@@ -121,7 +121,7 @@ def _oriented(parts: Sequence[MeshPart]) -> tuple[list[MeshPart], int, int]:
 
 
 def _united(solids: Sequence[MeshPart]) -> tuple[list[MeshPart], int, int]:
-    """Those that overlap, or have a piece of face in common, as one; how many these were, and how many they are now."""
+    """Join solids that overlap, or share a piece of a face; also their number before, and after."""
     made: list[MeshPart] = []
     before = after = 0
     left = list(solids)
@@ -166,7 +166,7 @@ def _together(parts: Sequence[MeshPart]) -> MeshPart:
 
 
 def _turns(x: Array, corners: Array) -> float:
-    """How often a closed mesh winds around x (van Oosterom, Strackee 1983)."""
+    """The winding number of a closed mesh around x (van Oosterom, Strackee 1983)."""
     a, b, c = (corners[:, i] - x for i in range(3))
     la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
     dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
@@ -176,7 +176,7 @@ def _turns(x: Array, corners: Array) -> float:
 
 
 def _apart(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
-    """Parts that touch along edges or at corners have vertices of their own afterwards."""
+    """Give parts that touch along edges or at corners separate vertices."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -220,13 +220,13 @@ def _balanced(edges: Sequence[int], forward: Mapping[int, bool]) -> bool:
 def _mates(away: Mapping[int, Array], forward: Mapping[int, bool], axis: Array) -> Iterator[tuple[int, int]]:
     """The pairs of triangles around one edge that have solid between them.
 
-    away : for each triangle's edge where the triangle lies. forward : does it run along `axis`, the direction of all?
+    away : the direction of each edge's triangle. forward : whether the edge runs along `axis`, the common direction.
     """
     axis = axis / np.linalg.norm(axis)
     first = next(iter(away.values()))
     first = first - axis * (axis @ first)
     second = np.cross(axis, first)
-    row = sorted(  # solid lies behind one that runs backwards, up to one that runs forwards
+    row = sorted(  # the solid lies between a backward edge and the next forward edge
         (round(float(np.arctan2(second @ out, first @ out)), 9), not forward[edge], edge) for edge, out in away.items()
     )
     waiting: list[int] = []

@@ -1,4 +1,4 @@
-"""Properties of a mesh's surface, computed when it is loaded: neighbours, sharp edges, normals, and how it bends."""
+"""Properties of a mesh's surface, computed when it is loaded: neighbours, sharp edges, normals, and curvature."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from hapnet.errors import InvalidParameter
 Triangles = NDArray[np.int64]
 
 SHARP_DEG = 40.0
-"""Triangles that meet at a larger angle meet at an edge of the solid; at a smaller one they stand for a curved surface.
+"""Triangles that meet at a larger angle meet at an edge of the solid; at a smaller angle they form a curved surface.
 The sides of an octagon meet at 45 degrees."""
 
 _SMALL = 0.3
-"""A triangle of a smaller share of the largest one around a corner does not count there: a flat face stays flat beside
-a narrow fillet or chamfer."""
+"""A triangle smaller than this share of the largest triangle around a corner does not count there: a flat face stays
+flat beside a narrow fillet or chamfer."""
 
 _KEY = 1 << 31
 _FLAT = 1e-6
-"""Normals that differ by less are the same."""
+"""Normals that differ by less count as equal."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class MeshSurface:
     facets: Array  #: (F, 3): the triangles' unit normals; 0 where there is no area
     normals: Array  #: (F, 3, 3): the unit normals at the corners; the same around a vertex, but for sharp edges
     pseudonormals: Array  #: (V, 3): of all triangles around each vertex, weighted by the angles
-    rims: Triangles  #: (F, 3): is that edge sharp? 1: convex, -1: concave, 2: neither
-    pointed: Triangles  #: (V,): does a sharp edge end there?
-    flat: Triangles  #: (F,): are the normals at the corners all that of the triangle?
+    rims: Triangles  #: (F, 3): 0: that edge is smooth; sharp edges: 1: convex, -1: concave, 2: neither
+    pointed: Triangles  #: (V,): not 0: a sharp edge ends there
+    flat: Triangles  #: (F,): not 0: all normals at the corners equal the triangle's
     first: Triangles  #: (V + 1,) see `ring`
     ring: Triangles  #: the triangles around the vertex v: ring[first[v]:first[v + 1]]
     bends: Array  #: (F, 3, 3): how the normal turns along a direction [1/m]
@@ -103,7 +103,7 @@ def volume(vertices: Array, triangles: Triangles) -> float:
 
 
 def directed(triangles: Triangles) -> tuple[Triangles, Triangles]:
-    """From and to: the first edges of all triangles, then the second ones, then the third ones."""
+    """Start and end of edges: the first edges of all triangles, then the second, then the third edges."""
     return triangles.T.reshape(-1), np.roll(triangles, -1, axis=1).T.reshape(-1)
 
 
@@ -123,7 +123,7 @@ def _rims(corners: Array, facets: Array, across: Triangles, sharp_deg: float) ->
     sharp = np.einsum("fj,fkj->fk", facets, beside) < np.cos(np.radians(sharp_deg))
     sharp |= ~has_area[:, None] | ~has_area[across]
     rising = np.empty(across.shape)
-    for k in range(3):  # is the middle of the neighbour in front of the triangle?
+    for k in range(3):  # whether the middle of the neighbour is in front of the triangle
         away = corners[across[:, k]].mean(axis=1) - corners[:, k - 1]
         rising[:, k] = np.einsum("ij,ij->i", away, facets)
     found: Triangles = np.where(sharp, np.where(rising < 0.0, 1, np.where(rising > 0.0, -1, 2)), 0)
@@ -142,7 +142,7 @@ def _angles(corners: Array) -> Array:
 
 
 def fans_of(triangles: Triangles, across: Triangles, rims: Triangles) -> tuple[int, Triangles]:
-    """Corners (3F,) around a vertex that no sharp edge parts are one fan: how many there are, and which is whose."""
+    """The number of fans, and each corner's fan (3F,): corners around a vertex without a sharp edge between them."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -182,7 +182,7 @@ def _bends(corners: Array, facets: Array, normals: Array, sizes: Array) -> Array
 
 
 def _total(values: Array, of: Triangles, count: int) -> Array:
-    """The sums (count, n) of rows (m, n) that belong together."""
+    """The sums (count, n) of the rows (m, n) of each group."""
     return np.stack([np.bincount(of, column, count) for column in values.T], axis=1)
 
 

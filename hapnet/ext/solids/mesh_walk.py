@@ -1,17 +1,17 @@
-"""Where the surface of a mesh is nearest, looked for from a triangle nearby: a walk, and a patch that is smooth.
+"""Finds the nearest place of a mesh's surface from a triangle nearby: by a walk, and on a smooth patch.
 
-The walk goes from triangle to triangle as long as that leads nearer, and so ends at a local minimum of the distance. A
+The walk goes from triangle to triangle as long as the distance decreases, and so ends at a local minimum of it. A
 proxy in contact stays with the surface that it entered, however thin the solid is: the foot is its *god-object*
 (Zilles, Salisbury 1995).
 
-Where no edge is sharp, the triangles stand for a curved surface of which the normals at the corners are known. With the
+Where no edge is sharp, the triangles form a curved surface with known normals at the corners. With the
 weights b_i, a place is ``x = sum b_i (p_i + t n_i)`` (three equations, by Newton's method), and the surface there is
 
     q = sum b_i (p - 1/2 (n_i . (p - p_i)) n_i),   p = sum b_i p_i
 
 which is exact for any paraboloid, and joins that of the next triangle (after Boubekeur, Alexa 2008).
 
-`principal` says how that patch bends. Plain Python runs this on lists, numba on arrays; both give the same.
+`principal` returns the curvatures of that patch. Plain Python runs this on lists, numba on arrays, with equal results.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SMOOTH, EDGE, CORNER = 0, 1, 2
 """A foot is on a smooth patch, or on a sharp edge, or at a corner where sharp edges meet."""
 
 MOST_MOVES = 2000
-"""Of one walk. 50 ms at 0.7 m/s lead over 100 triangles of 0.3 mm."""
+"""Most moves of one walk. In 50 ms at 0.7 m/s a foot crosses 100 triangles of 0.3 mm."""
 
 _NEARER = 1.0 - 1e-12
 _ACROSS, _NEWTON = 8, 5
@@ -202,9 +202,9 @@ def follow(
 
 
 def principal(bends: Any, face: int, x: float, y: float, z: float) -> tuple[float, ...]:
-    """How a smooth patch bends at a place with this unit normal: twice the curvature [1/m] and its direction (3,).
+    """The curvatures of a smooth patch at this unit normal: two times a curvature [1/m] and its direction (3,).
 
-    bends : (F, 3, 3), how the normal turns along a direction [1/m]. They are the eigenvectors across the normal.
+    bends : (F, 3, 3), change of the normal along a direction [1/m]. The directions are its eigenvectors in the surface.
     """
     if abs(x) <= abs(y) and abs(x) <= abs(z):
         p0, p1, p2 = 0.0, -z, y

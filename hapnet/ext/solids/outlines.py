@@ -19,18 +19,18 @@ Outline = tuple[Array, Triangles]
 
 _SIDES = 48
 _FINE = 1000
-"""Meshes of so many triangles stand for something curved."""
+"""Meshes with this many triangles are drawn as curved."""
 
 
 def smooth(shape: Shape) -> Shape:
-    """The shape without its relief, which is too fine to be seen; of a layer the shape that it is in."""
+    """The shape without its relief, which is too fine to be seen; for a layer the shape that contains it."""
     while isinstance(shape, Textured | Offset):
         shape = shape.shape
     return shape
 
 
 def outline(shape: Shape, around: Array, reach_m: float) -> Outline | None:
-    """The surface of a shape; None: of this kind nothing is known. A plane is cut `reach_m` from `around` (3,) [m]."""
+    """The surface of a shape; None: a kind without an outline. A plane is cut `reach_m` from `around` (3,) [m]."""
     shape = smooth(shape)
     if isinstance(shape, Mesh):
         return shape.vertices, shape.triangles
@@ -63,7 +63,7 @@ def cylinder(shape: Cylinder) -> Outline:
 
 
 def ball(sides: int = _SIDES, straight: float = 0.0) -> Outline:
-    """A ball of radius 1 about the origin; with `straight` a capsule along z, whose cylinder is so long."""
+    """A ball of radius 1 about the origin; with `straight` a capsule along z, with a cylinder of that length."""
     half = np.linspace(0.0, 0.5 * np.pi, sides // 4 + 1)
     heights, lifts = (
         np.concatenate([half, np.pi - half[::-1]]),
@@ -123,7 +123,7 @@ def _plane(shape: HalfSpace, around: Array, reach_m: float) -> Outline:
 
 
 def part_of(shape: Shape, color: Color = GREY, body: int = RESTS, reach_m: float = 0.06) -> Part | None:
-    """A shape as a part of a picture; None: of this kind nothing is known. A plane is cut `reach_m` from the origin."""
+    """A shape as a part of a picture; None: a kind without an outline. A plane is cut `reach_m` from the origin."""
     found = outline(shape, np.zeros(3), reach_m)
     if found is None:
         return None

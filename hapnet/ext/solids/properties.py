@@ -1,4 +1,4 @@
-"""The words of a solid: its kind, its file, and properties such as ``radius=20mm``, each taken once."""
+"""The text of a solid: its kind, its file, and properties such as ``radius=20mm``, each given once."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)", re.IGN
 
 
 class Properties:
-    """The properties of one solid, each taken once."""
+    """The properties of one solid; each is read once."""
 
     def __init__(self, spec: str, text: str) -> None:
         self.words = spec
         self.notes: list[str] = []
-        """What is to be said of it."""
+        """Notes on the solid for the user."""
         self._left: dict[str, str] = {}
         for entry in filter(None, text.split("&")):
             key, equals, value = entry.partition("=")
@@ -36,7 +36,7 @@ class Properties:
         self._left[key] = text
 
     def numbers(self, key: str, default: Sequence[float], units: Mapping[str, float] | None = None) -> Vector:
-        """As many numbers as `default` has; [m] with units."""
+        """The numbers of a property, as many as in `default`; in [m] with units."""
         if (text := self.text(key)) is None:
             return tuple(default)
         parts = text.split(",")
@@ -57,14 +57,14 @@ class Properties:
         return self.numbers(key, (default,))[0]
 
     def finish(self, words: str) -> None:
-        """Raise if any is left; words : the help on those that there are."""
+        """Raise InvalidParameter if an unread property is left; words : the help on the solid's properties."""
         if self._left:
             name, known = next(iter(self._left)), re.findall(r"(\w+)=", words)
             raise InvalidParameter(f"scene {self.words}: property", name, f"one of this solid: {words}", known)
 
 
 def value_of(text: str, units: Mapping[str, float] | None) -> float | None:
-    """The number in a text, [m] with units; None: it is none."""
+    """The number in a text, in [m] with units; None: it is not a number."""
     match = _NUMBER.fullmatch(text)
     if match is None:
         return None

@@ -1,8 +1,8 @@
 """Rigid scenes: solids around the proxy, from text such as ``sphere?radius=20mm + plane?normal=0,0,-1``.
 
-The text is solids, joined by `` + ``. Each is a kind and, after ``?``, its properties, joined by ``&``. Every length
-has a unit. What is not given has a default; by default a solid begins 20 mm in front of the start, as the wall of the
-scene `wall` does.
+The text is a list of solids, joined by `` + ``. A solid is a kind and, after ``?``, its properties, joined by ``&``.
+Every length has a unit. All properties have defaults; by default a solid begins 20 mm in front of the start, as the
+wall of the scene `wall` does.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SIZE_M = 0.06
 
 
 class RigidScene(WorldDefaults):
-    """A world of rigid solids that rest. It is used for one run.
+    """A world of rigid solids at rest, for one run.
 
     name : in summaries and figures. dof : the number of axes. solids : one or more. min_s, max_s : range of the step
         time T_k [s], which is drawn uniformly. start : (n,) where the proxy starts [m], outside every solid; the origin
@@ -119,7 +119,7 @@ def rigid(
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
 ) -> RigidScene:
-    """The scene that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
+    """The scene that `text` describes (see above); `stiffness` and `damping` are defaults for its solids."""
     given = {"stiffness": stiffness, "damping": damping}
     made = [solids_of(part, given) for part in parts_in(text)]
     solids, notes = [solid for found, _ in made for solid in found], [note for _, note in made]
@@ -134,7 +134,7 @@ def rigid(
 
 
 def builder(text: str) -> Callable[..., RigidScene] | None:
-    """A function that makes the scene that `text` describes; None: it describes no rigid scene."""
+    """A function that makes the scene that `text` describes; None: `text` does not describe a rigid scene."""
     return partial(rigid, text) if describes(text) else None
 
 
@@ -144,7 +144,7 @@ def describes(text: str) -> bool:
 
 
 def parts_of_words(scene: object) -> tuple[Part, ...]:
-    """The parts of the scene that this text describes; none if it is no rigid scene, or its files are not here."""
+    """The parts of the scene that this text describes; empty if it is not a rigid scene, or its files are missing."""
     build = builder(scene) if isinstance(scene, str) else None
     try:
         return () if build is None else build().picture().parts
@@ -153,7 +153,7 @@ def parts_of_words(scene: object) -> tuple[Part, ...]:
 
 
 class SolidKind:
-    """A kind of solid: how it is made, and the help on its properties."""
+    """A kind of solid: the function that makes it, and the help on its properties."""
 
     def __init__(self, make: Callable[[Properties, str], Shape], text: str) -> None:
         self.make: Callable[[Properties, str], Shape] = make
@@ -167,7 +167,7 @@ _MATERIAL = (
 
 
 def solids_of(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[str]]:
-    """The solid and one for each layer below its surface, and what is to be said of it."""
+    """The solid, a further solid for each layer below its surface, and notes for the user."""
     name, file, text = kind_of(spec)
     if name not in KINDS:
         raise InvalidParameter(f"scene {spec}", name, f"one of {', '.join(KINDS)}", KINDS)
@@ -194,7 +194,7 @@ def solids_of(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[
 
 
 def _layers(properties: Properties) -> list[tuple[float, float]]:
-    """How deep each layer begins [m], and its stiffness [N/m]."""
+    """The depth at which each layer begins [m], and its stiffness [N/m]."""
     text = properties.text("layers")
     parts = [] if text is None else [part.strip() for part in text.split(",")]
     found = [(value_of(deep, UNITS), value_of(k, None)) for deep, k in zip(parts[::2], parts[1::2], strict=False)]
@@ -225,7 +225,7 @@ def parts_in(text: str) -> list[str]:
 
 
 def _middle(properties: Properties, depth: float) -> Vector:
-    """Where the centre is: given, or so that the solid begins in front of the start."""
+    """The centre: given, or such that the solid begins in front of the start."""
     return properties.lengths("at", (_FRONT_M + depth, 0.0, 0.0))
 
 
@@ -300,27 +300,27 @@ def _sdf(properties: Properties, file: str) -> Shape:
     spacing, iso = properties.lengths("spacing", (0.0,))[0] or None, properties.text("iso")
     level = None if iso is None else value_of(iso, None)
     if (iso is None and not plain) or (iso is not None and level is None):
-        raise properties.error(iso or file, "iso= and a number: what is as high or higher is inside, such as iso=300")
+        raise properties.error(iso or file, "iso= and a number: voxels of this value or more are inside, as in iso=300")
     distances, steps = read_volume(file, unit, spacing, level)
     inside = np.argwhere(distances < 0.0)
-    deep = -distances[tuple(inside.T)][:, None]  # as far the solid goes at least
+    deep = -distances[tuple(inside.T)][:, None]  # the solid extends at least this far
     low, high = (inside * steps - deep).min(axis=0), (inside * steps + deep).max(axis=0)
     middle = 0.5 * (low + high)
     return VoxelGrid(distances, steps.tolist(), np.array(_middle(properties, float(high[0] - middle[0]))) - middle)
 
 
 def _unit(properties: Properties, file: str) -> float:
-    """The unit of a file [m]: files do not say theirs."""
+    """The unit of a file [m], which the file itself does not contain."""
     text = properties.text("unit")
     if text is None or text not in UNITS:
-        require_file(file)  # else its unit is not what is wrong
+        require_file(file)  # a missing file comes before a missing unit
         given = properties.words if text is None else f"unit={text}"
         raise properties.error(given, f"the file's unit after its name: ?unit=mm (or {', '.join(UNITS)})")
     return UNITS[text]
 
 
 def _placed(properties: Properties, vertices: Array, triangles: Triangles) -> Mesh:
-    """By default the solid begins in front of the start."""
+    """Place a mesh; by default it begins in front of the start."""
     used = vertices[np.unique(triangles)]
     low, high = used.min(axis=0), used.max(axis=0)
     at = properties.text("at")
@@ -352,6 +352,6 @@ KINDS: dict[str, SolidKind] = {
 FROM_FILES = ("mesh", "heights", "sdf")
 
 FIRST_WORDS = tuple(KINDS)
-"""Of texts that describe such a world."""
+"""First words of texts that describe such a world."""
 OFFERED = tuple((name, kind.words) for name, kind in KINDS.items() if name not in FROM_FILES)
 """The worlds that need no file, each with the help on its properties."""

@@ -5,20 +5,20 @@ it by a plane with the depth ``p = p0 - g . (x - x_k)`` and the law of `hapnet.p
 any step. g is a secant: the gradient of d, changed so that ``g . Delta = d(x_k + Delta) - d(x_k)`` holds for the
 step's displacement Delta. As Delta depends on g, the two are found in a few rounds.
 
-A better plane makes the contact feel better. Whether it is passive does not depend on the plane, as the energy is
-accounted for (an anchored energy: PSPM inside the world). With e the energy that the planes of the last step ended with
-and E_c a small reservoir,
+A better plane makes the contact feel better. Passivity does not depend on the plane, as the energy is accounted for
+(an anchored energy: PSPM inside the world). With e the energy in the planes at the end of the last step and E_c a
+small reservoir,
 
 * at the onset of a step the depths are set back to the true ones, whose energy is U. If ``U <= e + E_c``, E_c takes or
   pays the difference. Else all depths are scaled by ``s = sqrt((e + E_c)/U)``, and E_c is empty;
-* after the step E_c gets what the dampers and friction have dissipated: the work done on the planes less their gain.
+* after the step E_c gets the energy that dampers and friction dissipated: the work done on the planes less their gain.
 
-E_c has a ceiling, and what is above it is discarded. So for the work W = -sum f . vhat T of all steps
+E_c has a ceiling, and energy above it is discarded. So for the work W = -sum f . vhat T of all steps
 
-    W - (e + E_c) = what was discarded >= 0
+    W - (e + E_c) = the discarded energy >= 0
 
-A solid that is thinner than twice the depth is a matter of memory: the nearest surface would be the back one. While the
-gradient turns against the one that the contact began with, the distance is taken from the front.
+For a solid thinner than twice the depth the nearest surface would be the back. So while the gradient points against the
+gradient at the beginning of the contact, the distance is taken from the front.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from hapnet.records.record import zero
 from hapnet.records.vectors import inner
 
 _WHOLE = 1e-6
-"""So near is the square of a unit gradient to 1: a solid that no axes cut bends as it says."""
+"""Tolerance of the square of a unit gradient: within it, no axis cuts the solid and its curvature is used unchanged."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Solid:
     """A shape and its material.
 
     shape : see `hapnet.ext.solids.shapes`. stiffness : K_w [N/m]. damping : B_w [Ns/m]. friction : Coulomb's mu, or
-        a function that gives it for a place (3,) [m]. effects : what a device feels of its surface besides.
+        a function of the place (3,) [m]. effects : further effects of its surface that a device renders.
 
     Raises InvalidParameter.
     """
@@ -74,9 +74,9 @@ class Solid:
 
 
 class RigidContacts(SolidContact, Surroundings):
-    """The `Surroundings` of rigid solids. They keep the state of one contact, so they belong to one mass.
+    """The `Surroundings` of rigid solids. They hold the state of one contact, so they belong to one mass.
 
-    dof : the number of axes, at most 3; `hapnet.ext.solids.shapes` says what solids are with fewer.
+    dof : the number of axes, at most 3; `hapnet.ext.solids.shapes` defines solids with fewer axes.
     """
 
     def __init__(self, solids: Sequence[Solid], dof: int) -> None:
@@ -97,7 +97,7 @@ class RigidContacts(SolidContact, Surroundings):
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
-        """A step, as in `hapnet.plant.worlds.protocol`, and its account."""
+        """Solve a step, as in `hapnet.plant.worlds.protocol`, and update its account."""
         if (missing := 3 - self.dof) == 0:
             force, vhat = react(self, inverse, dt, tuple(position), tuple(velocity))
             return force, list(vhat)
@@ -109,18 +109,16 @@ class RigidContacts(SolidContact, Surroundings):
         force, vhat = react(self, response, dt, (*position, *zeros), (*velocity, *zeros))
         return force[: self.dof], list(vhat[: self.dof])
 
-    # -- what they are ------------------------------------------------------------------------------------------------
+    # -- properties ---------------------------------------------------------------------------------------------------
 
     def require_outside(self, position: Sequence[float]) -> None:
         for i, solid in enumerate(self.solids):
             if (distance := solid.shape.near(padded(position)).distance_m) < 0.0:
-                allowed = (
-                    f"a place outside of every solid (it is {-distance:.3g} m deep in the one with number {i + 1})"
-                )
+                allowed = f"a place outside all solids (it is {-distance:.3g} m deep in solid number {i + 1})"
                 raise InvalidParameter("start", tuple(position), allowed)
 
     def require_separate(self, inverse: Inverse) -> None:
-        """Nothing to require: solids that act on one another are solved together. It notes whether A is a scalar."""
+        """Requires nothing: solids that act on one another are solved together. Stores whether A is a scalar."""
         columns = [inverse(unit[: self.dof]) for unit in _UNITS[: self.dof]]
         diagonal = columns[0][0]
         scalar = all(

@@ -21,7 +21,7 @@ from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Recor
 from hapnet.records.vectors import dot, length as norm
 
 ANCHOR_CEILING_J = 0.01
-"""Of E_c. The springs store some 5 mJ in a firm contact."""
+"""Ceiling of E_c. The springs store some 5 mJ in a firm contact."""
 
 CORRECTIONS = 8
 """The most secants after the first plane; 1 is usual."""
@@ -33,11 +33,11 @@ _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class SolidContact(Record):
     """The contact of one mass with rigid solids.
 
-    count, secants : the solids. touching, met : how many a step meets, and which.
+    count, secants : the solids. touching, met : the number of solids that a step meets, and their indices.
     energy_J : e + E_c after the last step. scale : s of the last step; 1: its depths were the true ones.
-    rubs : whether any solid rubs. is_scalar : is A a multiple of the identity, for three axes? Below 0: nobody asked.
-    went, end, velocity : where the last step ended, and with which velocity, if one `went`. response, and those after
-        it: room for what a step computes. sights, order : room for what is seen of the solids, the deepest first.
+    rubs : whether any solid has friction. is_scalar : whether A is a multiple of the identity, for three axes; below 0:
+        not computed yet. went : whether there was a step; end, velocity : its end, and the velocity there. response and
+        the attributes after it: work arrays. sights, order : work arrays for the device's planes, the deepest first.
     """
 
     dof: int = 0
@@ -87,7 +87,7 @@ def respond(contacts: SolidContact, inverse: Inverse, vector: Vector) -> Vector:
 
 @equation
 def react(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """The force of a step and its vhat, all (3,); w : without contact."""
+    """The force of a step and its vhat, all (3,); w : vhat without contact."""
     a, b, c = w
     delta: Vector = (dt * a, dt * b, dt * c)
     length = dt * sqrt(a * a + b * b + c * c)
@@ -113,7 +113,7 @@ def react(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vec
 
 @equation
 def _meet(contacts: SolidContact, x: Vector, delta: Vector, length: float) -> bool:
-    """Whether the displacement meets solids that it has not met yet. Then they count too."""
+    """Whether the displacement meets further solids. They are added to `met`."""
     before = contacts.touching
     for k in range(contacts.count):
         secant = contacts.secants[k]
@@ -126,7 +126,7 @@ def _meet(contacts: SolidContact, x: Vector, delta: Vector, length: float) -> bo
 
 @equation
 def _anchor(contacts: SolidContact) -> None:
-    """Scale the depths down if the energy for them is not there."""
+    """Scale the depths down if there is not enough energy for them."""
     true_J = 0.0
     for i in range(contacts.touching):
         true_J += onset_J(contacts.secants[contacts.met[i]])
@@ -141,14 +141,14 @@ def _anchor(contacts: SolidContact) -> None:
 
 @equation
 def _touch(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vector) -> tuple[Vector, Vector, Vector]:
-    """The step's force, vhat and displacement, with planes that fit. Other solids that it meets are met too."""
+    """The step's force, vhat and displacement, with corrected planes, and with all solids that it meets."""
     force, vhat = _step(contacts, inverse, dt, x, w)
     delta = _scaled(vhat, dt)
     for _ in range(CORRECTIONS):
         end, wrong = _plus(x, delta), False
         for i in range(contacts.touching):
             wrong = correct(contacts.secants[contacts.met[i]], x, delta, end, dt * GOOD_MPS) or wrong
-        if contacts.touching < contacts.count:  # it may have been turned aside, to another one
+        if contacts.touching < contacts.count:  # it may have been deflected to another solid
             wrong = _meet(contacts, x, delta, sqrt(_dot(delta, delta))) or wrong
         if not wrong:
             break
@@ -188,7 +188,7 @@ def _step(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vec
 
 @equation
 def _begun(contacts: SolidContact, x: Vector) -> Vector:
-    """The velocity with which the step begins at `x`, as far as the last one tells."""
+    """The velocity at the step's beginning at `x`, as estimated from the last step."""
     end = contacts.end
     if contacts.went and end[0] == x[0] and end[1] == x[1] and end[2] == x[2]:
         return triple(contacts.velocity)
@@ -233,7 +233,7 @@ def _step_together(contacts: SolidContact, inverse: Inverse, dt: float, x: Vecto
 
 @equation
 def _drag(contacts: SolidContact, w: Vector) -> None:
-    """``(A + D)^-1`` into `columns`, and the velocity that D leaves of w without contact into `free`."""
+    """Compute ``(A + D)^-1`` into `columns`, and the velocity without contact but with D, from w, into `free`."""
     rows, C, D = contacts.together.rows, contacts.C, contacts.D
     for i in range(3):
         for j in range(3):

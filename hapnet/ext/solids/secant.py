@@ -14,23 +14,23 @@ from hapnet.records.record import Floats, OfAxes, Record, compiled_as, equation,
 from hapnet.records.vectors import distance as apart
 
 GOOD_MPS = 5e-5
-"""A plane that is wrong at the step's end by less than this times its length is not corrected [m/s]. The anchor pays
-for errors, so what counts is how much a second: 5 N times this is 0.25 mW."""
+"""A plane whose error at the step's end is below this times the step's length is not corrected [m/s]. The anchor pays
+for errors, so their rate counts: 5 N times this is 0.25 mW."""
 
 _MOST_TURN = 0.7
 """The largest correction of a gradient."""
 
 _AGAINST = -0.5
-"""A cosine below this: the gradient is that of the back."""
+"""A cosine below this means that the gradient belongs to the back."""
 
 _LIFT_M, _LIFTS = 0.005, 5
-"""The front is looked for at least so far in front, and so often at twice the distance."""
+"""The front is searched at least this far in front, then this many times at twice the distance."""
 
 _CAST_STEPS = 16
 
 
 class Hit(NamedTuple):
-    """A point on a path or at its end, in front of the surface or behind it; not `found`: the path goes by."""
+    """A point on a path or at its end, in front of the surface or behind it; not `found`: the path misses the solid."""
 
     found: bool
     at: Vector
@@ -38,7 +38,7 @@ class Hit(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """A tangent plane as seen from a place: how far that is in front of it, and how the surface bends."""
+    """A tangent plane relative to a place: the distance of the place in front of it, and the curvatures."""
 
     distance_m: float
     gradient: Vector
@@ -58,14 +58,14 @@ class Secant(Record):
     """A solid near the proxy. In a step a plane stands for it, ``p = depth + normal . Delta``, with spring and damper.
 
     shape : of the solid. stiffness, damping, friction : K_w [N/m], B_w [Ns/m] and Coulomb's mu; if that is a function
-        of the place (`varies`), the attribute is what it gave for this step.
+        of the place (`varies`), the attribute is its value for this step.
 
-    normal : into the solid; of about unit length. plane : what pushes along it, from depth, velocity without contact,
-        A along it, and the step's length. met : does this step meet it?
-    form, texture : of shape and friction, if equations know them.
-    known : what is known of the surface.
+    normal : into the solid; of about unit length. plane : the force along it, from depth, velocity without contact,
+        A along it, and the step's length. met : whether this step meets it.
+    form, texture : of shape and friction, if there are equations for them.
+    known : the last known distance of the surface.
     start : distance [m] and gradient where the step begins. front : the gradient at the last onset if that was inside,
-        or where a step enters. entering : does the step enter? rounds : the corrections in this step.
+        or where a step enters. entering : whether the step enters. rounds : the corrections in this step.
     """
 
     form: Form
@@ -108,7 +108,7 @@ class Secant(Record):
         return self.form.what != UNKNOWN and (not self.varies or self.texture is self.mu)
 
     def near(self, x: Vector) -> Near:
-        """Distance and gradient at `x` [m]; of a thin solid that was entered, those of the side where it was."""
+        """Distance and gradient at `x` [m]; for a thin solid those of the side where it was entered."""
         known = self.known
         if known.here:
             at = known.at
@@ -130,19 +130,19 @@ class Secant(Record):
         found = near(self, x)
         if found.distance_m > reach:
             return []
-        # If the front is what counts, and the back is nearer, the shape tells how the back bends.
+        # If the front counts, but the back is nearer, the shape returns the curvatures of the back.
         is_same = isinstance(self.shape, Bent) and self.shape.near(x).gradient == found.gradient
         return [Tangent(*found, self.shape.curvatures(x) if is_same and isinstance(self.shape, Bent) else ())]
 
     def farther_than(self, reach: float, x: Vector) -> bool:
-        """Whether the surface is surely farther than `reach` [m] from `x`, by the values known nearby, at no cost."""
+        """Whether the surface is certainly farther than `reach` [m] from `x`, by known values nearby, at no cost."""
         distance = self.known.distance
         if not self.known.here or distance <= self.slope * reach:
             return False
         return distance > self.slope * (reach + apart(3, x, self.known.at))
 
     def meets(self, x: Vector, delta: Vector, length: float) -> bool:
-        """Whether `x` is inside, or the straight path `delta` from there enters. Then the plane is made.
+        """Whether `x` is inside, or the straight path `delta` from there enters. If so, make the plane.
 
         length : of `delta` [m].
         """
@@ -170,7 +170,7 @@ class Secant(Record):
         return True
 
     def hit(self, x: Vector, direction: Vector, length: float) -> Hit:
-        """Where the straight path from `x`, which is outside, in `direction` enters, roughly."""
+        """The approximate entry of the straight path from `x`, which is outside, in `direction`."""
         before = Near(self.start_m, triple(self.start))
         end = along(x, direction, 1.0)
         after = near(self, end)
@@ -183,12 +183,12 @@ class Secant(Record):
             and before.distance_m + after.distance_m <= self.slope * length
         ):
             return Hit(False, end, after)
-        # It may have gone through, or is past the middle: look where it went in.
+        # It may have passed through, or be past the middle: find its entry.
         share, at, found = 0.0, x, before
         for _ in range(_CAST_STEPS):
             close = found.distance_m <= 0.01 * length
             if close and dot(found.gradient, direction) < 0.0:
-                self.known.here = 0  # what is known of the end is the back's
+                self.known.here = 0  # the known values at the end belong to the back
                 return Hit(True, at, found)
             share += (1.0 / _CAST_STEPS) if close else found.distance_m / (self.slope * length)
             if share >= 1.0:
@@ -198,15 +198,15 @@ class Secant(Record):
         return Hit(after.distance_m < 0.0, end, after)
 
     def correct(self, x: Vector, delta: Vector, end: Vector, good: float) -> bool:
-        """Turn the plane to what is true at the step's end; False: it is so within `good` [m] already.
+        """Turn the plane so that it is true at the step's end; False: its error is already below `good` [m].
 
-        If the surface turns much within the step, planes would alternate without an end. So round k takes the mean
-        of all k: it corrects 1/k of the error.
+        If the surface turns much within the step, the planes would alternate forever. So round k takes the mean
+        of all k planes: it corrects 1/k of the error.
         """
         return turned(self, x, delta, end, near(self, end), good)
 
 
-# What a solid of another kind may do otherwise, so Python asks the object:
+# Methods that other kinds of solids override, so plain Python calls the object:
 
 
 @compiled_as(Secant.near)
@@ -250,7 +250,7 @@ def friction_now(secant: Secant, x: Vector) -> float:
 
 @equation
 def friction_of(secant: Secant, x: Vector) -> float:
-    """Coulomb's mu at `x` [m]; 0: none, or a number of no sense."""
+    """Coulomb's mu at `x` [m]; 0: no friction, or an invalid value."""
     mu = friction_now(secant, x) if secant.varies else secant.friction
     return mu if mu > 0.0 else 0.0
 
@@ -261,7 +261,7 @@ def _near_form(secant: Secant, x: Vector) -> Near:
 
 @compiled_as(_near_form)
 def ask(secant: Secant, x: Vector) -> Near:
-    """Ask the shape itself at `x` [m]."""
+    """Compute distance and gradient at `x` [m] from the shape itself."""
     return secant.shape.near(x)
 
 
@@ -302,7 +302,7 @@ def end_J(secant: Secant, delta: Vector) -> float:
 
 @equation
 def turned(secant: Secant, x: Vector, delta: Vector, end: Vector, found: Near, good: float) -> bool:
-    """`Secant.correct`, with what is found at the step's end."""
+    """`Secant.correct`, with distance and gradient at the step's end in `found`."""
     distance = found.distance_m
     after = _after(secant, delta)
     if after <= 0.0 <= distance:
@@ -336,14 +336,14 @@ def turned(secant: Secant, x: Vector, delta: Vector, end: Vector, found: Near, g
 
 @equation
 def _after(secant: Secant, delta: Vector) -> float:
-    """How deep the end of the displacement `delta` is behind the plane [m]."""
+    """The depth of the end of the displacement `delta` behind the plane [m]."""
     a, b, c = triple(secant.normal)
     return secant.depth + a * delta[0] + b * delta[1] + c * delta[2]
 
 
 @equation
 def enter(secant: Secant, x: Vector, at: Vector, found: Near) -> None:
-    """The tangent plane where it goes in. `x` stays in front of it, so no energy is there at the onset."""
+    """Make the tangent plane at the entry. `x` stays in front of it, so it stores no energy at the onset."""
     distance, (a, b, c) = found
     secant.has_front = 1
     put(secant.front, (a, b, c))

@@ -36,18 +36,18 @@ class Shape(Protocol):
 
 @runtime_checkable
 class Bent(Protocol):
-    """A shape that knows how its surface bends."""
+    """A shape with known curvatures of its surface."""
 
     def curvatures(self, position: Vector) -> Curvatures:
         """Principal curvatures where the surface is nearest to `position` (3,) [m]. None: it is flat, or an edge."""
 
 
 UNKNOWN, HALF_SPACE, SPHERE, CUBOID, CYLINDER = range(5)
-"""What a form is."""
+"""The kinds of forms."""
 
 
 class Form(Record):
-    """A shape with a formula, as equations have it: what it is, its numbers, and its relief; a height of 0: none.
+    """A shape with a formula, for equations: its kind, its numbers, and its relief; a height of 0: no relief.
 
     axis : of a cylinder. centre, size, radius, length : [m]. out : the unit vector out of a half space, `offset` [m]
     along which its surface is. height : a third of the relief's [m]. wave : its 2 pi / wavelength [1/m].
@@ -163,7 +163,7 @@ class Cylinder(Form):
         return Near(distance, changed(across, axis, lengthwise * sign(along)))
 
     def curvatures(self, position: Vector) -> Curvatures:
-        """Of the side, around the axis."""
+        """Curvature of the side, around the axis."""
         return _curvatures(self, position)
 
 
@@ -202,7 +202,7 @@ class Offset:
         return Near(distance + self.depth, gradient)
 
     def curvatures(self, position: Vector) -> Curvatures:
-        """A surface of curvature k has k/(1 - k depth) there; none where that is sharp."""
+        """The curvatures of the layer, k/(1 - k depth) for a surface of curvature k; none where the layer is sharp."""
         bends = self.shape.curvatures(position) if isinstance(self.shape, Bent) else ()
         return tuple([Curvature(e, k / (1.0 - k * self.depth)) for e, k in bends if k * self.depth < 0.9])
 
@@ -214,7 +214,7 @@ _of_half_space, _of_sphere, _of_cuboid, _of_cylinder = HalfSpace.near, Sphere.ne
 
 
 def form_of(shape: Shape) -> Form | None:
-    """The form of a shape; None: equations do not know it."""
+    """The form of a shape; None: there is no equation for it."""
     known = type(shape) in (*_FORMULAS, Textured)
     return shape if known and isinstance(shape, Form) and shape.what != UNKNOWN else None
 
@@ -247,7 +247,7 @@ def raised(form: Form, near: Near, position: Vector) -> Near:
 
 @equation
 def round_form(form: Form, gradient: Vector, bends: Bends) -> None:
-    """How a form bends, as far as it says so, into `bends`: for the place that has this gradient."""
+    """Put the known curvatures of a form into `bends`, at the place that has this gradient."""
     if form.wave != 0.0 or not (form.what == SPHERE or form.what == CYLINDER):
         return
     if form.what == SPHERE:
@@ -262,7 +262,7 @@ def round_form(form: Form, gradient: Vector, bends: Bends) -> None:
 
 @equation
 def put_bend(bends: Bends, direction: Vector, per_m: float) -> None:
-    """One more curvature."""
+    """Add a curvature."""
     k = bends.count
     for i in range(3):
         bends.directions[k][i] = direction[i]
@@ -283,7 +283,7 @@ def triple(vector: Reals) -> Triple:
 
 @equation
 def away(form: Form, position: Vector) -> Triple:
-    """From the centre to `position` [m]."""
+    """The vector from the centre to `position` [m]."""
     centre = form.centre
     return (position[0] - centre[0], position[1] - centre[1], position[2] - centre[2])
 

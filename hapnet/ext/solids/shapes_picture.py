@@ -1,4 +1,4 @@
-"""Pictures of solids: those of a rigid scene, which rest, and the bodies of an engine that says how they lie."""
+"""Pictures of solids: of a rigid scene at rest, and of an engine's bodies with their poses."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from hapnet.plant.worlds.picture import GREY, Part, StillDefaults, Touch, shared
 
 
 class ShapesPicture(StillDefaults):
-    """Bodies while they move: their `shapes`, a function that gives their `poses` (B, 7), and one that gives the planes
-    near a place within a reach [m]."""
+    """Moving bodies: their `shapes`, a function that returns their `poses` (B, 7), and a function that returns the
+    planes near a place within a reach [m]."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class ShapesPicture(StillDefaults):
         return np.asarray(self._poses(), dtype=float).reshape(self._bodies, 7)
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """Where the proxy is behind a plane."""
+        """The contacts of the proxy with planes that it is behind."""
         found = []
         for plane in (self._planes(position, 0.0) or ()) if any(force) else ():
             if (depth := plane.depth(position)) >= 0.0:
@@ -47,7 +47,7 @@ class ShapesPicture(StillDefaults):
 
 
 class SolidsPicture(StillDefaults):
-    """Solids that rest."""
+    """Solids at rest."""
 
     def __init__(self, solids: Sequence[Solid]) -> None:
         self._solids = tuple(solids)
@@ -64,7 +64,7 @@ class SolidsPicture(StillDefaults):
 
 
 def touched(solid: Solid, place: Vector) -> tuple[Vector, Vector, float] | None:
-    """Where the surface is in front of a proxy at `place` (3,) [m], the normal there, and mu; None: it is outside."""
+    """The surface point nearest to a proxy at `place` (3,) [m], the normal there, and mu; None: it is outside."""
     distance, gradient = solid.shape.near(place)
     length = hypot(*gradient)
     if distance > 0.0 or not length:
@@ -75,6 +75,6 @@ def touched(solid: Solid, place: Vector) -> tuple[Vector, Vector, float] | None:
 
 
 def parts_of(solids: Sequence[Solid]) -> tuple[Part, ...]:
-    """The parts of solids that rest; those of a kind that nobody knows are left out."""
-    outer = [solid.shape for solid in solids if not isinstance(solid.shape, Offset)]  # a layer is not seen
+    """The parts of solids at rest; solids of a kind without an outline are left out."""
+    outer = [solid.shape for solid in solids if not isinstance(solid.shape, Offset)]  # a layer is not drawn
     return tuple([found for shape in outer if (found := part_of(shape)) is not None])

@@ -1,4 +1,4 @@
-"""Rigid solids as seen from a place: the tangent plane at each one's nearest point, and how it bends there."""
+"""The tangent planes of rigid solids near a place: at each solid's nearest point, with the curvatures there."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from hapnet.records.record import OfAxes, Record, Wholes, equation
 from hapnet.records.vectors import length as length_of
 
 _OBLIQUE = 1e-6
-"""A gradient whose part along the axes is shorter by more belongs to a solid that is cut obliquely."""
+"""If the part of a gradient along the axes is shorter by more than this, the axes cut the solid obliquely."""
 
 
 class Sight(Record):
-    """A solid's tangent plane, as `hapnet.mechanics.plane.Plane`. depth : how deep the place is in the solid [m]."""
+    """A solid's tangent plane, as `hapnet.mechanics.plane.Plane`. depth : of the place in the solid [m]."""
 
     depth: float
     normal: OfAxes
@@ -29,23 +29,23 @@ class Sight(Record):
 
 @equation
 def see(secant: Secant, n: int, x: Vector, reach: float, sight: Sight) -> bool:
-    """Whether the solid is within `reach` [m] of x (3,) [m], as it is cut by n axes. Then its plane is made. As
-    `Secant.tangents`, which Python asks: other solids may have several."""
+    """Whether the solid, cut by n axes, is within `reach` [m] of x (3,) [m]. If so, make its plane. Plain Python calls
+    `Secant.tangents` instead: other solids may have several planes."""
     if farther_than(secant, reach, x):
         return False
     distance, gradient = near(secant, x)
     if distance > reach:
         return False
     sight.bends.count = 0
-    if near_form(secant.form, x).gradient == gradient:  # else the front is what counts, and the back is nearer
+    if near_form(secant.form, x).gradient == gradient:  # else the front counts, but the back is nearer
         round_form(secant.form, gradient, sight.bends)
     return lay(secant, n, x, distance, gradient, sight)
 
 
 @equation
 def lay(secant: Secant, n: int, x: Vector, distance: float, gradient: Vector, sight: Sight) -> bool:
-    """The tangent plane at this distance [m] from x (3,) [m], as it is cut by n axes; the sight knows how the surface
-    bends. False: it is not cut."""
+    """Make the tangent plane at this distance [m] from x (3,) [m], cut by n axes; the curvatures are in the sight.
+    False: the axes do not cut it."""
     length = length_of(n, gradient)
     if length == 0.0:
         return False
@@ -65,7 +65,7 @@ def lay(secant: Secant, n: int, x: Vector, distance: float, gradient: Vector, si
 
 @equation
 def _cut(n: int, gradient: Vector, bends: Bends) -> None:
-    """With two axes a surface bends along the one direction across its normal, with one not at all."""
+    """Reduce curvatures to n axes: with two axes there is one direction across the normal, with one axis none."""
     along, total = (-gradient[1], gradient[0], 0.0), 0.0
     for k in range(bends.count):
         direction = bends.directions[k]
@@ -80,7 +80,7 @@ def _cut(n: int, gradient: Vector, bends: Bends) -> None:
 def see_all(
     secants: Sequence[Secant], count: int, n: int, x: Vector, reach: float, sights: Sequence[Sight], order: Wholes
 ) -> int:
-    """How many of the solids are within `reach` [m]; `order` has the places of their sights, the deepest first."""
+    """The number of solids within `reach` [m]; `order` gets the indices of their sights, the deepest first."""
     found = 0
     for k in range(count):
         if see(secants[k], n, x, reach, sights[found]):

@@ -21,11 +21,11 @@ MOST_VOXELS = 30_000_000
 _LARGEST_HEADER = 4096  # of a numpy file [bytes]
 
 _EXACT_VOXELS = 1.5
-"""So near to the surface the distance is made of the image's own numbers, to a part of a voxel."""
+"""Within this distance of the surface the distance is computed from the image's values, to a fraction of a voxel."""
 
 
 def is_volume(file: str) -> bool:
-    """Whether this is a file of voxels, or a directory of DICOM slices, and no ``module:function``."""
+    """Whether this is a file of voxels or a directory of DICOM slices, not a ``module:function``."""
     return file.lower().endswith((NUMPY, *IMAGES)) or Path(file).is_dir()
 
 
@@ -33,7 +33,7 @@ def read_volume(file: str, unit_m: float, spacing_m: float | None, iso: float | 
     """Signed distances (nx, ny, nz) [m], below 0 inside, and the spacing (3,) [m].
 
     file : distances in a numpy file, or an image. unit_m : of both [m]. spacing_m : of a numpy file [m]; an image has
-    its own. iso : what is as high or higher is inside; None: the numbers are distances.
+    its own. iso : voxels of this value or more are inside; None: the numbers are distances.
 
     Raises InvalidParameter, MissingLibrary.
     """
@@ -59,13 +59,13 @@ def _numpy(file: str, spacing_m: float | None) -> tuple[Array, Array]:
         raise InvalidParameter("spacing", spacing_m or "none", "the distance between two voxels: &spacing=1mm")
     try:
         values = np.asarray(_array(file), dtype=np.float64)
-    except Exception as error:  # of a broken header numpy may raise anything
+    except Exception as error:  # for a broken header numpy may raise any error
         raise InvalidParameter("voxels", file, f"numbers in numpy's format ({cause(error)})") from None
     return values, np.full(3, spacing_m)
 
 
 def _array(file: str) -> Array:
-    """The array in a numpy file. What its header says is a claim: the file must have as many bytes."""
+    """The array in a numpy file. Its header is not trusted: the file must have as many bytes as it announces."""
     with open_plain(file) as content:
         version = np.lib.format.read_magic(content)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -95,7 +95,7 @@ def _image(file: str, unit_m: float, spacing_m: float | None) -> tuple[Array, Ar
             require_file(file)
             reader = library.ImageFileReader()
             reader.SetFileName(file)
-            reader.ReadImageInformation()  # what the header announces, before there is room for it
+            reader.ReadImageInformation()  # check the announced size before memory is allocated
             if math.prod(reader.GetSize()) > MOST_VOXELS:
                 voxels = " x ".join(map(str, reader.GetSize()))
                 raise InvalidParameter("voxels", f"{file}, {voxels}", f"{MOST_VOXELS} at most")

@@ -1,7 +1,7 @@
-"""hapnet's own worlds by name, each a file.
+"""hapnet's own worlds by name, one file each.
 
-A world is a function that has its file's name. It returns what `hapnet.plant.worlds.protocol.World` says; its keywords
-are what can be set, and the first line of its docstring is the help.
+A world is a function with the name of its file. It returns a `hapnet.plant.worlds.protocol.World`; its keywords are the
+world's parameters, and the first line of its docstring is the help text.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from types import MappingProxyType
 from hapnet.plant.worlds.protocol import World
 
 _FIRST = ("free", "wall", "box", "paper", "moving")
-"""The order in which people read them; any other world comes behind these, by its name."""
+"""Order in help texts; any other world comes after these, by name."""
 
 _found = {one.name: vars(import_module(f"{__name__}.{one.name}"))[one.name] for one in iter_modules(__path__)}
 

@@ -20,7 +20,7 @@ def moving(
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
 ) -> MovingWall:
-    """The scene `wall`, moved as `timeline` says."""
+    """The scene `wall`, moved by `timeline`."""
     check_number("position", position, "a finite number [m]", isfinite)
     wall = Wall(along(checked_dof(dof), 0, 1.0), position, stiffness, damping)
     return MovingWall(Schedule(wall, timeline), step_min_s, step_max_s)

@@ -18,7 +18,7 @@ def wall(
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
 ) -> Scene:
-    """Section 4's wall: solid where the first coordinate is beyond `position` [m]."""
+    """The paper's wall (section 4): solid where the first coordinate is beyond `position` [m]."""
     check_number("position", position, "a finite number [m]", isfinite)
     plane = Wall(along(checked_dof(dof), 0, 1.0), position, stiffness, damping)
     return Scene("wall", dof, (plane,), step_min_s, step_max_s)

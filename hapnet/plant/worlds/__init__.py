@@ -1,1 +1,1 @@
-"""Virtual worlds: their protocol (what a world receives and returns in a step), and one file per world."""
+"""Virtual worlds: their protocol (the arguments and results of a step), walls, and the registry of names."""

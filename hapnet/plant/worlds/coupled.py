@@ -1,7 +1,8 @@
-"""Several planes that act on one another through the mass: one convex problem, by a semismooth Newton method.
+"""Several planes that act on one another through the mass: a convex problem, solved by a semismooth Newton method.
 
-Each plane i pushes with ``f_i <= 0`` along its normal n_i (into the solid), a law of ``u_i = n_i . vhat`` alone. It is
-that of `hapnet.plant.worlds.walls`: the discrete gradient of its potential and a damper for the share inside, no pull.
+Each plane i pushes with ``f_i <= 0`` along its normal n_i (into the solid), which depends on ``u_i = n_i . vhat`` only.
+The law is that of `hapnet.plant.worlds.walls`: the discrete gradient of the potential, a damper for the share of the
+path inside, and no pull.
 No f_i rises with u_i. So the step's
 
     vhat = w + C f,    f = sum n_i f_i(n_i . vhat)                                          C = A^-1, w = C c
@@ -25,14 +26,14 @@ ROUNDS = 50
 """The most rounds; 3 to 8 are usual."""
 
 _EXACT = 1e-13
-"""A residual of so much of the forces is none."""
+"""A residual below this share of the forces counts as 0."""
 
 _RIGHT = 4
-"""The most right sides of a system."""
+"""The most right-hand sides of a system."""
 
 
 class Coupled(Record):
-    """At most `most` planes of one step with n axes, and room for what is solved.
+    """At most `most` planes of one step with n axes, and the solver's work arrays.
 
     count : how many planes there are. normals : into the solid, of any length. depths : p0, below 0 outside [m].
     stiffnesses, dampings : [N/m], [Ns/m]. pushes : f_i [N], none above 0. rates : -df_i/du_i [Ns/m].
@@ -67,7 +68,7 @@ class Coupled(Record):
 
 @equation
 def put(planes: Coupled, normal: Reals, depth: float, stiffness: float, damping: float) -> None:
-    """One more plane."""
+    """Add a plane."""
     k = planes.count
     copy(planes.n, normal, planes.normals[k])
     planes.depths[k], planes.stiffnesses[k], planes.dampings[k] = depth, stiffness, damping
@@ -76,7 +77,7 @@ def put(planes: Coupled, normal: Reals, depth: float, stiffness: float, damping:
 
 @equation
 def compliance(n: int, columns: Sequence[Reals], C: FloatRows) -> None:
-    """C = A^-1 from its columns, made symmetric."""
+    """Compute C = A^-1 from its columns, made symmetric."""
     for i in range(n):
         for j in range(n):
             C[i][j] = 0.5 * (columns[i][j] + columns[j][i])
@@ -107,7 +108,7 @@ def force(stiffness: float, damping: float, depth: float, u: float, dt: float) -
 
 @equation
 def solve(planes: Coupled, w: Reals, C: FloatRows, dt: float) -> None:
-    """The forces of all planes, into `pushes`.
+    """Compute the forces of all planes into `pushes`.
 
     w : (n,) velocity without contact [m/s]. C : (n, n) A^-1 [m/s per N]. dt : the step's length [s].
     """
@@ -156,7 +157,7 @@ def total(planes: Coupled, out: Floats) -> None:
 
 @equation
 def _balance(planes: Coupled, f: Reals, w: Reals, C: FloatRows, dt: float) -> None:
-    """The forces at the velocity that `f` [N] makes, and what is missing to `f`."""
+    """Compute the forces at the velocity that `f` [N] causes, and their difference from `f`."""
     n, residual = planes.n, planes.residual
     times(n, C, f, planes.vhat)
     for i in range(n):
@@ -174,7 +175,7 @@ def _balance(planes: Coupled, f: Reals, w: Reals, C: FloatRows, dt: float) -> No
 
 @equation
 def _turn(planes: Coupled, C: FloatRows) -> None:
-    """Newton's step of f: ``(I + sum k_i n_i n_i' C) step = -residual``."""
+    """Compute Newton's step of f: ``(I + sum k_i n_i n_i' C) step = -residual``."""
     n, rows, seen = planes.n, planes.rows, planes.direction
     for i in range(n):
         for j in range(n):
@@ -195,7 +196,7 @@ def _turn(planes: Coupled, C: FloatRows) -> None:
 
 @equation
 def eliminate(n: int, right: int, rows: FloatRows) -> None:
-    """Make the first n columns diagonal, with pivots; the `right` columns after them become the right sides."""
+    """Make the first n columns diagonal, with pivots; the `right` columns after them are the right-hand sides."""
     for i in range(n):
         pivot = i
         for k in range(i + 1, n):

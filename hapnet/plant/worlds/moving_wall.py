@@ -1,9 +1,9 @@
 """A wall that is shifted, turned, softened, removed and brought back at stated times.
 
-Its changes are written as those of a link: ``at 2s: shift 3mm; at 3s: turn 9deg over 200ms; at 4s: gone; at 5s: back``.
+Its changes have the syntax of a link's: ``at 2s: shift 3mm; at 3s: turn 9deg over 200ms; at 4s: gone; at 5s: back``.
 Times count from the world's first step: the clock is the sum of the steps' lengths. The wall stands still during a step
-and changes at the onset of the next one. So each step is the exact one of `hapnet.plant.worlds.walls`, and what moves
-the wall supplies the change of its potential where the proxy then is (`supplied_J`; it is negative where the wall moves
+and changes at the onset of the next step. So each step is an exact step of `hapnet.plant.worlds.walls`, and the drive
+of the wall supplies the change of its potential at the proxy's position (`supplied_J`; negative where the wall moves
 away from the proxy). With f the wall's force, S = `supplied_J` and U = `stored_J`
 
     -sum f . vhat T + S - (U - U(0)) = what the wall's damper dissipated >= 0
@@ -47,7 +47,7 @@ _SOON_S = 1e-9
 
 
 class Change(NamedTuple):
-    """A change of a wall. It begins `at_s` and goes with minimum jerk from one value to another; `over_s` 0: at once.
+    """A change of a wall with minimum jerk from one value to another, from `at_s` on; `over_s` 0: at once.
 
     kind : shift [m], turn [rad], stiffness [N/m], damping [Ns/m], or presence (0: gone, 1: there).
     """
@@ -73,8 +73,8 @@ class Schedule:
     """A wall as a function of time.
 
     wall : at the start. timeline : its changes, as in the module's description; "": none. A `shift` is along the normal
-        of that moment, so a positive one is away from a hand in front of the wall; a `turn` is about the point of the
-        first surface that is nearest to the origin, from the first axis towards the second. Both add to those before.
+        of that moment, so a positive shift is away from a hand in front of the wall; a `turn` is about the point of the
+        first surface that is nearest to the origin, from the first axis towards the second. Both add to earlier ones.
 
     Raises InvalidParameter: an entry of the timeline is malformed; it names the entry.
     """
@@ -106,7 +106,7 @@ class Schedule:
         return float(shifting - turning * inner(along_surface[:2], arm))
 
     def rests_until(self, t: float) -> float:
-        """When the wall next differs from what it is at `t` [s]: `t` itself during a change."""
+        """The time when the wall next differs from its state at `t` [s]: `t` itself during a change."""
         if any(t < change.at_s + change.over_s for change in self._last(t)):
             return t
         return min((change.at_s for change in self.changes if change.at_s > t), default=inf)
@@ -129,7 +129,7 @@ class MovingWall(WorldDefaults, Surroundings):
     def __init__(self, schedule: Schedule, min_s: float = STEP_MIN_S, max_s: float = STEP_MAX_S) -> None:
         self.schedule = schedule
         self.dof = len(schedule.wall.normal)
-        # The scene that it is at the start checks the steps' range and draws their lengths.
+        # A scene with the wall at the start checks the steps' range and draws their lengths.
         self._still = Scene("moving", self.dof, (schedule.wall,), min_s, max_s)
         self.start: Vector = self._still.start
         self._time_s = 0.0
@@ -146,7 +146,7 @@ class MovingWall(WorldDefaults, Surroundings):
 
     @property
     def walls(self) -> tuple[Wall, ...]:
-        """The wall if it never changes; else none, as what is measured at a wall assumes that it rests."""
+        """The wall if it never changes; else none, as metrics of a wall assume that it rests."""
         return () if self.schedule.changes else (self.schedule.wall,)
 
     @property
@@ -158,7 +158,7 @@ class MovingWall(WorldDefaults, Surroundings):
         return self._still.next_step_s(rng)
 
     def towards(self, position: Vector) -> Vector:
-        """From `start` towards `position` as far as the present wall lets; if `start` is in it, from its surface."""
+        """The farthest free point from `start` towards `position`; if `start` is in the wall, from its surface."""
         from_ = _pushed_out(self._wall, self.start)
         walls = () if self._wall is None else (self._wall,)
         return Scene("moving", self.dof, walls, start=from_).towards(position)
@@ -169,7 +169,7 @@ class MovingWall(WorldDefaults, Surroundings):
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
-        """A step among the wall as it is; then, at the next step's onset, the wall is changed."""
+        """Solve a step with the present wall; the wall changes at the next step's onset."""
         force, vhat = self._contacts.solve(dt, position, velocity, inverse)
         self._time_s += dt
         if self._time_s + _SOON_S >= self._rests_until:
@@ -215,7 +215,7 @@ def _changes(timeline: str, start: dict[str, float], dof: int) -> Iterator[Chang
             raise InvalidParameter(name, text, f"a time with its unit, such as 2s or 200ms ({error})") from None
         kind = "presence" if word in _PRESENCE else word
         if at_s < max(last_s, ends_s[kind]):
-            raise InvalidParameter(name, text, f"{max(last_s, ends_s[kind]):g}s or later: what is before it must end")
+            raise InvalidParameter(name, text, f"{max(last_s, ends_s[kind]):g}s or later: earlier changes end first")
         if kind == "turn" and dof == 1:
             raise InvalidParameter(name, text, "no turn with one degree of freedom")
         given = _PRESENCE[word] if kind == "presence" else _amount(name, kind, match[3])

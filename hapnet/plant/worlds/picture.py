@@ -1,7 +1,7 @@
-"""The picture of a world: surfaces of triangles, how its bodies lie now, and where the proxy touches them.
+"""The picture of a world: surfaces of triangles, the present poses of its bodies, and the proxy's contacts.
 
 This is for pages and figures only; nothing here acts on the proxy. A world that can be drawn has a method `picture`.
-What it gives is asked some 60 times a second, on the thread that steps the world.
+The methods of its result are called some 60 times a second, on the thread that steps the world.
 """
 
 from __future__ import annotations
@@ -18,38 +18,38 @@ Color: TypeAlias = tuple[int, int, int, int]
 """Red, green, blue and opacity, 0 to 255."""
 
 RESTS, SOFT = -1, -2
-"""In place of a body's number: a part that rests; one whose vertices are sent anew each time."""
+"""In place of a body's number: a part that rests; a soft part, with new vertices each time."""
 
 GREY: Color = (148, 163, 184, 153)
 
 
 class Part(NamedTuple):
-    """A surface in the frame of its body: of those that rest, in the frame of the scene."""
+    """A surface in the frame of its body, or of the scene if it rests."""
 
     vertices: NDArray[Any]  #: (N, 3) [m]
     triangles: NDArray[Any]  #: (M, 3), as indices of vertices
     color: Color
-    body: int  #: the pose with which it moves, or `RESTS` or `SOFT`
-    smooth: bool  #: is it curved, or are its edges seen?
+    body: int  #: index of its body's pose, or `RESTS` or `SOFT`
+    smooth: bool  #: True: a curved surface; False: edges are visible
 
 
 class Touch(NamedTuple):
     """A contact of the proxy. Vectors have three axes."""
 
     point: Vector  #: on the surface [m]
-    normal: Vector  #: of unit length, out of what is touched
+    normal: Vector  #: of unit length, out of the touched surface
     friction: float  #: Coulomb's mu
     force_N: Vector  #: on the proxy
 
 
 class Picture(Protocol):
-    """How a world looks during a run."""
+    """The picture of a world during a run."""
 
     @property
     def parts(self) -> tuple[Part, ...]: ...
 
     def poses(self) -> Array:
-        """Of the bodies that move: place [m], and quaternion w, x, y, z, of unit length. (B, 7)."""
+        """The poses of the moving bodies (B, 7): place [m], and unit quaternion w, x, y, z."""
 
     def soft(self) -> Array:
         """The present vertices of all soft parts, one after another (V, 3) [m]."""
@@ -59,7 +59,7 @@ class Picture(Protocol):
 
 
 class StillDefaults:
-    """The parts of a `Picture` in which nothing moves, and nothing is soft."""
+    """The methods of a `Picture` without moving or soft parts."""
 
     def poses(self) -> Array:
         """None."""
@@ -71,12 +71,12 @@ class StillDefaults:
 
 
 def part(vertices: Any, triangles: Any, color: Color = GREY, body: int = RESTS, *, smooth: bool = False) -> Part:
-    """A part from any arrays."""
+    """Make a part from any arrays."""
     return Part(np.asarray(vertices, dtype=np.float32), np.asarray(triangles, dtype=np.uint32), color, body, smooth)
 
 
 def at_rest(places: Sequence[Sequence[float]]) -> Array:
-    """The poses of bodies at these places (B, n) [m] which do not turn."""
+    """The poses of unrotated bodies at these places (B, n) [m]."""
     poses = np.zeros((len(places), 7))
     poses[:, 3] = 1.0
     for row, place in zip(poses, places, strict=True):
@@ -88,11 +88,11 @@ _ROUNDS = 30
 
 
 def shared(force: Vector, found: Sequence[tuple[Vector, Vector, float]]) -> list[Touch]:
-    """Touches from points, normals and frictions: how contacts share `force` (3,) [N].
+    """Divide `force` (3,) [N] among contacts with these points, normals and frictions.
 
-    One contact has all of it. Of several, each pushes along its normal so that together they come as close to the force
-    as pushes can (non-negative least squares, by coordinates), and what is across is shared in proportion to mu times
-    the push. With more contacts than axes many solutions are possible: this is one of them.
+    A single contact gets the whole force. Several push along their normals so that their sum is as close to the force
+    as possible (non-negative least squares, by coordinates); the rest is divided in proportion to mu times the push.
+    With more contacts than axes many solutions are possible: this is one of them.
     """
     if len(found) == 1:
         return [Touch(*found[0], force)]

@@ -1,7 +1,7 @@
-"""The protocol of a world: where the proxy starts, what is around it, how long a step takes, and how all that looks.
+"""The protocol of a world: the proxy's start and surroundings, the length of a step, and a picture.
 
-What acts on the proxy is `hapnet.mechanics.contacts.Surroundings`, with the equations. A world of the user's own is
-made one of these where it is loaded (`hapnet.ext.engines.own_worlds`), so nobody asks a world what it has.
+`hapnet.mechanics.contacts.Surroundings` has the equations of the forces on the proxy. A world of the user's own is
+completed when it is loaded (`hapnet.ext.engines.own_worlds`), so every world has all of these methods.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ class Surface(NamedTuple):
 
 
 class WorldDefaults(Protocol):
-    """The parts of a `World` that need not be written."""
+    """The parts of a `World` that have defaults."""
 
     moves_proxy: bool = False
-    """It integrates the proxy itself: only couplings with a spring at the world fit, and `proxy` gives the mass."""
+    """True: it integrates the proxy itself; only couplings with a spring at the world fit; `proxy` returns the mass."""
 
     robot: bool = False
-    """It moves a robot to where the proxy is. So nothing moves while the device is let go, and afterwards the device
-    leads from where it then is."""
+    """True: it moves a robot to the proxy's position. So nothing moves while the device is released, and afterwards the
+    device leads from its new position."""
 
     @property
     def has_effects(self) -> bool:
@@ -48,7 +48,7 @@ class WorldDefaults(Protocol):
 
     @property
     def units(self) -> str:
-        """Of its axes: ``m``, ``rad``, or one for each as in ``m,m,rad`` (`hapnet.units`)."""
+        """The units of its axes: ``m``, ``rad``, or one for each as in ``m,m,rad`` (`hapnet.units`)."""
         return METRES
 
     @property
@@ -58,7 +58,7 @@ class WorldDefaults(Protocol):
 
     @property
     def stiffnesses(self) -> tuple[float, ...] | None:
-        """Of its walls and solids [N/m]; None: it has neither, or theirs are not known."""
+        """The stiffnesses of its walls and solids [N/m]; None: it has neither, or they are not known."""
         return tuple([wall.stiffness for wall in self.walls]) or None
 
     @property
@@ -68,13 +68,13 @@ class WorldDefaults(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings for whoever runs it."""
+        """Warnings for the user."""
         return ()
 
     def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> Mass | None:
-        """The proxy on its coupling with B' [Ns/m] and K' [N/m]; `mass` [kg] is of a proxy that the world has added.
+        """The proxy on its coupling with B' [Ns/m] and K' [N/m]; `mass` [kg] applies to a proxy that the world added.
 
-        None: the passive integrator moves it.
+        None: the passive integrator moves the proxy.
         """
         return None
 
@@ -87,11 +87,11 @@ class WorldDefaults(Protocol):
         return False
 
     def signal(self, name: str, value: Signal) -> None:
-        """The device's side reports a value beside the stream."""
+        """Receive a value that the device's side sends beside the stream."""
         return
 
     def signals(self) -> Mapping[str, Signal]:
-        """The signals that it reports to the device's side beside the stream."""
+        """The values to send to the device's side beside the stream."""
         return {}
 
 
@@ -127,17 +127,17 @@ class World(WorldDefaults, Protocol):
 
 
 def lacking(part: object, names: Iterable[str]) -> list[str]:
-    """Those of the attributes `names` that `part` has not."""
+    """The attributes in `names` that `part` lacks."""
     return sorted(name for name in names if not hasattr(part, name))
 
 
 def is_world(part: object) -> TypeGuard[World]:
-    """Whether `part` has all that a world must have. A class that makes worlds is none."""
+    """Whether `part` has all required attributes of a world. A class that makes worlds is not a world."""
     return not isinstance(part, type) and not lacking(part, World.__abstractmethods__)
 
 
 class Completed:
-    """A user's part `own`, with the defaults of a protocol for what it has not."""
+    """A user's part `own`, with a protocol's defaults for the attributes that it lacks."""
 
     def __init__(self, own: object, protocol: type) -> None:
         self._own, self._protocol = own, protocol

@@ -1,13 +1,13 @@
-"""The worlds by name, and the text behind a name.
+"""The worlds by name, and the parameters in the text after a name.
 
 A world is given as one of these:
 
 * ``NAME`` of a file in hapnet/plant/scenes/, or of a world that another package publishes as an entry point of
-  `hapnet.worlds`; behind it its own parameters, as in ``box?size=0.02`` (`&` joins several, in SI units);
+  `hapnet.worlds`; after it the world's own parameters, as in ``box?size=0.02`` (`&` joins several, in SI units);
 * solids (`hapnet.ext.solids.rigid`), such as ``sphere?radius=20mm``, also with a tool that turns in front
   (`hapnet.ext.tools.scene`), a soft body (`hapnet.ext.soft.soft`), such as ``soft:organ``, or
   ``mujoco:FILE.xml``;
-* ``module:Name`` of the user's own (`hapnet.ext.engines.own_worlds`), most simply what returns a `Scene` of walls:
+* ``module:Name`` of the user's own (`hapnet.ext.engines.own_worlds`), most simply a function that returns a `Scene`:
 
       def corridor(*, dof: int = 2, width: float = 0.04) -> Scene:
           return Scene("corridor", dof, box_walls(dof, width / 2, 3000.0, 10.0)[:2])
@@ -26,7 +26,7 @@ from hapnet.plant.scenes import SCENES
 from hapnet.plant.worlds.protocol import World
 
 GROUP = "hapnet.worlds"
-"""The entry points by which other packages publish their worlds under names of their own."""
+"""The entry points with which other packages publish their worlds under their own names."""
 
 
 def about(name: str) -> str:
@@ -35,14 +35,14 @@ def about(name: str) -> str:
 
 
 def is_own(name: str) -> bool:
-    """Whether it is one of the user's own, or of another package. Such a world has defaults of its own."""
+    """Whether the world is the user's own, or another package's. Such a world has its own defaults."""
     return name.partition("?")[0] not in SCENES
 
 
 def scene_parameters(name: str) -> dict[str, Any]:
     """The keywords and defaults that `make_scene` accepts for scene `name` (`inspect.Parameter.empty`: no default).
 
-    Those that the text behind the name sets are left out.
+    Keywords that the text after the name sets are left out.
     """
     builder = _builder(name)
     given = builder.keywords if isinstance(builder, partial) else {}
@@ -51,7 +51,7 @@ def scene_parameters(name: str) -> dict[str, Any]:
 
 
 def named_parameters(name: str) -> dict[str, Any]:
-    """The keywords that the text behind the name of one of hapnet's own worlds sets, as in ``box?size=0.02``."""
+    """The keywords that the text after the name of one of hapnet's own worlds sets, as in ``box?size=0.02``."""
     plain, _, words = name.partition("?")
     return _given(name, words, SCENES[plain]) if plain in SCENES and words else {}
 
@@ -66,7 +66,7 @@ def make_scene(name: str, **parameters: object) -> World:
         inspect.signature(builder).bind(**parameters)
     except TypeError as error:
         if not parameters:
-            allowed = f"a function of position, velocity and time, or what is made without arguments ({error})"
+            allowed = f"a function of position, velocity and time, or a class without required arguments ({error})"
             raise InvalidParameter("scene", name, allowed) from None
         known = ", ".join(scene_parameters(name)) or "nothing"
         raise InvalidParameter(f"scene {name}", parameters, f"this scene's parameters ({known}): {error}") from None
@@ -92,15 +92,15 @@ def _builder(name: str) -> Callable[..., Any]:
 
 
 def _described(name: str) -> Callable[..., Any] | None:
-    """Return the function that makes the world that the text `name` describes; None: it describes none of an
-    extension's kind.
+    """Return the function that makes the world that the text `name` describes; None: `name` is not a world of an
+    extension.
     """
     found = (extension(kind).builder(name) for kind in WORLDS)
     return next((build for build in found if build is not None), None)
 
 
 def _given(name: str, spec: str, world: Callable[..., World]) -> dict[str, object]:
-    """The parameters that the text behind a world's name sets, each of the type of its default."""
+    """The parameters that the text after a world's name sets, each of the type of its default."""
     known = {p.name: p.default for p in inspect.signature(world).parameters.values()}
     found: dict[str, object] = {}
     for entry in spec.split("&"):

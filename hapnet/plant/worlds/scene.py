@@ -28,7 +28,7 @@ class Scene(WorldDefaults):
     walls : see `hapnet.plant.worlds.walls`; none for free space.
     min_s, max_s : range of the step time T_k [s].
     start : (n,) where the virtual mass starts [m], outside every wall; the origin by default.
-    units : of the axes, as `hapnet.units` has them.
+    units : of the axes, as in `hapnet.units`.
 
     Raises InvalidParameter.
     """
@@ -61,7 +61,7 @@ class Scene(WorldDefaults):
         return min(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random())
 
     def next_steps_s(self, rng: np.random.Generator, count: int) -> checks.Array:
-        """The next `count` durations (count,) [s]: what `next_step_s` gives one by one, bit by bit."""
+        """The next `count` durations (count,) [s]: the same values as from `next_step_s`, bit by bit."""
         return np.minimum(self.max_s, self.min_s + (self.max_s - self.min_s) * rng.random(count))
 
     def towards(self, position: Vector) -> Vector:
@@ -86,7 +86,7 @@ class Scene(WorldDefaults):
 
 
 def checked_dof(dof: int) -> int:
-    """`dof` unchanged, if a world can have so many axes; else raises InvalidParameter."""
+    """`dof` unchanged, if it is an allowed number of axes; else raises InvalidParameter."""
     if type(dof) is not int or not 1 <= dof <= 3:
         turns = ", or 6 with a tool that turns, as in the scene tool:box" if dof == 6 else ""
         raise InvalidParameter("dof", dof, f"1, 2 or 3{turns}")

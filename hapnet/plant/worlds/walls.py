@@ -194,8 +194,8 @@ class Contacts(Record, Surroundings):
     Attributes
     ----------
     axes, lines : the axes, and their number. faces : the number of walls; normals, offsets, stiffnesses : of each.
-    supplied_J : zero, as no wall moves. near : the numbers of walls that `nearest` has found.
-    response, taken : room for what `solve` and `nearest` compute.
+    supplied_J : zero, as no wall moves. near : the indices of the walls that `nearest` has found.
+    response, taken : work arrays of `solve` and `nearest`.
 
     Raises InvalidParameter if dimensions differ, or if parallel walls overlap or face the same direction.
     """
@@ -224,7 +224,7 @@ class Contacts(Record, Surroundings):
                     f"walls[{i}].normal", wall.normal, f"{self.dof} numbers, one for each degree of freedom"
                 )
         self.separate: bool = True
-        """Are all axes independent, for the A that `require_separate` has seen?"""
+        """Whether all axes are independent, with the A of the last `require_separate`."""
         self._units = [tuple([float(i == j) for j in range(self.dof)]) for i in range(self.dof)]
         self._planes = [Plane(wall.normal, wall.offset, wall.stiffness, wall.damping) for wall in self.walls]
         self.axes = self._axes()
@@ -280,7 +280,7 @@ class Contacts(Record, Surroundings):
 
     @equation
     def nearest(self, position: Reals, reach_m: float) -> int:
-        """How many walls `planes` has; their numbers are in `near`."""
+        """The number of walls in `planes`; their indices are put into `near`."""
         found = 0
         for k in range(self.faces):
             self.taken[k] = 0
@@ -313,7 +313,7 @@ class Contacts(Record, Surroundings):
                 raise InvalidParameter("position", tuple(position), surface)
 
     def require_separate(self, inverse: Inverse) -> None:
-        """Nothing to require: axes with ``n_i' A^-1 n_j != 0`` are solved together. It notes whether there are any."""
+        """Set `separate`; False if there are axes with ``n_i' A^-1 n_j != 0``, which are then solved together."""
         responses = [inverse(axis.normal) for axis in self.axes]
         for i, one in enumerate(self.axes):
             for j in range(i):
@@ -362,7 +362,7 @@ class Contacts(Record, Surroundings):
 def push_back(
     contacts: Contacts, inverse: Inverse, dt: float, x: Reals, free: Reals, force: Floats, vhat: Floats
 ) -> None:
-    """`Contacts.solve` of separate walls, from no force, and from vhat = `free`."""
+    """`Contacts.solve` for separate walls; `force` starts at zero, and vhat at `free`."""
     for k in range(contacts.lines):
         if meets(contacts, k, dt, x, free):
             apply(inverse, contacts.axes[k].normal, contacts.response)
@@ -370,7 +370,7 @@ def push_back(
 
 
 def apply(inverse: Inverse, vector: Reals, out: Floats) -> None:
-    """A^-1 times a vector; compiled code has the mass itself as `inverse`, and its `solve` here (kernel/kinds.py)."""
+    """A^-1 times a vector; in compiled code `inverse` is the mass, and this calls its `solve` (kernel/kinds.py)."""
     out[:] = inverse(tuple(vector))
 
 
@@ -384,7 +384,7 @@ def meets(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals) -> bool:
 
 @equation
 def push(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals, force: Floats, vhat: Floats) -> None:
-    """Add its force [N], and what that does to vhat; `response` is A^-1 times its normal."""
+    """Add the force [N] of axis k, and its effect on vhat; `response` is A^-1 times the normal."""
     n, axis, response = contacts.dof, contacts.axes[k], contacts.response
     normal = axis.normal
     f = force_along(axis, dot(n, normal, x), dot(n, normal, free), 1.0 / dot(n, normal, response), dt)
@@ -394,7 +394,7 @@ def push(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals, force: Fl
 
 
 penetration, nearest, stored = Contacts.penetration, Contacts.nearest, Contacts.stored_J
-"""As equations call them."""
+"""The names in equations."""
 
 
 def _same_direction(one: Vector, other: Vector) -> bool:
