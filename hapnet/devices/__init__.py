@@ -1,4 +1,4 @@
-"""Drivers of real devices, and their emulators: one file each. README.md beside this file says how to write one."""
+"""Drivers of real devices, and their emulators. README.md beside this file explains how to write a driver."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The interface of a driver, and its optional declarations. README.md beside this file explains each part.
 
-A driver needs no base class: hapnet asks for the parts by name. `Driver` has a default for every part that is optional.
+A driver needs no base class: hapnet looks its parts up by name. `Driver` has a default for every part that is optional.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 
 NO_FORCE = 1e-6
-"""The force limit of a device without motors [N]: so the coupling keeps no energy for a force."""
+"""The force limit of a device without motors [N]: so small that the coupling keeps no energy in reserve for it."""
 
 
 class Driver(ABC):
-    """A haptic device. Made with ``dof``, and with the options that follow the device's name as keywords.
+    """A haptic device. Its constructor takes ``dof``, and the options that follow the device's name, as keywords.
 
     All lengths are in metres, forces in newtons, in a right-handed frame: x to the right, y away from the user, z up.
-    What is None is not declared: the run's parameters stand in for it, or nothing is limited.
+    None means not declared: then the run's parameter is used, or nothing is limited.
     """
 
     about: ClassVar[str] = ""
@@ -29,26 +29,26 @@ class Driver(ABC):
     tested: ClassVar[str] = "untested"
     """How far this driver was tested: ``emulator-tested``, or on which hardware."""
     udev: ClassVar[str] = ""
-    """On Linux: the udev rule with which the user at the machine may open it; empty: it needs none."""
+    """On Linux: the udev rule that lets the user at the machine open the device; empty: none is needed."""
     emulator: ClassVar[str] = ""
     """``module:Class`` of an emulator (`hapnet.ext.devices.emulator.Emulator`); empty: none."""
 
     rate_hz: float | None = None
     """The fastest servo that the device keeps up with [Hz]; a class attribute. None: as fast as the servo is set."""
     blocking: bool = False
-    """Does `read` wait for the next reading of the device? Then the device sets the servo's pace."""
+    """Whether `read` waits for the next reading of the device. If so, the device sets the servo's pace."""
 
     dof: int
     force_limit: float | None = None
     """The maximum force of the actuators [N]."""
     resolution: float = 0.0
-    """Of the encoders [m]; 0: exact."""
+    """The resolution of the encoders [m]; 0: exact."""
     continuous_force: float | None = None
-    """The force that the actuators can give for ever [N]; larger ones only for `thermal_s`."""
+    """The force that the actuators can give continuously [N]; they give larger forces only for about `thermal_s`."""
     thermal_s: float = 10.0
     """Time constant with which the actuators heat up [s]."""
     greatest_speed: float | None = None
-    """The handle is never faster [m/s]."""
+    """The greatest speed of the handle [m/s]."""
     workspace: float | Vector | None = None
     """How far the handle reaches from its origin in both directions [m], or on each axis."""
     stiffness_range: tuple[float, float] | None = None
@@ -58,33 +58,33 @@ class Driver(ABC):
     smallest_mass: float | None = None
     """Smallest apparent mass in any direction [kg]."""
     watchdog_s: float | None = None
-    """The device itself takes the force away when no command has come for so long [s]; None: it does not."""
+    """The time without a command after which the device itself sets its force to zero [s]; None: it never does."""
     dead_man: int | None = None
-    """The button that must be held for a force; None: there is none."""
+    """The number of the button that must be held for a force (dead-man switch); None: there is none."""
     missed: int = 0
-    """Readings that the device made and nobody took, so far: the summary counts them."""
+    """The number of readings so far that the device made and the program missed, for the summary."""
     knows_force: bool = True
-    """Is what `acted` returns known from the device? False: it is a command, believed to have acted then."""
+    """Whether the device reports the force that `acted` returns. False: it is a command, assumed to have acted."""
 
     @classmethod
     def missing(cls) -> str:
-        """A text that says what must be installed before the driver can be made; empty: nothing."""
+        """The name of what must be installed before the driver can be used; empty: nothing is missing."""
         return ""
 
     @classmethod
     def found(cls) -> Sequence[str]:
-        """The devices that are connected to this machine, each as a text that can follow ``NAME:``."""
+        """The devices that are connected to this machine, each as the text that follows ``NAME:`` in `--device`."""
         return ()
 
     def home(self) -> None:
-        """Calibrate the device, before its first reading. It may take its time, and ask the user for something.
+        """Calibrate the device, before its first reading. This may take long, and may need an action of the user.
 
-        Raises HapnetError: says what the user has to do first.
+        Raises HapnetError: the user has to do something first, which the message names.
         """
         return
 
     def begin(self) -> None:
-        """The sides have met: from now on forces come that are not zero. Enable the motors, open a catch."""
+        """Prepare for forces, as the sides are now connected: enable the motors, open a catch."""
         return
 
     @abstractmethod
@@ -96,38 +96,38 @@ class Driver(ABC):
 
     @abstractmethod
     def apply(self, force: Vector) -> Vector | None:
-        """Hold this force [N] until the next call; returns the one that is really applied, or None if it is not known.
+        """Hold this force [N] until the next call; returns the force really applied, or None if it is not known.
 
-        Raises DeviceSilent: the command did not go out. Anything else ends the run.
+        Raises DeviceSilent: the command was not sent. Anything else ends the run.
         """
 
     def acted(self) -> Vector | None:
         """The mean force that really acted between the last two readings [N]; None: what `apply` returned.
 
-        A device whose commands arrive late, or not at all, reports it here: the account counts this force.
+        If the device's commands may arrive late, or not at all, return the force here: the account counts it.
         """
         return None
 
     def contact_force(self) -> Vector | None:
-        """The measured force of its surroundings on a robot that follows, as of the last reading [N]; None: not known.
+        """The measured force of the surroundings on a follower robot, as of the last reading [N]; None: not known.
 
-        The motors' force is no part of it. Positive along an axis: the surroundings push the robot that way.
+        It excludes the motors' force. It is positive along an axis if the surroundings push the robot that way.
         """
         return None
 
     def interval(self) -> float | None:
-        """The time between the last two readings by the device's own clock [s]; None: by when `read` returned.
+        """The time between the last two readings by the device's own clock [s]; None: use the times of `read`.
 
-        Readings that waited together on a busy machine are no fast motion: only the device knows when it took them.
+        With it, readings that a busy machine delivers all at once are not mistaken for fast motion.
         """
         return None
 
     def orientation(self) -> Vector | None:
-        """How the handle is turned, as of the last reading: a unit quaternion w, x, y, z; None: not known."""
+        """The orientation of the handle at the last reading, a unit quaternion w, x, y, z; None: not known."""
         return None
 
     def signal(self, name: str, value: object) -> None:
-        """The world sends this value beside the stream: a light, a sound, a vibration. It must return at once."""
+        """Take a value that the world sends as a signal: a light, a sound, a vibration. It must return at once."""
         return
 
     def vibrate(self, force: Vector) -> None:
@@ -139,18 +139,18 @@ class Driver(ABC):
         return
 
     def braked(self) -> str:
-        """A text that says why the device renders no force now: a brake, no power. Empty: it does.
+        """The reason why the device renders no force now, such as a brake or no power; empty: it renders force.
 
-        Meanwhile it gets no force, and afterwards the force grows from zero.
+        Meanwhile the commanded force is zero, and afterwards it grows from zero.
         """
         return ""
 
     def buttons(self) -> Sequence[bool]:
-        """The buttons as of the last reading: True is pressed."""
+        """The state of each button at the last reading: True if pressed."""
         return ()
 
     def close(self) -> None:
-        """Let go of the device, after the last force was set to zero."""
+        """Release the device, after the last force was set to zero."""
         return
 
 
@@ -173,7 +173,7 @@ class Axes:
         whole = "".join(map("".join, chosen)) == text
         if not whole or len(names) != dof or len(set(names)) != dof or not set(names) <= set(letters):
             allowed = f"{dof} of {letters}, one for each axis of the scene, such as {letters[:dof] or 'x'}"
-            raise InvalidParameter("axes", text, f"{allowed}; a minus before one turns it round")
+            raise InvalidParameter("axes", text, f"{allowed}; a minus before a letter reverses its axis")
         self._native = native
         self._chosen = [(letters.index(letter), -1.0 if sign else 1.0) for sign, letter in chosen]
 

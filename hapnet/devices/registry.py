@@ -28,18 +28,18 @@ BUILT_IN: Mapping[str, str] = {
     "3dmouse": "hapnet.ext.devices.space_mouse:SpaceMouse",
     "ros2": "hapnet.ext.robots.ros2:Ros2",
 }
-"""Name, and ``module:Class``."""
+"""The drivers of hapnet: from the name to ``module:Class``."""
 
 
 def known() -> dict[str, tuple[str, str]]:
-    """All devices by name: ``module:Class``, and the package that it comes from."""
+    """All devices by name: the ``module:Class`` of the driver, and the package that it comes from."""
     return {name: (target, "hapnet") for name, target in BUILT_IN.items()} | {
         name: found for name, found in published(GROUP).items() if name not in BUILT_IN
     }
 
 
 def resolve(text: str) -> tuple[str, str]:
-    """The ``module:Class`` that `words` name, and the options behind it."""
+    """The ``module:Class`` that `text` names, and the options behind it."""
     name, _, behind = text.partition(":")
     if name in BUILT_IN:
         return BUILT_IN[name], behind
@@ -71,11 +71,11 @@ def options(name: str, made: Callable[..., Any], text: str) -> dict[str, Any]:
 
 
 _GIVEN = {"dof", "handle", "clock"}
-"""What hapnet itself gives to a driver, or to an emulator."""
+"""The arguments that hapnet itself passes to a driver or an emulator."""
 
 
 def _keywords(made: Callable[..., Any]) -> dict[str, Any]:
-    """The options that a class takes, and their defaults."""
+    """The options of a class, and their defaults."""
     try:
         parameters = list(inspect.signature(made).parameters.values())
     except (TypeError, ValueError):

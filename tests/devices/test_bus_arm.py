@@ -184,7 +184,7 @@ def test_a_servo_that_is_silent_and_one_that_is_overloaded() -> None:
         servos = emulator.servos
         until(lambda: servos[3].table[64] == 1)
         servos[2].broken = True
-        with pytest.raises(DeviceSilent, match=r"no whole answer of servo 2 \(shoulder\)"):
+        with pytest.raises(DeviceSilent, match=r"no complete answer of servo 2 \(shoulder\)"):
             arm.read()
         arm._now = arm._now._replace(at_s=arm._now.at_s - 10.0)  # for long
         assert arm.apply((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)
@@ -220,7 +220,7 @@ def test_limits_of_joints_current_and_temperature() -> None:
             arm.read()
             if arm.braked():
                 break
-        assert arm.braked() == "a servo is nearly as hot as it may be"
+        assert arm.braked() == "a servo is close to its temperature limit"
 
 
 def test_a_damaged_packet_that_passes_its_checksum(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -299,7 +299,7 @@ def test_calibration_files(tmp_path: Path) -> None:
             count = emulator.servos[4].get(132, 4)
             assert arm._posture.q[0] == pytest.approx(-(count - 1900) * COUNT_RAD, abs=3e-3)
         emulator.servos[5].put(20, 7, 4)
-        says = r"homing offset of servo 5 \(shoulder\) is 7, and the calibration file says -50"
+        says = r"homing offset of servo 5 \(shoulder\) is 7, and that in the calibration file -50"
         with pytest.raises(HapnetError, match=says):
             Dynamixel(3, emulator.address, calibration=str(theirs))
     ours.write_text(json.dumps({"waist": {"id": 1, "zero": 0}}), "utf-8")
@@ -321,5 +321,5 @@ def test_what_is_refused() -> None:
         assert not arm.has_force  # it has no current control
         arm.close()
         emulator.servos[2].broken = True
-        with pytest.raises(HapnetError, match="no servo 2 answers at"):
+        with pytest.raises(HapnetError, match="no answer of servo 2 at"):
             Dynamixel(3, emulator.address)

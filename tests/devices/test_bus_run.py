@@ -26,7 +26,7 @@ def test_lost_bytes_and_a_servo_that_stops_answering(tmp_path: Path) -> None:
         assert summary["motion"]["contacts"] >= 1
         lines = [line for line in stderr.splitlines() if "is silent, no force" in line]
         assert len(lines) == device["driver"]["silences"]
-        assert "no whole answer of servo 2 (shoulder)" in lines[-1]
+        assert "no complete answer of servo 2 (shoulder)" in lines[-1]
         assert "the device is silent at the end" in device["stopped"]["why"]
         assert emulator.ended()["most_given_J"] <= summary["theorem"]["bound_J"] + device["quantisation_J"]
 

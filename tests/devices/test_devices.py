@@ -261,7 +261,7 @@ def test_the_doctor_measures_a_device() -> None:
     found = examined("Arm")
     assert found["rate"][0] == OK
     assert found["rate"][1].startswith("1000 Hz")
-    assert found["velocity"] == (OK, "1.00 of what its positions say")
+    assert found["velocity"] == (OK, "1.00 times the speed of its positions")
     assert found["watchdog"][0] == WARNING
 
 

@@ -184,7 +184,7 @@ def test_one_that_fails_is_silent(device: ForceDimension, stub: ctypes.CDLL) -> 
     stub.stub_set(1, 0, 0, 0)
     with pytest.raises(DeviceSilent, match="gives no reading: no such device"):
         device.read()
-    with pytest.raises(DeviceSilent, match="takes no force"):
+    with pytest.raises(DeviceSilent, match="accepts no force"):
         device.apply((0.0, 0.0, 0.0))
 
 

@@ -259,7 +259,7 @@ def test_a_restarted_service_is_greeted_again(service: Service) -> None:
             driver.read()
         with pytest.raises(DeviceSilent):
             driver.apply((0.0,))
-    assert driver.braked() == "its events, which report the brake, cannot be heard"
+    assert driver.braked() == "the event socket, which reports its brake, is not connected"
     service.listens = True
     sent = len(service.forces)
     service.position = [0.02, 0.0, 0.0]

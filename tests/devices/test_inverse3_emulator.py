@@ -144,7 +144,7 @@ def test_a_message_is_handled_after_the_emulators_latency() -> None:
 
 def test_states_that_are_all_rubbish_are_no_device(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inverse3, "_START_S", 0.1)
-    with steered(rubbish=1.0) as rig, pytest.raises(HapnetError, match="no Inverse Service: what comes from"):
+    with steered(rubbish=1.0) as rig, pytest.raises(HapnetError, match="no Inverse Service: a message from"):
         rig.driver()
 
 

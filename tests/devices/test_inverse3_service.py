@@ -11,7 +11,7 @@ service = test_inverse3.service
 
 
 @pytest.mark.parametrize(("name", "why"), [
-    ("stability_ceiling", "its stability ceiling is reached"), ("fod_stage_changed", "its service sees a high risk"),
+    ("stability_ceiling", "its stability ceiling is reached"), ("fod_stage_changed", "its service reports a high risk"),
 ])  # fmt: skip
 def test_what_the_service_sees_as_a_risk_takes_the_force_away(service: Service, name: str, why: str) -> None:
     driver = Inverse3(1)
@@ -83,7 +83,7 @@ def test_a_service_that_takes_no_forces_is_named(service: Service) -> None:
         for _ in range(100):
             tick(service, driver, (0.3,))
 
-    with pytest.raises(HapnetError, match="takes no force of the arm 049D: its current_cursor_force stayed 0"):
+    with pytest.raises(HapnetError, match="accepts no force for the arm 049D: its current_cursor_force stayed 0"):
         press()
 
 

@@ -34,7 +34,7 @@ def adapter(folder: Path, path: str, held_ms: int) -> Path:
 def test_a_latency_timer_of_16_ms_is_named_with_what_to_do(tmp_path: Path) -> None:
     pty = Pty()
     timer = adapter(tmp_path, pty.path, 16)
-    with pytest.raises(HapnetError, match=f"holds bytes for 16 ms: echo 1 | sudo tee {timer}"):
+    with pytest.raises(HapnetError, match=f"delays bytes by 16 ms: echo 1 | sudo tee {timer}"):
         SerialPort(pty.path, 1_000_000, tmp_path)
     timer.write_text("1\n", "ascii")
     SerialPort(pty.path, 1_000_000, tmp_path).close()
@@ -223,7 +223,7 @@ def test_the_force_that_acted_is_the_mean_over_what_was_lost(axis: SerialAxis, b
 
 def test_without_a_whole_state_it_is_silent(axis: SerialAxis, board: Board) -> None:
     board.write(wire.state(wire.BoardState(16, 0, 0, 0, 0, 0))[:-1] + b"?")
-    with pytest.raises(DeviceSilent, match="no whole state for"):
+    with pytest.raises(DeviceSilent, match="no complete state for"):
         axis.read()
 
 
@@ -232,7 +232,7 @@ def test_one_that_started_anew_has_lost_its_zero(axis: SerialAxis, board: Board)
     axis.home()
     board.homed = False
     board.state(2000)
-    with pytest.raises(HapnetError, match="has started anew and lost its zero"):
+    with pytest.raises(HapnetError, match="was reset and has lost its zero"):
         axis.read()
 
 
@@ -277,7 +277,7 @@ def test_one_that_had_no_power_has_lost_its_zero(axis: SerialAxis, board: Board)
     until(lambda: sent(True))  # one that knows its place goes on
     threading.Timer(0.01, board.state, (2000,)).start()
     axis.home()
-    with pytest.raises(HapnetError, match="has started anew and lost its zero"):
+    with pytest.raises(HapnetError, match="was reset and has lost its zero"):
         until(lambda: not sent(False))
 
 

@@ -186,7 +186,7 @@ def test_a_board_that_is_reset_has_lost_its_zero(make_board: MakeBoard) -> None:
         read(axis)
         return False
 
-    with pytest.raises(HapnetError, match="has started anew and lost its zero: centre the handle"):
+    with pytest.raises(HapnetError, match="was reset and has lost its zero: centre the handle"):
         until(read_on)
     axis.close()
 

@@ -329,7 +329,7 @@ def test_another_library_is_refused(other: str) -> None:
 def test_a_wrong_name_and_one_that_is_in_use_are_named(made: TouchDriver, stub: Stub) -> None:
     with pytest.raises(HapnetError, match=r"^no device named 'Left': HD_DEVICE_FAULT: no such device"):
         TouchDriver(1, name="Left", library=stub.library)
-    with pytest.raises(HapnetError, match=r"^no device of 3D Systems: HD_DEVICE_ALREADY_INITIATED: something"):
+    with pytest.raises(HapnetError, match=r"^no device of 3D Systems: HD_DEVICE_ALREADY_INITIATED: another program"):
         TouchDriver(1, library=stub.library)
 
 

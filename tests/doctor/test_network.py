@@ -110,7 +110,7 @@ async def test_whoever_listens_answers_and_a_session_of_another_name_does_not() 
         assert re.search(r"lost \d+\.\d\d % there, \d+\.\d\d % back", known.value)
         unknown = await asyncio.to_thread(probed, address, ANYBODY, "other", "d", 0.3, 0.3)
         assert unknown.state == WARNING
-        assert "nobody answers probes" in unknown.value
+        assert "no answer to probes" in unknown.value
         assert "session other and the name d" in unknown.advice
     finally:
         await world.close()

@@ -1,8 +1,8 @@
 """A serial chain of rigid links on revolute joints: inertia M(q), Coriolis matrix C(q, q') and gravity g(q) of (1).
 
 Every point r of link b moves with ``r' = sum_i q_i' (z_i x r + u_i)``, ``u_i = p_i x z_i`` for the joints up to b, all
-in the world's frame. So all sums over masses are those of mass, first moment s and second moment E (Uicker's and Paul's
-form with pseudo-inertias), and those of a link and all after it add up:
+in the world's frame. So all sums over masses follow from mass, first moment s and second moment E (Uicker's and Paul's
+form with pseudo-inertias), summed over a link and all links after it:
 
     M_ij = z_i . h_j + u_i . l_j                    h = I z + s x u, l = z x s + m u, I = tr(E) 1 - E
     C_ij = Christoffel's symbols, contracted with q'; so M' = C + C'
@@ -22,7 +22,7 @@ from hapnet.mechanics.pose import cross as product
 from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
 JOINTS = 8
-"""The most joints of an arm."""
+"""The greatest number of joints of an arm."""
 
 OfJoints = Annotated[Floats, (JOINTS,)]
 MatrixOfJoints = Annotated[FloatRows, (JOINTS, JOINTS)]
@@ -30,11 +30,11 @@ Vector3 = Annotated[Floats, (3,)]
 Matrix3 = Annotated[FloatRows, (3, 3)]
 
 _SMALL = 1e-2
-"""Below this angle [rad] its sine over itself is a series, exact to rounding."""
+"""Below this angle a series gives sin(x)/x, exact to rounding [rad]."""
 
 
 class ArmLink(Record):
-    """A link with the joint that it turns on, about the z axis of its own frame; the first is the base.
+    """A link with its joint, which turns about the z axis of the link's frame; the first is the base.
 
     rotation, offset : of the frame at q = 0, in the frame of the link before [m]. mass [kg], moment [kg m], second
     [kg m^2] : of the link about the origin of its frame, ``m``, ``m c`` and the integral of ``r r'``.
@@ -42,9 +42,9 @@ class ArmLink(Record):
     Attributes
     ----------
     turned, place : the frame in the world. axis, lever : z and u. spin, drift : the link's motion, ``r' = spin x r +
-        drift``. all_mass, all_moment, all_second, flow, stir : of this link and all after it, in the world: m, s, E,
+        drift``. all_mass, all_moment, all_second, flow, stir : of this and all later links, in the world: m, s, E,
         and the integrals of r' and of r' times r.
-    angular, linear, angular_change, linear_change, returned : what M and C are made of, for the joint.
+    angular, linear, angular_change, linear_change, returned : terms of M and C for the joint.
     """
 
     rotation: Matrix3
@@ -73,7 +73,7 @@ class ArmLink(Record):
 class Lever(Record):
     """A point that the chain carries, or the sum of all first moments, between two postures.
 
-    arms : what is added in each link's frame, from the base to the last. begin, end : the point at both postures.
+    arms : the part of it in each link's frame, from the base to the last. begin, end : the point at both postures.
     columns : J_d, a row for each joint.
     """
 
@@ -84,10 +84,10 @@ class Lever(Record):
 
 
 class Chain(Record):
-    """The links, the tip, and the matrices of the posture that was looked at last.
+    """The links, the tip, and the matrices of the latest posture.
 
-    tip_mass : of what is fixed to the tip besides [kg]. gamma : the acceleration of gravity [m/s^2].
-    tip : its lever; its `arms` begin where positions are counted from. weight : that of the first moments [kg m].
+    tip_mass : of an additional body fixed to the tip [kg]. gamma : the acceleration of gravity [m/s^2].
+    tip : its lever; its `arms` begin at the origin of positions. weight : the lever of the first moments [kg m].
     inertia, coriolis : M and C.
     """
 
@@ -116,7 +116,7 @@ def dot3(a: Reals, b: Reals) -> float:
 
 @equation
 def place(chain: Chain, q: Reals, rates: Reals) -> None:
-    """Frames, axes and motions of all links at q [rad] and q' [rad/s]."""
+    """Compute frames, axes and motions of all links at q [rad] and q' [rad/s]."""
     for i in range(1, chain.n + 1):
         link, before = chain.links[i], chain.links[i - 1]
         R, W, T = link.rotation, before.turned, link.turned
@@ -137,7 +137,7 @@ def place(chain: Chain, q: Reals, rates: Reals) -> None:
 
 @equation
 def gather(chain: Chain) -> None:
-    """Sums over each link and all after it, in the world."""
+    """Compute the sums over each link and all links after it, in the world."""
     n = chain.n
     for i in range(n, 0, -1):
         link = chain.links[i]
@@ -190,7 +190,7 @@ def gather(chain: Chain) -> None:
 
 @equation
 def momentum(link: ArmLink, a: Reals, b: Reals, angular: Floats, linear: Floats) -> None:
-    """Of a link and all after it that move with ``r' = a x r + b``: ``I a + s x b`` and ``a x s + m b``."""
+    """The momentum of a link and all links after it if ``r' = a x r + b``: ``I a + s x b`` and ``a x s + m b``."""
     E, s = link.all_second, link.all_moment
     trace = E[0][0] + E[1][1] + E[2][2]
     cross(s, b, angular)
@@ -202,7 +202,7 @@ def momentum(link: ArmLink, a: Reals, b: Reals, angular: Floats, linear: Floats)
 
 @equation
 def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
-    """M and C at q [rad] and q' [rad/s]."""
+    """Compute M and C at q [rad] and q' [rad/s]."""
     place(chain, q, rates)
     gather(chain)
     n, M, C = chain.n, chain.inertia, chain.coriolis
@@ -210,7 +210,7 @@ def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
         link = chain.links[j]
         z, u, N, flow = link.axis, link.lever, link.stir, link.flow
         turn, shift, back = link.angular, link.linear, link.returned
-        cross(link.spin, z, turn)  # z' and u', the axis's change with the arm's motion
+        cross(link.spin, z, turn)  # z' and u', the rates of the axis as the arm moves
         cross(z, link.drift, back)
         cross(link.spin, u, shift)
         for r in range(3):
@@ -243,7 +243,7 @@ def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
 
 @equation
 def difference(chain: Chain, lever: Lever, q0: Reals, q1: Reals) -> None:
-    """The lever at two postures, and J_d between them; at one and the same it is the Jacobian."""
+    """Compute the lever at two postures, and J_d between them; for equal postures J_d is the Jacobian."""
     n, begin, end, columns = chain.n, lever.begin, lever.end, lever.columns
     for r in range(3):
         begin[r] = end[r] = lever.arms[n][r]
@@ -282,7 +282,7 @@ def _rotate(R: FloatRows, vector: Floats) -> None:
 
 @equation
 def gravity(chain: Chain, q0: Reals, q1: Reals, out: Floats) -> None:
-    """The discrete gradient of the potential of gravity between two postures [Nm]; at one and the same it is g."""
+    """The discrete gradient of the potential of gravity between two postures [Nm]; for equal postures it is g."""
     difference(chain, chain.weight, q0, q1)
     for i in range(chain.n):
         out[i] = -dot3(chain.gamma, chain.weight.columns[i])

@@ -26,16 +26,16 @@ _DAMPED, _MOST_STEPS = 1e-6, 200
 class SimulatedArm(SimulatedDevice):
     """An arm that a simulated hand holds, at its tip or joint by joint; it begins at rest at the hand's reference.
 
-    A force is held at the tip through the Jacobian, along the world's axes, or as a torque of each joint. If it asks
-    more of a motor than that has beside the arm's weight, the largest multiple is rendered that none of them limits:
+    A force is held at the tip through the Jacobian, along the world's axes, or as a torque of each joint. If a motor's
+    limit, less its part of the arm's weight, does not suffice, the largest multiple within all limits is rendered:
     `state.torque` after a tick.
 
     table : the arm. operator : the hand. period : length of a tick [s]. substeps : integration steps in a tick.
-    resolution : of the joints' encoders [rad], or as the most that they blur an axis of the tip [m]; 0: exact.
-    force_limit : maximum force [N], or torque of all joints together [Nm]. compensated : do the motors carry the
-    arm's weight? by_joints : the axes are the joints, in rad and Nm, and so is the hand.
+    resolution : of the joints' encoders [rad], or the largest that they cause on an axis of the tip [m]; 0: exact.
+    force_limit : maximum force [N], or torque of all joints together [Nm]. compensated : whether the motors carry the
+    arm's weight. by_joints : whether axes and hand are those of the joints, in rad and Nm.
 
-    Raises InvalidParameter: a value is not allowed, or the arm does not reach the hand.
+    Raises InvalidParameter: a value is not allowed, or the hand's start is out of reach.
     """
 
     def __init__(
@@ -62,16 +62,16 @@ class SimulatedArm(SimulatedDevice):
         self._per_count = resolution if by_joints else resolution / added(table.reaches)
         self._require_strength()
         self.compiled: Callable[[Vector, Vector], float] | None = None
-        """Makes the ticks of `arm` in place of Python, for the hand's reference at a tick's begin and end."""
+        """A compiled tick of `arm`, for the hand's reference at its begin and end; None: Python runs the ticks."""
         self.place(self.position)
 
     def _require_strength(self) -> None:
-        """A motor that cannot carry the arm's weight renders nothing."""
+        """Raise InvalidParameter if a motor cannot carry its part of the arm's weight, as it could render nothing."""
         arm = self.arm
         gravity(arm.chain, arm.q, arm.q, arm.load)
         for joint, load in zip(self.table.joints, arm.load, strict=False):
             if arm.compensated and joint.effort <= abs(load):
-                allowed = f"above {abs(load):.3g} Nm, which the arm's weight at home asks for"
+                allowed = f"above {abs(load):.3g} Nm, which the arm's weight needs at home"
                 raise InvalidParameter(f"the effort of {self.table.name}'s joint {joint.name}", joint.effort, allowed)
 
     @property
@@ -80,12 +80,12 @@ class SimulatedArm(SimulatedDevice):
 
     @property
     def potential(self) -> float:
-        """Energy in the joints' stops, and of a weight that is not compensated [J]."""
+        """Energy in the joints' stops, and of the weight if it is not compensated [J]."""
         return motion.potential(self.arm)
 
     @property
     def angles(self) -> Vector:
-        """q [rad]."""
+        """The joints' angles q [rad]."""
         return tuple(self.arm.q[: self.arm.n])
 
     @property
@@ -115,7 +115,7 @@ class SimulatedArm(SimulatedDevice):
         return x, tuple(self.read_velocity)
 
     def _counted(self) -> Vector:
-        """The port where the encoders see the joints [m], or [rad]."""
+        """The port's position as the encoders measure it [m] or [rad]."""
         arm, unit = self.arm, self._per_count
         q = [unit * round(angle / unit) if unit else angle for angle in arm.q]
         motion.look_at_port(arm, q, q)
@@ -129,7 +129,7 @@ class SimulatedArm(SimulatedDevice):
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
-        """Refused: an arm's force is held from tick to tick."""
+        """Refuse: an arm's force is held from tick to tick."""
         raise InvalidParameter("device.servo", "continuous", "sampled with an arm")
 
     def _tick(self, begin: Vector, end: Vector) -> float:
@@ -143,12 +143,12 @@ class SimulatedArm(SimulatedDevice):
         return work
 
     def _run(self, begin: Vector, end: Vector) -> float:
-        """A tick of the arm's record. Returns the hand's work in it [J]."""
+        """Do a tick of the arm's record. Returns the hand's work in it [J]."""
         return motion.tick(self.arm, (begin, end), 0) if self.compiled is None else self.compiled(begin, end)
 
 
 def turned(table: ArmTable, position: Vector) -> list[float]:
-    """The posture whose angles are `position` from home [rad]. Raises InvalidParameter: a stop is in the way."""
+    """The posture at `position` from home, joint by joint [rad]. Raises InvalidParameter: beyond a stop."""
     q = [home + angle for home, angle in zip(table.home, position, strict=True)]
     for joint, angle in zip(table.joints, q, strict=True):
         if not joint.lower <= angle <= joint.upper:

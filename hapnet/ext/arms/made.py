@@ -1,4 +1,4 @@
-"""An arm's record from its table: stops and brakes by rule."""
+"""An arm's record from its table; rules set the stops and brakes."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from hapnet.ext.arms.table import ArmTable, at_home, chain_of
 from hapnet.plant.operator import Impedance
 
 STOP_HZ = 40.0
-"""On its stop a joint swings so fast, with the arm at home: stiff beside a hand, and slow beside a step."""
+"""The frequency of a joint on its stop, with the arm at home: stiff compared with a hand, slow compared with a step."""
 
 STOP_LOSS_SPRAD = 0.5
-"""Damping of a stop beside its stiffness [s/rad]: a joint that comes at 1 rad/s leaves at two thirds of that."""
+"""Damping of a stop over its stiffness [s/rad]: a joint that arrives at 1 rad/s leaves at two thirds of that."""
 
 SLIP_RADPS = 0.01
-"""Below this rate friction is nearly that of a damper."""
+"""Below this rate friction acts nearly as a damper."""
 
 BRAKES_AT = 0.1
-"""A drive brakes with its motor's whole torque at a rate above the greatest by this share."""
+"""The share above the greatest rate at which a drive brakes with its motor's full torque."""
 
 
 def arm_of(
@@ -39,7 +39,7 @@ def arm_of(
     arm.port.axes, arm.port.by_joints = n if by_joints else 3, int(by_joints)
     arm.port.origin[:n] = list(table.home)
     for i in range(n):
-        arm.port.columns[i][i] = 1.0  # the tip's are computed
+        arm.port.columns[i][i] = 1.0  # those of a tip are computed in each step
     arm.period, arm.steps, arm.h = period, steps, period / steps
     arm.compensated, arm.slip = int(compensated), SLIP_RADPS
     arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping

@@ -8,12 +8,12 @@ With ``M = L L'`` and the quasi-velocity ``z = L' q'`` the kinetic energy is |z|
     (2/h) L L' w + S w = (2/h) L z0 + J_d' F + ...,    S the skew part of C - L L.',    z1 = 2 L' w - z0
 
 So ``|z1|^2/2 - |z0|^2/2 = h w . (torques)`` for any L, and ``h w . J_d' F = F . (x1 - x0)``: a step neither makes nor
-loses energy. What depends on its own end is found by a fixed point, to which stops and brakes give their tangents.
+loses energy. Terms that depend on the step's end are found by a fixed point, with the tangents of stops and brakes.
 
 x are the port's axes: those of the tip, or the joints' angles with J_d = 1, f in Nm and the hand's M_h, B_h and K_h in
-kg m^2, Nms/rad and Nm/rad. The hand's mass moves with the tip or with each joint, as a part of M. A force F that is
-held in a tick is held along these axes; if it asks for more than a motor has, the motors share its largest multiple
-that none of them limits. The account needs that one: `force` after a tick.
+kg m^2, Nms/rad and Nm/rad. The hand's mass moves with the tip or with each joint, as a part of M. A force F is held
+along these axes in a tick; if a motor's limit does not suffice, the motors render the largest multiple of F within all
+limits. The account uses that force: `force` after a tick.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from hapnet.records.record import Reals, Record, equation
 from hapnet.records.vectors import copy, dot
 
 ROUNDS = 40
-"""Most rounds of a step's fixed point; 3 to 6 are usual."""
+"""The greatest number of rounds of a step's fixed point; 3 to 6 are usual."""
 
 _STILL = 1e-13
 """The fixed point ends when no angle changes by more [rad]."""
 
 TRIES = 8
-"""Most repetitions of a tick whose torques exceed a motor's; in the last the force is 0."""
+"""The greatest number of tries of a tick whose torques exceed a motor's limit; in the last the force is 0."""
 
 _WITHIN = 1.0 - 1e-9
 
 
 class ArmPort(Record):
-    """Where hand and coupling hold the arm, between two postures; `axes` of them, of the tip [m] or the joints [rad].
+    """The port where hand and coupling act, between two postures; its `axes` are the tip's [m] or the joints' [rad].
 
     by_joints : whether the axes are the joints. origin : q where their positions are 0 [rad].
 
@@ -64,14 +64,14 @@ class Arm(Record):
     [Nm]; has_limits : whether any is finite. speed : above that [rad/s] the drive brakes with `brake` [Nms/rad].
     compensated : whether the motors carry the arm's weight. hand_mass [kg], hand_stiffness [N/m], hand_damping [Ns/m] :
         of the hand.
-    port : where it holds; with joints as axes [m], [N] and so on are [rad], [Nm], ...
+    port : where hand and force act; with joints as axes [m], [N] and so on are [rad], [Nm], ...
 
     Attributes
     ----------
     q [rad], z : of the state; rates : q' [rad/s]. x [m], v [m/s] : of the port.
-    commanded : the force to be held [N]; force : the one that was, in the last tick. hand_force : mean in it [N].
+    commanded : the force to hold [N]; force : the force held in the last tick. hand_force : its mean in that tick [N].
     lost : by damping, friction, brakes and stops since the start [J]. limited : whether the last tick's force was cut.
-    rounds : of the longest fixed point so far; unsettled : how many have not ended.
+    rounds : of the longest fixed point so far; unsettled : how many did not converge.
     """
 
     chain: Chain
@@ -130,7 +130,7 @@ class Arm(Record):
 
 @equation
 def weigh(arm: Arm, q: Reals, rates: Reals) -> None:
-    """M, with what the hand adds joint by joint, and C."""
+    """Compute M, with the hand's mass if the axes are the joints, and C."""
     matrices(arm.chain, q, rates)
     if arm.port.by_joints:
         for i in range(arm.n):
@@ -140,7 +140,7 @@ def weigh(arm: Arm, q: Reals, rates: Reals) -> None:
 
 @equation
 def look_at_port(arm: Arm, q0: Reals, q1: Reals) -> None:
-    """The port at two postures, and J_d between them."""
+    """Compute the port at two postures, and J_d between them."""
     port, tip = arm.port, arm.chain.tip
     if port.by_joints:
         for i in range(arm.n):
@@ -155,7 +155,7 @@ def look_at_port(arm: Arm, q0: Reals, q1: Reals) -> None:
 
 @equation
 def cholesky(arm: Arm) -> None:
-    """L and its rate of change into `factor` and `rate`, from M and ``M' = C + C'``."""
+    """Compute L and its rate into `factor` and `rate`, from M and ``M' = C + C'``."""
     n, L, R, M, C = arm.n, arm.factor, arm.rate, arm.chain.inertia, arm.chain.coriolis
     for j in range(n):
         square, change = M[j][j], 2.0 * C[j][j]
@@ -176,7 +176,7 @@ def cholesky(arm: Arm) -> None:
 
 @equation
 def _set_up(arm: Arm) -> None:
-    """The left side without what the joints and the hand add: ``(2/h) M + S``; the right one: ``(2/h) L z``."""
+    """Set the left side ``(2/h) M + S`` and the right side ``(2/h) L z``, without the terms of joints and hand."""
     n, L, R, A, M, C, gain = arm.n, arm.factor, arm.rate, arm.system, arm.chain.inertia, arm.chain.coriolis, 2.0 / arm.h
     for i in range(n):
         A[i][i] = gain * M[i][i]
@@ -195,7 +195,7 @@ def _set_up(arm: Arm) -> None:
 
 @equation
 def _add_joints(arm: Arm) -> None:
-    """Damping, friction, brakes and stops of each joint, with the rates of the round before."""
+    """Add damping, friction, brakes and stops of each joint, with the rates of the previous round."""
     h = arm.h
     for i in range(arm.n):
         w = arm.w[i]
@@ -218,9 +218,9 @@ def _add_joints(arm: Arm) -> None:
 
 @equation
 def _meet(arm: Arm, i: int, side: float, p0: float, p1: float) -> None:
-    """A stop that is pressed by p0, then p1 [rad]: the discrete gradient of its spring, and a damper that grows with
-    the depth (Hunt and Crossley, J. Applied Mechanics 42, 1975), so that nothing jumps; it never pulls. Its torque
-    against q, and how that changes with the step's end."""
+    """Set a stop's torque against q, and its derivative by the step's end, for depths p0 at the begin and p1 at the end
+    [rad]: the discrete gradient of its spring, and a damper that grows with the depth (Hunt and Crossley, J. Applied
+    Mechanics 42, 1975), so that the torque never jumps; it never pulls."""
     k, b = arm.stop_stiffness[i], 0.5 * arm.stop_damping[i] / arm.h
     in0, in1 = max(0.0, p0), max(0.0, p1)
     share, slope = 1.0, 0.5 * k
@@ -236,7 +236,7 @@ def _meet(arm: Arm, i: int, side: float, p0: float, p1: float) -> None:
 
 @equation
 def _add_forces(arm: Arm) -> None:
-    """The torques of force, hand and weight."""
+    """Add the torques of force, hand and weight."""
     n, columns, h, axes = arm.n, arm.port.columns, arm.h, arm.port.axes
     drag = arm.hand_damping + 0.5 * h * arm.hand_stiffness
     begin = arm.port.begin
@@ -253,8 +253,8 @@ def _add_forces(arm: Arm) -> None:
 
 @equation
 def _solve(arm: Arm) -> float:
-    """The rates into `w`, by elimination: the symmetric part is positive definite, so no pivot is small. Returns the
-    largest change of an angle at the step's end [rad]."""
+    """Solve for the rates `w` by elimination: the symmetric part is positive definite, so no pivot is small. Returns
+    the largest change of an angle at the step's end [rad]."""
     n, A, b = arm.n, arm.system, arm.torque
     for k in range(n):
         for i in range(k + 1, n):
@@ -277,8 +277,8 @@ def _solve(arm: Arm) -> float:
 
 @equation
 def step(arm: Arm) -> float:
-    """A step towards `aim`, the hand's part that does not depend on the tip [N]. Returns the hand's work, without that
-    of its mass [J]."""
+    """Do a step. `aim` is the part of the hand's force that does not depend on the tip [N]. Returns the hand's work,
+    without that of its mass [J]."""
     n, h, chain = arm.n, arm.h, arm.chain
     for i in range(n):
         arm.middle[i] = arm.q[i] + 0.5 * h * arm.w[i]
@@ -292,7 +292,7 @@ def step(arm: Arm) -> float:
             gravity(chain, arm.q, arm.end, arm.load)
         _add_joints(arm)
         _add_forces(arm)
-        for i in range(n):  # what the stops really do is linear in the end that is solved for
+        for i in range(n):  # in the solution the stops' torque is linear in the step's end
             arm.begun_w[i] = arm.w[i]
         settled = _solve(arm) <= _STILL
         rounds += 1
@@ -324,7 +324,7 @@ def step(arm: Arm) -> float:
 
 @equation
 def _compare(arm: Arm) -> None:
-    """How far the motors' torques are from their limits: the largest share that one has of what its weight leaves."""
+    """Update `worst`, the largest share that a motor uses of its limit, less its part of the weight."""
     if arm.compensated:
         gravity(arm.chain, arm.q, arm.end, arm.load)
     for i in range(arm.n):
@@ -343,7 +343,7 @@ def _pressed(arm: Arm, i: int, q: float) -> float:
 
 @equation
 def tick(arm: Arm, path: Sequence[Reals], at: int) -> float:
-    """A tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
+    """Do a tick, while the hand's reference goes from path[at] to the next point [m]. Returns the hand's work [J]."""
     n, axes = arm.n, arm.port.axes
     copy(n, arm.q, arm.begun_q)
     copy(n, arm.z, arm.begun_z)
@@ -388,7 +388,7 @@ def _steps(arm: Arm, begin: Reals, end: Reals) -> float:
 
 @equation
 def look(arm: Arm) -> None:
-    """The port, its velocity, and the joints' rates, of the state."""
+    """Compute the port, its velocity, and the joints' rates from the state."""
     n, port, L = arm.n, arm.port, arm.factor
     weigh(arm, arm.q, arm.rates)
     for i in range(n - 1, -1, -1):
@@ -411,7 +411,7 @@ def kinetic(arm: Arm) -> float:
 
 @equation
 def potential(arm: Arm) -> float:
-    """The energy in the stops, and, where the motors do not carry it, of the weight [J]."""
+    """The energy in the stops, and of the weight if the motors do not carry it [J]."""
     total = 0.0 if arm.compensated else height(arm.chain, arm.q)
     for i in range(arm.n):
         total += _pressed(arm, i, arm.q[i])

@@ -28,7 +28,7 @@ from hapnet.records.machine_code import no_compiler
 from hapnet.units import METRES, RADIANS
 
 AXES = ("tip", "joints")
-"""What hand and coupling hold: the tip in three axes in metres, or each joint in radians."""
+"""The choices of axes for hand and coupling: the tip in three axes in metres, or each joint in radians."""
 
 
 def table_of(hardware: str) -> ArmTable:
@@ -49,7 +49,7 @@ def table_of(hardware: str) -> ArmTable:
 
 
 def by_joints(hardware: str) -> bool:
-    """Whether it is an arm that is coupled joint by joint. Raises InvalidParameter: as `table_of`."""
+    """Whether `hardware` is an arm that is coupled joint by joint. Raises InvalidParameter: as `table_of`."""
     return is_arm(hardware) and _options(hardware).get("axes") == "joints"
 
 
@@ -67,9 +67,9 @@ def _options(hardware: str) -> dict[str, str]:
 
 
 def arm_values(params: Params) -> Choice:
-    """An arm's axes, and what it weighs and damps at home.
+    """An arm's axes, and its apparent mass and damping at home.
 
-    Raises InvalidParameter: a parameter does not go with an arm.
+    Raises InvalidParameter: a parameter does not fit an arm.
     """
     if is_tool(params.scene):
         raise InvalidParameter("hardware", params.hardware, "simulated, or a device that turns, in a scene with a tool")
@@ -88,7 +88,7 @@ def arm_values(params: Params) -> Choice:
         if (value := getattr(device, name)) not in ("auto", plain):
             raise InvalidParameter(f"device.{name}", value, f"auto or {plain} with the device {params.hardware}")
     for name, value in own.items():
-        params.require(f"device.{name}", value, f"left out with the device {params.hardware}: its links have it")
+        params.require(f"device.{name}", value, f"left out with the device {params.hardware}: its links determine it")
     return Choice({"dof": dof, **{f"device.{name}": value for name, value in own.items()}}, DEVICE)
 
 
@@ -98,7 +98,7 @@ def unit_of(hardware: str) -> str:
 
 
 def description(params: Params) -> dict[str, Any]:
-    """The arm's frames, for pictures of it."""
+    """The arm's frames, for its picture."""
     return {"arm": described(table_of(params.hardware), by_joints(params.hardware))}
 
 
@@ -122,7 +122,7 @@ def real_time_warnings(params: Params) -> tuple[str, ...]:
 
 
 def picture(meta: Mapping[str, Any]) -> ArmPicture | None:
-    """The picture of the arm that a recording's description has; None: it has none."""
+    """The picture of the arm in a recording's description; None: there is no arm."""
     return ArmPicture.of(meta)
 
 

@@ -1,7 +1,7 @@
-"""The picture of an arm: a capsule from joint to joint, where the positions of its axes put it.
+"""The picture of an arm, with a capsule from joint to joint.
 
-A recording's description has the arm's frames, so no viewer needs its file. Where the axes are joints, positions are
-the posture. Where they are the tip's, the joints' angles are recorded beside them.
+A recording's description has the arm's frames, so a viewer does not need its file. If the axes are joints, positions
+are the posture. If they are the tip's, the joints' angles are recorded, too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hapnet.plant.worlds.picture import RESTS, Color, Part, part
 _LINK: Color = (71, 105, 150, 200)
 _BASE: Color = (148, 163, 184, 200)
 _SLENDER, _THINNEST_M, _THICKEST_M = 0.07, 0.006, 0.03
-"""A link's radius beside its length, within these."""
+"""A link's radius over its length, and the smallest and largest radius [m]."""
 
 
 def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
 class ArmPicture:
     """The picture of an arm that was `described`; places are in metres, from the tip at home.
 
-    Raises InvalidParameter, KeyError, TypeError, ValueError: this describes none.
+    Raises InvalidParameter, KeyError, TypeError, ValueError: the description is of no arm.
     """
 
     def __init__(self, described: Mapping[str, Any]) -> None:
@@ -59,7 +59,7 @@ class ArmPicture:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """The base, which rests, and each link in its own frame."""
+        """The base at rest, and each link in its own frame."""
         chain = self._chain
         ends = [link.offset for link in chain.links[2:]] + [chain.tip.arms[chain.n]]
         lengths = [float(np.linalg.norm(end)) for end in (chain.links[1].offset, *ends)]
@@ -81,13 +81,13 @@ class ArmPicture:
         ])  # fmt: skip
 
     def angles(self, position: Sequence[float], posture: Vector) -> Vector:
-        """The joints' angles q [rad], of the axes at `position` or the recorded ones; at home if neither says them."""
+        """The joints' angles q [rad], from `position` or the recorded posture; at home if neither has them."""
         if self.by_joints:
             return tuple([home + angle for home, angle in zip(self._table.home, position, strict=True)])
         return posture if len(posture) == self._chain.n else self._table.home
 
     def poses(self, q: Sequence[float]) -> Array:
-        """Where the links are with the joints at q [rad]: place and quaternion w, x, y, z, (n, 7)."""
+        """The links' poses with the joints at q [rad]: place and quaternion w, x, y, z, (n, 7)."""
         chain, n = self._chain, self._chain.n
         place(chain, q, (0.0,) * n)
         links = chain.links[1 : n + 1]
@@ -95,7 +95,7 @@ class ArmPicture:
         return np.hstack([places, quaternions(np.array([link.turned for link in links]))])
 
     def tip(self, position: Sequence[float]) -> Vector:
-        """Where the tip is [m]."""
+        """The place of the tip [m]."""
         if not self.by_joints:
             return tuple(position)
         q = self.angles(position, ())
@@ -108,7 +108,7 @@ def _floats(values: Iterable[float]) -> Vector:
 
 
 def _capsule(end: Sequence[float], radius: float, color: Color, body: int) -> Part:
-    """From the origin to `end` [m]."""
+    """A capsule from the origin to `end` [m]."""
     along = np.array(end)
     length = float(np.linalg.norm(along))
     vertices, triangles = ball(24, length / radius)

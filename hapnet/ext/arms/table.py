@@ -1,12 +1,12 @@
-"""An arm as a table of its joints and links, and the chain of it; the arm that hapnet brings.
+"""An arm as a table of its joints and links, and its chain; also hapnet's built-in arm.
 
 `omni` is a desktop arm like the Phantom Omni (now Touch): three motors, links of 0.134 and 0.1325 m. Lengths and stops
-are those of github.com/fsuarez6/phantom_omni (omni_description); the force of 3.3 N is the maker's data sheet's, as
-CHAI3D's table of devices has it. The maker publishes no masses. Ours are two thin bars and a turning base, with moments
-of inertia such that the tip feels as heavy at home as the data sheet says, 45 g in all directions (`apparent_masses`).
-They stand for the bars of the parallelogram and the motors too: with a serial elbow M has the same form, cosines of the
-same angles. Each motor gives the torque that 3.3 N at home asks of it across its own bar. The joints' damping gives the
-simulated point mass's 0.3 Ns/m at the tip at home, in the direction that feels least.
+are those of github.com/fsuarez6/phantom_omni (omni_description); the force of 3.3 N is from the maker's data sheet, as
+in CHAI3D's table of devices. The maker publishes no masses. Ours are two thin bars and a turning base, with moments of
+inertia for which the tip's apparent mass at home is that of the data sheet, 45 g in all directions (`apparent_masses`).
+They include the bars of the parallelogram and the motors: with a serial elbow M has the same form, cosines of the same
+angles. Each motor's torque is that of 3.3 N at home across its own bar. The joints' damping at the tip at home is that
+of the simulated point mass, 0.3 Ns/m, in the direction where it is smallest.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from hapnet.records.vectors import added
 GRAVITY_MPS2 = 9.81
 
 _ROUNDING = 1e-13
-"""What is smaller beside the whole is 0."""
+"""A value below this share of the whole counts as 0."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A revolute joint, and the link that it turns, as URDF has them.
+    """A revolute joint, and the link that it turns, as in URDF.
 
     xyz, rpy : the joint's frame at q = 0 in the frame of the joint before, fixed angles roll, pitch, yaw [m], [rad].
     axis : in that frame. mass [kg], centre [m], inertia about the centre [kg m^2] (3, 3) : of the link, in the frame.
@@ -68,7 +68,7 @@ class ArmTable:
 
     @property
     def reaches(self) -> list[float]:
-        """How far each joint's axis can be from the tip, at most [m]."""
+        """The greatest distance of each joint's axis from the tip [m]."""
         lengths = [float(np.linalg.norm(joint.xyz)) for joint in self.joints[1:]] + [float(np.linalg.norm(self.tip))]
         return [added(lengths[i:]) for i in range(len(lengths))]
 
@@ -86,11 +86,11 @@ def rotation_of(rpy: Vector) -> Array:
 
 
 def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
-    """The chain of a table; its joints turn about z, so frames are turned where their axis is another.
+    """The chain of a table; its joints turn about z, so frames with another axis are rotated.
 
-    tip_mass : of what is fixed to the tip besides [kg].
+    tip_mass : of an additional body fixed to the tip [kg].
 
-    Raises InvalidParameter: the table is of no arm that moves, or its home is not within its stops.
+    Raises InvalidParameter: the table describes no movable arm, or its home is not within its stops.
     """
     n = len(table.joints)
     if not 1 <= n <= JOINTS:
@@ -101,7 +101,7 @@ def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
         _check_joint(table.name, joint, angle)
     chain = zero_chain(n)
     chain.tip_mass, chain.gamma[:] = tip_mass, table.gamma
-    own = np.eye(3)  # how our frame of the link before is turned in that of the table
+    own = np.eye(3)  # the rotation of the chain's frame in the table's, for the previous link
     behind = 0.0
     moments: list[Array] = [np.zeros(3)]
     turns = [own]
@@ -143,7 +143,7 @@ def _to_z(name: str, joint: Joint) -> Array:
 
 
 def _check_joint(name: str, joint: Joint, home: float) -> None:
-    """Raise InvalidParameter if a limit or a loss is none that takes energy, or if home is outside the stops."""
+    """Raise InvalidParameter if a limit or a loss would make energy, or if home is outside the stops."""
     of = f"of {name}'s joint {joint.name}"
     stops = f"{joint.lower:g} to {joint.upper:g} rad"
     for what, value, allowed, holds in (
@@ -159,7 +159,7 @@ def _check_joint(name: str, joint: Joint, home: float) -> None:
 
 
 def _check_body(name: str, joint: Joint, inertia: Array) -> None:
-    """Raise InvalidParameter if the body's mass or moments of inertia are negative, or no numbers."""
+    """Raise InvalidParameter if the body's mass or moments of inertia are negative, or not finite."""
     numbers = np.isfinite(inertia).all() and math.isfinite(joint.mass)
     if not numbers or joint.mass < 0.0 or np.linalg.eigvalsh((inertia + inertia.T) / 2.0)[0] < -1e-12:
         shown = f"{joint.mass:g} kg, {inertia.tolist()} kg m^2"
@@ -167,7 +167,7 @@ def _check_body(name: str, joint: Joint, inertia: Array) -> None:
 
 
 def home_of(joints: Sequence[Joint]) -> Vector:
-    """The middle between each joint's stops; where there are not two, as near to 0 as they allow [rad]."""
+    """The middle between each joint's stops; without two stops, the allowed angle nearest to 0 [rad]."""
     return tuple(
         0.5 * (joint.lower + joint.upper)
         if math.isfinite(joint.upper - joint.lower)
@@ -177,16 +177,15 @@ def home_of(joints: Sequence[Joint]) -> Vector:
 
 
 def apparent_masses(table: ArmTable) -> Vector:
-    """How heavy the tip is at home along the principal axes of ``(J M^-1 J')^-1`` [kg], ascending; infinite where the
-    arm cannot move it."""
+    """The tip's apparent masses at home along the principal axes of ``(J M^-1 J')^-1`` [kg], ascending; infinite where
+    the arm cannot move it."""
     J, M = at_home(table)
     mobility = np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))
     return tuple([float(1.0 / one) if one > 1e-9 * mobility[-1] else math.inf for one in mobility[::-1]])
 
 
 def felt_damping(table: ArmTable) -> float:
-    """The least damping of the joints that is felt at the tip at home in any direction [Ns/m]; infinite where the tip
-    does not move."""
+    """The joints' smallest damping at the tip at home in any direction [Ns/m]; infinite if the tip does not move."""
     if not all(joint.damping > 0.0 for joint in table.joints):
         return 0.0
     J, _ = at_home(table)
@@ -224,17 +223,17 @@ _HOME = (0.0, 0.8, 1.5 - math.pi / 2.0)
 
 _DAMPING_NSPM = 0.3
 _PLANE_NSPM = 0.778
-"""Across the bars: shoulder and elbow both move when the tip does."""
+"""The damping across the bars, where shoulder and elbow both move with the tip."""
 
 
 def _bar(about_end: float, mass: float, centre: float) -> tuple[tuple[float, float, float], ...]:
-    """The inertia about its centre of a thin bar along y, from that about its joint."""
+    """The inertia of a thin bar along y about its centre, from that about its joint."""
     inertia = about_end - mass * centre * centre
     return (inertia, 0.0, 0.0), (0.0, _ALONG_KGM2, 0.0), (0.0, 0.0, inertia)
 
 
 def omni() -> ArmTable:
-    """The arm."""
+    """The built-in arm."""
     reach = UPPER_M * math.cos(_HOME[1]) + FORE_M * math.sin(_HOME[1])
     levers = (reach, UPPER_M, FORE_M)
     efforts = [FORCE_N * lever for lever in levers]

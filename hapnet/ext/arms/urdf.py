@@ -1,7 +1,7 @@
-"""An arm from a URDF description: the serial chain from its base to a tip, and what the links carry.
+"""An arm from a URDF description: the serial chain from its base to a tip, and the bodies that its links carry.
 
-Links that are fixed to one another are one body. What branches off the chain, such as a gripper's jaw, is carried as
-it is at 0. An effort or velocity of 0 is no limit.
+Links that are fixed to one another are one body. Branches of the chain, such as a gripper's jaw, are carried in their
+posture at 0. An effort or velocity of 0 is no limit.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _ZERO = (0.0, 0.0, 0.0)
 
 
 class _Pose(NamedTuple):
-    """A frame in another: rotation (3, 3) and place (3,) [m]."""
+    """A frame in another frame: rotation (3, 3) and place (3,) [m]."""
 
     turned: Array
     place: Array
 
     def then(self, inner: _Pose) -> _Pose:
-        """The frame that is `inner` in this one."""
+        """The frame `inner`, given in this frame, in the outer one."""
         return _Pose(self.turned @ inner.turned, self.place + self.turned @ inner.place)
 
 
@@ -36,21 +36,21 @@ _SAME = _Pose(np.eye(3), np.zeros(3))
 
 
 class _Body(NamedTuple):
-    """A mass [kg], with first moment [kg m] and inertia [kg m^2] about the origin of some frame."""
+    """A mass [kg], with first moment [kg m] and inertia [kg m^2] about the origin of its frame."""
 
     mass: float
     moment: Array
     inertia: Array
 
 
-@lru_cache(maxsize=4)  # a run asks for its arm several times
+@lru_cache(maxsize=4)  # a run reads its arm several times
 def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector = ()) -> ArmTable:
     """The arm that a URDF describes.
 
-    text : of the file; name : for messages. tip, base : links; by default the only link that has none after it, and the
-    one that has none before it. home : q [rad]; by default the middle between each joint's stops.
+    text : of the file; name : for messages. tip, base : links; by default the only link without a child, and the
+    link without a parent. home : q [rad]; by default the middle between each joint's stops.
 
-    Raises InvalidParameter: the text is no URDF, or no arm of hinges between these links; names what is wrong.
+    Raises InvalidParameter: the text is no URDF, or there is no arm of hinges between these links.
     """
     robot = _Robot(text, name)
     chain = robot.chain(base, tip)
@@ -83,7 +83,7 @@ class _Robot:
 
     def __init__(self, text: str, name: str) -> None:
         self.name = name
-        if "<!DOCTYPE" in text:  # only there can a few bytes become many
+        if "<!DOCTYPE" in text:  # only a DTD can expand a few bytes to many
             raise InvalidParameter("the arm " + name, "<!DOCTYPE ...>", "URDF, which declares no entities")
         try:
             root = ElementTree.fromstring(text)
@@ -136,7 +136,7 @@ class _Robot:
         return found[::-1] if whole < 0 else found[:whole][::-1]
 
     def _goes_round(self, link: str) -> InvalidParameter:
-        return InvalidParameter(f"the joints of {self.name}", link, "a chain: these go round")
+        return InvalidParameter(f"the joints of {self.name}", link, "a chain, without a loop")
 
     def origin(self, element: ElementTree.Element) -> _Pose:
         """An element's <origin>."""
@@ -146,7 +146,7 @@ class _Robot:
         return _Pose(rotation_of(self._vector(found, "rpy", _ZERO)), np.array(self._vector(found, "xyz", _ZERO)))
 
     def carried(self, link: str, pose: _Pose, on_chain: set[int]) -> _Body:
-        """A link, and all that branches off from there, as a body in the frame that has the link at `pose`."""
+        """A link and all its branches, as one body in the frame in which the link is at `pose`."""
         body = self._body(self.links[link], pose)
         for joint in self.after[link]:
             if id(joint) not in on_chain:
@@ -154,7 +154,7 @@ class _Robot:
         return body
 
     def joint(self, joint: ElementTree.Element, placed: _Pose, body: _Body) -> Joint:
-        """The joint that has its frame at `placed` in the one before, and moves `body`."""
+        """The joint that moves `body`, with its frame at `placed` in the previous joint's frame."""
         if body.mass <= 0.0:
             allowed = "a link with an <inertial>, or one that is fixed to such a link"
             raise InvalidParameter(f"the link of {self.name}'s joint {joint.get('name')}", self.child(joint), allowed)
@@ -223,7 +223,7 @@ def _sum(one: _Body, other: _Body) -> _Body:
 
 
 def _angles(R: Array) -> Vector:
-    """Roll, pitch and yaw of a rotation; where pitch is a quarter turn, with a yaw of 0."""
+    """Roll, pitch and yaw of a rotation; if the pitch is a quarter turn, yaw is 0."""
     across = math.hypot(R[0, 0], R[1, 0])
     if across < 1e-9:
         return math.copysign(1.0, -R[2, 0]) * math.atan2(R[0, 1], R[1, 1]), math.atan2(-R[2, 0], across), 0.0

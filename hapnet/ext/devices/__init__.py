@@ -1,1 +1,1 @@
-"""Drivers of haptic devices and input devices, and their emulators: one file each."""
+"""Drivers of haptic devices and input devices, and their emulators."""

@@ -1,4 +1,4 @@
-"""`hapnet devices` lists the drivers; `hapnet emulate` stands in for a device, with a simulated hand on its handle."""
+"""`hapnet devices` lists the drivers; `hapnet emulate` emulates a device, with a simulated hand on its handle."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 def devices(json_to: flags.Json = None) -> int:
     from hapnet.devices import registry
 
-    words = output.console(json_to)
+    console = output.console(json_to)
     rows = []
     for name, (target, package) in registry.known().items():
         row = _row(name, target, package)
         rows.append(row)
-        words.print(f"{name:<10} {row['about']}", markup=False)
+        console.print(f"{name:<10} {row['about']}", markup=False)
         state = f"missing: {row['missing']}" if row["missing"] else f"found: {', '.join(row['found']) or 'none'}"
-        words.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
+        console.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
     if rules := [rule for row in rows if (rule := row["udev"])]:
-        words.print(
+        console.print(
             "without these udev rules (/etc/udev/rules.d/70-hapnet.rules) only root may open some:", markup=False
         )
         for rule in rules:
-            words.print(f"  {rule}", style="dim", markup=False)
-    words.print("simulated arms: --device omni, or arm:FILE.urdf?tip=LINK", markup=False)
-    words.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
+            console.print(f"  {rule}", style="dim", markup=False)
+    console.print("simulated arms: --device omni, or arm:FILE.urdf?tip=LINK", markup=False)
+    console.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
     output.write_json(rows, json_to)
     return 0
 
@@ -49,13 +49,13 @@ def _row(name: str, target: str, package: str) -> dict[str, Any]:
     row["udev"] = ""
 
     try:
-        made = load("device", target, "a class that can be imported")
-        row["about"], row["tested"] = getattr(made, "about", ""), getattr(made, "tested", "untested")
-        row["udev"] = getattr(made, "udev", "")
-        row["missing"] = made.missing() if hasattr(made, "missing") else ""
-        if not row["missing"] and hasattr(made, "found"):
-            row["found"] = list(made.found())
-    except BaseException as error:  # another package's driver may raise anything: see `loading.failure`
+        driver = load("device", target, "a class that can be imported")
+        row["about"], row["tested"] = getattr(driver, "about", ""), getattr(driver, "tested", "untested")
+        row["udev"] = getattr(driver, "udev", "")
+        row["missing"] = driver.missing() if hasattr(driver, "missing") else ""
+        if not row["missing"] and hasattr(driver, "found"):
+            row["found"] = list(driver.found())
+    except BaseException as error:  # a driver of another package may raise any exception: see `loading.failure`
         row["missing"] = failure(error)
     return row
 
@@ -70,15 +70,15 @@ def emulate(
     params: Annotated[ParamsOptions, Without("show_params", "schema")],
     json_to: flags.Json = None,
 ) -> int:
-    """It says how to reach it, and at its end how much energy its actuators gave to the hand."""
+    """Emulate a device. The output is its address, and at the end the energy that its actuators gave to the hand."""
     from hapnet import checks
     from hapnet.processes.system import handled
 
     name, _, _ = device.partition(":")
     checks.non_negative("--duration", duration)
     emulator = make_emulator(device, params.over(Params(), {"operator": operator}))
-    words = output.console(json_to)
-    words.print(f"emulates {name}: hapnet run --device {name}:{emulator.address}", markup=False)
+    console = output.console(json_to)
+    console.print(f"emulates {name}: hapnet run --device {name}:{emulator.address}", markup=False)
     stop, caught = threading.Event(), []
 
     def on_signal(number: int, _: object) -> None:
@@ -92,22 +92,22 @@ def emulate(
             timer.start()
         emulator.run(stop)
     handle = emulator.handle
-    words.print(
+    console.print(
         f"{handle.commands} commands; the watchdog acted {handle.released} times; the actuators gave at most "
         f"{handle.most_given_J * 1e3:.3f} mJ, and at the end {handle.work_J * 1e3:.3f} mJ"
     )
-    found = {
+    result = {
         "commands": handle.commands, "released": handle.released, "most_given_J": handle.most_given_J,
         "given_J": handle.work_J,
     }  # fmt: skip
-    output.write_json(found, json_to)
+    output.write_json(result, json_to)
     return 0 if not caught or caught[0] == signal.SIGTERM else 128 + caught[0]
 
 
 def make_emulator(device: str, params: Params) -> Emulator:
     """The emulator of a device, with the simulated hand of `params` on its handle.
 
-    Raises InvalidParameter: the device has no emulator, or not these options.
+    Raises InvalidParameter: the device has no emulator, or the emulator lacks an option.
     """
     from hapnet.assembly.choices import choosing
     from hapnet.assembly.operators import operator
@@ -121,31 +121,33 @@ def make_emulator(device: str, params: Params) -> Emulator:
 
     name, _, behind = device.partition(":")
     known = registry.known()
-    made = load("device", known[name][0], "a class that can be imported") if name in known else None
-    target = getattr(made, "emulator", "")
+    driver = load("device", known[name][0], "a class that can be imported") if name in known else None
+    target = getattr(driver, "emulator", "")
     if not target:
-        having = [each for each, (where, _) in known.items() if _has_emulator(where)]
-        allowed = f"one with an emulator: {', '.join(having)} (a driver names its own in `emulator`)"
-        raise InvalidParameter("device", name, allowed, () if name in known else having)
-    kind = load("emulator", target, "a class that can be imported")
-    given = registry.options(device, kind, behind)
-    if (table := kind.arm(given)) is not None:
+        with_emulator = [each for each, (where, _) in known.items() if _has_emulator(where)]
+        allowed = f"one with an emulator: {', '.join(with_emulator)} (a driver names its emulator in `emulator`)"
+        raise InvalidParameter("device", name, allowed, () if name in known else with_emulator)
+    emulator_class = load("emulator", target, "a class that can be imported")
+    options = registry.options(device, emulator_class, behind)
+    if (table := emulator_class.arm(options)) is not None:
         scene = make_scene("joints", dof=len(table.joints))
         hand = operator(choosing(params, partial(scene_units, scene=scene)), scene)
         arm = SimulatedArm(table, hand, substeps=1, compensated=False, by_joints=True)
         if no_compiler() is None:
             arm = extension("compiled ends").CompiledDevices().simulated(arm)
-        hanging: Emulator = kind(ArmHandle(arm), time.monotonic_ns, **given)
+        hanging: Emulator = emulator_class(ArmHandle(arm), time.monotonic_ns, **options)
         return hanging
-    scene = make_scene("free", dof=kind.dof)
+    scene = make_scene("free", dof=emulator_class.dof)
     simulated = SimulatedDevice(
         operator(params, scene),
         mass=params.device.mass,
         damping=params.device.own_damping,
-        force_limit=kind.force_limit,
+        force_limit=emulator_class.force_limit,
         substeps=params.device.substeps,
     )
-    emulator: Emulator = kind(EmulatedHandle(simulated, kind.watchdog_s), time.monotonic_ns, **given)
+    emulator: Emulator = emulator_class(
+        EmulatedHandle(simulated, emulator_class.watchdog_s), time.monotonic_ns, **options
+    )
     return emulator
 
 

@@ -1,8 +1,8 @@
-"""An emulator: the device that speaks a driver's protocol, without hardware, with a simulated hand on it.
+"""The base of emulators: devices with a driver's protocol, without hardware, with a simulated hand on the handle.
 
-An emulator runs in a process of its own (`hapnet emulate NAME`) and keeps its own time, as a real device does. Its
+An emulator runs in a separate process (`hapnet emulate NAME`) with its own clock, as a real device does. Its
 handle is a `SimulatedDevice`. It counts the energy that its actuators gave to the hand, from the forces that really
-acted: an account that owes nothing to the driver or to hapnet's own.
+acted: this account does not depend on the driver, or on hapnet's account.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _MOST_BEHIND_NS = 1_000_000_000
 class EmulatedHandle:
     """A simulated handle that moves in real time; the time is an argument.
 
-    device : simulated; it moves in steps of its period, so its position may be as old.
-    watchdog_s : the force ends when no command has come for so long; None: never.
+    device : simulated; it moves in steps of its period, so its position may be that old.
+    watchdog_s : the time without a command after which the force ends; None: it never ends.
     """
 
     def __init__(self, device: SimulatedDevice, watchdog_s: float | None = None) -> None:
@@ -37,12 +37,12 @@ class EmulatedHandle:
         self.impulse_Ns: tuple[float, ...] = (0.0,) * device.dof
         """The integral of the actuators' force so far [Ns]."""
         self.work_J: float = 0.0
-        """Energy that the actuators gave to the handle so far [J]; below zero: they took it."""
+        """Energy that the actuators gave to the handle so far [J]; below zero: they took energy."""
         self.most_given_J: float = 0.0
-        """The most that they had given at any time [J]: a passive side gives no more than its ceiling."""
+        """The greatest value of `work_J` so far [J]: a passive side gives no more than its ceiling."""
         self.commands: int = 0
         self.released: int = 0
-        """How many times the watchdog took the force away."""
+        """The number of times that the watchdog ended the force."""
 
     @property
     def force(self) -> Vector:
@@ -55,7 +55,7 @@ class EmulatedHandle:
         return self.device.position, self.device.velocity
 
     def age_ns(self, now_ns: int) -> int:
-        """How long ago the handle was where the last `read` saw it: it moves in steps."""
+        """The age of the position that the last `read` returned, as the handle moves in steps [ns]."""
         assert self._start_ns is not None, "not read yet"
         return now_ns - self._start_ns - self.device.ticks * self._period_ns
 
@@ -65,7 +65,7 @@ class EmulatedHandle:
         return tuple([impulse + since_s * force for impulse, force in zip(self.impulse_Ns, self.force, strict=True)])
 
     def hold(self, now_ns: int, force: Vector) -> Vector:
-        """Let this force [N] act from `now_ns` on; returns the one that does."""
+        """Let this force [N] act from `now_ns` on; returns the force that really acts."""
         self._advance(now_ns)
         self.commands += 1
         self._commanded_ns = now_ns
@@ -76,7 +76,7 @@ class EmulatedHandle:
         return 0.0
 
     def _advance(self, now_ns: int) -> None:
-        """Catch up with the clock, in steps; after a pause of more than a second the hand has stood still meanwhile."""
+        """Advance the handle to the present, in steps; it does not move during a pause of more than a second."""
         if self._start_ns is None:
             self._start_ns = now_ns
         device = self.device
@@ -99,9 +99,9 @@ class EmulatedHandle:
 
 
 class ArmHandle(EmulatedHandle):
-    """An arm that hangs in the hand, its axes the joints: what its motors give to its weight they do not give away.
+    """An arm that hangs in the hand, with the joints as axes; work on its weight does not count as given to the hand.
 
-    arm : its motors' torques are what `hold` sets [Nm]; from the first one on the work is counted.
+    arm : `hold` sets its motors' torques [Nm]; their work counts from the first torque on.
     """
 
     def __init__(self, arm: SimulatedArm) -> None:
@@ -119,26 +119,26 @@ class ArmHandle(EmulatedHandle):
 
 
 class Emulator(ABC):
-    """A device of one kind without hardware. Made with its handle, a clock [ns], and its options as keywords."""
+    """A device of one kind without hardware. The constructor takes its handle, a clock [ns], and its options."""
 
     dof: ClassVar[int] = 3
-    """How many axes the handle has."""
+    """The number of the handle's axes."""
     force_limit: ClassVar[float | None] = None
-    """Of its amplifiers [N]."""
+    """The force limit of its amplifiers [N]."""
     watchdog_s: ClassVar[float | None] = None
-    """It takes the force away when no command has come for so long [s]."""
+    """The time without a command after which it ends the force [s]."""
 
     def __init__(self, handle: EmulatedHandle, clock: Callable[[], int]) -> None:
         self.handle: EmulatedHandle = handle
         self._clock = clock
         self.address = ""
-        """Where it can be reached, as a text that can follow ``NAME:``."""
+        """Its address, as a text that can follow ``NAME:``."""
 
     @classmethod
     def arm(cls, options: Mapping[str, Any]) -> ArmTable | None:
-        """The arm whose joints its handle is, an `ArmHandle`; None: a handle with `dof` axes."""
+        """The arm for an `ArmHandle`, with joints as axes; None: a handle with `dof` axes."""
         return None
 
     @abstractmethod
     def run(self, stop: threading.Event) -> None:
-        """Serve until `stop` is set; look at it at least every 0.1 s."""
+        """Serve until `stop` is set, which must be checked at least every 0.1 s."""

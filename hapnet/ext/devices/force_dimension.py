@@ -1,7 +1,7 @@
 """Force Dimension's devices (omega, delta, sigma, lambda) and the Novint Falcon, by the maker's library `libdhd`.
 
 **Experimental**: written after the library's documented functions, and tested against a stand-in of it, never on a
-device. The library is the maker's and is loaded when the device is made; force_dimension.md beside this file says more.
+device. The library is the maker's and is loaded when the device is made. Its page is force_dimension.md.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.mechanics.pose import quaternion
 
 _NAMES = ("drd", "dhd", "drd64", "dhd64")  # the last two on Windows
-"""`libdrd` has the functions of `libdhd` too, and calibrates a device by itself."""
+"""Names of the library. `libdrd` has the functions of `libdhd` too, and calibrates a device by itself."""
 
 _WATCHDOG_TICKS = 160
-"""The device disables forces after so many times 125 us without a command: 20 ms."""
+"""The device disables forces after this number of 125 us without a command: 20 ms."""
 
 _ON, _OFF = 1, 0
 _ROOM = 64
-"""`dhdGetStatus` has no argument for its room, and writes what the library knows: 12 to 17 numbers so far."""
+"""The buffer's size for `dhdGetStatus`, which takes no size and writes 12 to 17 numbers in known versions."""
 
 _POWER, _RESET, _FORCE, _CAUSE, _LOCKS = 0, 3, 5, 14, 15
 _CAUSES = {
@@ -67,11 +67,11 @@ _OPTIONAL: dict[str, tuple[type, list[type]]] = {
     "drdOpenID": (c_int, [_ID]),
     "drdStop": (c_int, [c_bool, _ID]),
 }
-"""An older library has no watchdog. `drd...` are those of `libdrd`: without them a device is calibrated by hand."""
+"""An older library has no watchdog. `drd...` are functions of `libdrd`: without them a device is calibrated by hand."""
 
 
 class Limits(NamedTuple):
-    """From the maker's data sheet: force [N], reach in both directions [m], stiffness [N/m]."""
+    """Limits from the maker's data sheet: force [N], reach in both directions [m], stiffness [N/m]."""
 
     force_N: float
     reach_m: float
@@ -92,9 +92,9 @@ _ALL = (*_KNOWN.values(), _UNKNOWN)
 class ForceDimension(Driver):
     """``dhd``, or ``dhd:1`` for the second device.
 
-    number : of the device, from 0. axes : which of its axes the scene gets, as in `Axes`. library : path of the
-    library; empty: where the system finds it. gravity : does the device carry the weight of its own arms? calibrate :
-    may a device that is not calibrated move by itself, where `libdrd` can do that?
+    number : of the device, from 0. axes : the axes for the scene, as in `Axes`. library : path of the library; empty:
+    where the system finds it. gravity : whether the device carries the weight of its own arms. calibrate : whether a
+    device that is not calibrated may move by itself, if `libdrd` supports that.
 
     Raises InvalidParameter: a value is not allowed. HapnetError: no library, or no device.
     """
@@ -104,7 +104,7 @@ class ForceDimension(Driver):
     tested = "experimental: tested with a stand-in of the library"
     rate_hz: float = 1000.0
     resolution: float = 1e-5
-    force_limit: float = min(each.force_N for each in _ALL)  # until the device is open, and says which it is
+    force_limit: float = min(each.force_N for each in _ALL)  # until the device is open and its model known
     stiffness_range: tuple[float, float] = (0.0, min(each.stiffness for each in _ALL))
 
     def __init__(
@@ -142,9 +142,9 @@ class ForceDimension(Driver):
         return tuple(str(number) for number in range(max(0, _load("").dhdGetDeviceCount())))
 
     def home(self) -> None:
-        """Calibrate the device: by itself, where it can. Until then its positions mean nothing.
+        """Calibrate the device, automatically if possible. Without this its positions are invalid.
 
-        Raises HapnetError: it must be done by hand; or its locks are closed, or it has no power.
+        Raises HapnetError: the user must calibrate it by hand, or its locks are closed, or it has no power.
         """
         status = self._status()
         if not status[_POWER]:
@@ -163,12 +163,12 @@ class ForceDimension(Driver):
     def begin(self) -> None:
         """Enable the forces: brakes off, own weight carried, watchdog on.
 
-        Raises HapnetError: the device refuses one of them.
+        Raises HapnetError: the device refuses a setting.
         """
         dhd, own = self._dhd, self._id
         self._require(dhd.dhdSetBrakes(_OFF, own))
         self._require(dhd.dhdSetGravityCompensation(_ON if self._gravity else _OFF, own))
-        dhd.dhdSetForce(0.0, 0.0, 0.0, own)  # the watchdog counts from here; before the forces are on it may be refused
+        dhd.dhdSetForce(0.0, 0.0, 0.0, own)  # the watchdog counts from here; refused perhaps before the forces are on
         if self.watchdog_s is not None:
             self._require(dhd.dhdSetWatchdog(_WATCHDOG_TICKS, own))
         self._require(dhd.dhdEnableForce(_ON, own))
@@ -183,10 +183,10 @@ class ForceDimension(Driver):
         position = self._three("dhdGetPosition")
         velocity = self._three("dhdGetLinearVelocity")
         self._buttons = self._dhd.dhdGetButtonMask(self._id)
-        return self._axes.take(_ours(position)), self._axes.take(_ours(velocity))
+        return self._axes.take(_to_hapnet(position)), self._axes.take(_to_hapnet(velocity))
 
     def apply(self, force: Vector) -> Vector:
-        """Hold this force; there is none while the device has its forces off. After its watchdog they come on again.
+        """Hold this force; it is zero while the device has its forces off. After its watchdog they are enabled again.
 
         Raises DeviceSilent: the library reports an error.
         """
@@ -194,7 +194,7 @@ class ForceDimension(Driver):
             return (0.0,) * self.dof
         theirs = _theirs(self._axes.spread(force))
         if self._dhd.dhdSetForce(*theirs, self._id) < 0:
-            raise DeviceSilent(f"{self.name} takes no force: {self._why()}")
+            raise DeviceSilent(f"{self.name} accepts no force: {self._why()}")
         status = self._status()
         if not status[_FORCE]:
             self._off = "it has no power" if not status[_POWER] else _CAUSES.get(status[_CAUSE], "its forces are off")
@@ -203,22 +203,22 @@ class ForceDimension(Driver):
                 self._dhd.dhdEnableForce(_ON, self._id)
             return (0.0,) * self.dof
         self._off = ""
-        # motors that saturate make another force than the one asked for: the library reports it
-        return self._axes.take(_ours(self._three("dhdGetForce")))
+        # if motors saturate, the library reports the force that they make
+        return self._axes.take(_to_hapnet(self._three("dhdGetForce")))
 
     def orientation(self) -> Vector | None:
-        """How the wrist is turned, where there is one; a unit quaternion w, x, y, z in hapnet's frame."""
+        """The orientation of the wrist, if there is one: a unit quaternion w, x, y, z in hapnet's frame."""
         if not self._has_wrist:
             return None
         frame = (c_double * 9)()
         if self._dhd.dhdGetOrientationFrame(byref(frame), self._id) < 0:
             return None
-        columns = [_ours((frame[k], frame[3 + k], frame[6 + k])) for k in (1, 0, 2)]
-        turned = [columns[0], tuple([-c for c in columns[1]]), columns[2]]  # our axes are their y, -x and z
+        columns = [_to_hapnet((frame[k], frame[3 + k], frame[6 + k])) for k in (1, 0, 2)]
+        turned = [columns[0], tuple([-c for c in columns[1]]), columns[2]]  # hapnet's axes are libdhd's y, -x and z
         return quaternion([[turned[column][row] for column in range(3)] for row in range(3)])
 
     def braked(self) -> str:
-        """Why its forces were off at the last command; when they are on again the force grows from zero."""
+        """The reason why its forces were off at the last command; when they are on again the force grows from zero."""
         return self._off
 
     def buttons(self) -> tuple[bool, ...]:
@@ -256,8 +256,8 @@ class ForceDimension(Driver):
         return (self._dhd.dhdErrorGetLastStr() or b"unknown error").decode(errors="replace")
 
 
-def _ours(theirs: Vector) -> Vector:
-    """Their x points to the user, y to the right, z up; ours to the right, away from the user, up."""
+def _to_hapnet(theirs: Vector) -> Vector:
+    """Convert to hapnet's frame; the library's x points to the user, y to the right, z up."""
     x, y, z = theirs
     return y, -x, z
 

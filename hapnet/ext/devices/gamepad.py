@@ -16,19 +16,19 @@ from hapnet.ext.devices.input_device import InputDevice, existing
 from hapnet.ext.devices.rumble import Rumble
 
 _EVENT = struct.Struct("=IhBB")
-"""Time in ms, value, kind, number of the button or axis."""
+"""An event: time in ms, value, kind, number of the button or axis."""
 
 _AT_START = 0x80
 _FULL = 32767.0
 _SIGNS = 1.0, -1.0, -1.0
-"""Of the sticks that are x, y and z: the kernel's vertical axes grow downwards."""
+"""Signs of the sticks for x, y and z, as the kernel's vertical axes grow downwards."""
 
 
 class Gamepad(InputDevice):
     """``gamepad`` or ``gamepad:/dev/input/js0,sticks=0/1/5``.
 
-    sticks : the kernel's numbers of the axes that are x, y and z, joined by /; pads differ in those of the right stick
-    (`jstest` of the package joystick shows them). The others as for `InputDevice`.
+    sticks : the kernel's numbers of the axes for x, y and z, joined by /; pads differ in those of the right stick
+    (`jstest` of the package joystick shows them). Other options as for `InputDevice`.
     """
 
     about = "a gamepad's or joystick's sticks as input, without force; its motors vibrate over a grain"

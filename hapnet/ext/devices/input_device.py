@@ -1,7 +1,7 @@
-"""Devices that only read a motion: a gamepad's stick, a 3D mouse. They have no motors, so the account counts no force.
+"""Devices that only measure a motion: a gamepad's stick, a 3D mouse. Without motors the account counts no force.
 
-The deflection of the stick is the position: fully deflected it is `reach` away from the origin, released it is back. A
-low-pass filter of 20 ms makes a motion of the steps in which such devices report. The kernel's files are read without
+The deflection of the stick is the position: full deflection is `reach` from the origin, no deflection the origin. A
+low-pass filter of 20 ms smooths the steps in which such devices report. The kernel's files are read without
 waiting; no library is needed.
 """
 
@@ -20,14 +20,14 @@ from hapnet.errors import DeviceSilent, InvalidParameter
 SMOOTHING_S = 0.02
 _AGAIN_S = 0.5
 _MOST_BYTES = 4096
-_NO_WAIT: int = getattr(os, "O_NONBLOCK", 0)  # Windows has no such files
+_NO_WAIT: int = getattr(os, "O_NONBLOCK", 0)  # not on Windows
 
 
 class InputDevice(Driver):
     """A device behind a file of the kernel.
 
-    path : the file; empty: the first that is found. axes : which of its axes the scene gets, as in `Axes`. reach : how
-    far full deflection is [m]. dead : deflections below this share are none.
+    path : the file; empty: the first one found. axes : the axes for the scene, as in `Axes`. reach : the position at
+    full deflection [m]. dead : deflections below this share count as none.
 
     Raises InvalidParameter: a value is not allowed, or there is no such device.
     """
@@ -35,7 +35,7 @@ class InputDevice(Driver):
     tested = "tested with recorded events, not on hardware"
     force_limit: float = NO_FORCE
     resolution: float = 0.0
-    smallest_mass: float = 1.0  # it has no motors, so no force makes it faster
+    smallest_mass: float = 1.0  # without motors this has no effect
 
     def __init__(self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05) -> None:
         if not 1e-3 <= reach <= 1.0:
@@ -54,7 +54,7 @@ class InputDevice(Driver):
         self._unread = b""
         self._next_try_s = 0.0
         self.deflections: list[float] = [0.0] * 3
-        """Of the axes x, y, z, each -1 to 1."""
+        """The deflections along x, y, z, each -1 to 1."""
         self.pressed: dict[int, bool] = {}
         self._position = self._velocity = (0.0,) * dof
         self._read_s: float | None = None
@@ -65,7 +65,7 @@ class InputDevice(Driver):
 
     @abstractmethod
     def take(self, data: bytes) -> int:
-        """Process the whole reports in `data`: set `deflections` and `pressed`. Returns how many bytes were used."""
+        """Process the complete reports in `data`: set `deflections` and `pressed`. Returns the number of bytes used."""
 
     def read(self) -> tuple[Vector, Vector]:
         self._listen()
@@ -73,7 +73,7 @@ class InputDevice(Driver):
         dt = 0.0 if self._read_s is None else now_s - self._read_s
         self._read_s = now_s
         share = -math.expm1(-dt / SMOOTHING_S)
-        goal = self._axes.take(tuple([self._reach * self._live(d) for d in self.deflections]))
+        goal = self._axes.take(tuple([self._reach * self._beyond_dead_zone(d) for d in self.deflections]))
         moved = tuple([share * (g - x) for g, x in zip(goal, self._position, strict=True)])
         self._position = tuple([x + m for x, m in zip(self._position, moved, strict=True)])
         if dt > 0.0:
@@ -81,7 +81,7 @@ class InputDevice(Driver):
         return self._position, self._velocity
 
     def apply(self, force: Vector) -> Vector:
-        """There are no motors: no force is applied."""
+        """Return zeros: without motors no force is applied."""
         return (0.0,) * self.dof
 
     def buttons(self) -> tuple[bool, ...]:
@@ -92,7 +92,7 @@ class InputDevice(Driver):
             os.close(self._file)
             self._file = None
 
-    def _live(self, deflection: float) -> float:
+    def _beyond_dead_zone(self, deflection: float) -> float:
         """The deflection beyond the dead zone; full deflection stays full."""
         size = max(0.0, abs(deflection) - self._dead) / (1.0 - self._dead)
         return math.copysign(min(1.0, size), deflection)
@@ -134,5 +134,5 @@ class InputDevice(Driver):
 
 
 def existing(paths: Sequence[str]) -> tuple[str, ...]:
-    """Those of the paths that can be read."""
+    """The paths that can be read."""
     return tuple(path for path in paths if os.access(path, os.R_OK))

@@ -1,7 +1,7 @@
-"""Haply's Inverse3, through the Inverse Service on this machine or another. Its page is inverse3.md beside it.
+"""Haply's Inverse3, through the Inverse Service on this machine or another. Its page is inverse3.md.
 
-The service answers each message with one state. So a tick sends one message, the force; its answer, which holds the
-position at which that force began to act, is the next tick's reading. It has come by then: nobody waits for it.
+The service answers each message with one state. So a tick sends one message, the force; its answer, with the position
+at which that force began to act, is the next tick's reading. By then it has usually arrived, so there is no wait.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from hapnet.ext.devices.websocket import Caller
 
 PATIENCE_S = 0.005
-"""A reading waits no longer: the servo's own watchdog, 20 ms by default, outlasts several of them."""
+"""The longest wait of a reading [s]; the servo's watchdog, 20 ms by default, is several times longer."""
 
 SURE_S = 0.01
-"""How long a command acts is not documented. It is believed to, as long as the next one follows within this time."""
+"""A command is assumed to act until the next one within this time [s]; its true duration is not documented."""
 
 UNKNOWN_S = 0.02
-"""After a longer time without a reading nobody knows which force acted."""
+"""After a longer time without a reading the force that acted counts as not known [s]."""
 
 MINVERSE_REACH_M = 0.04
-"""In both directions. Its force is not documented."""
+"""The reach of a Minverse in both directions [m]. Its force is not documented."""
 
 _UNFELT = 50
 _ASKS = 5
-"""How often a session is asked for the arm's preset, where a message does not have it."""
+"""The number of requests for the arm's preset in a session, if messages do not contain it."""
 _START_S = 2.0
 _FIND_S = 0.2
 _MOST_UNANSWERED = 2
@@ -45,13 +45,13 @@ _PRESETS = ("arm_front_centered", "led_front_centered", "arm_front", "led_front"
 
 
 class Inverse3(Driver):
-    """An Inverse3 (or Inverse3x, Minverse), made with the service's address: ``inverse3:localhost:10001,axes=xz``.
+    """An Inverse3 (or Inverse3x, Minverse) at the service's address: ``inverse3:localhost:10001,axes=xz``.
 
     address : host and port of the service. device : the arm's id; empty: the only one. axes : as in `Axes`. preset : of
-    the arm, which sets its origin. spelling : what a command calls its force, ``vector`` or ``values``; auto: as the
-    service's inventory shows. events : port of the event socket; 0: do without, and without seeing the brake.
-    watchdog_ms : after how long without a command the arm was measured to take its force away; 0: not measured.
-    More than twenty attributes: nine of them are what it declares of itself.
+    the arm, which sets its origin. spelling : the force's name in a command, ``vector`` or ``values``; auto: by the
+    service's inventory. events : port of the event socket; 0: do without it, and without the brake's state.
+    watchdog_ms : the measured time without a command after which the arm ends its force; 0: not measured.
+    More than twenty attributes: nine of them are declarations of the driver.
 
     Raises InvalidParameter: an option is not allowed. MissingLibrary: `websockets` is not installed. HapnetError: no
     service answers, or it has no such arm.
@@ -90,26 +90,26 @@ class Inverse3(Driver):
 
         self.dof = dof
         self._axes = Axes(axes, dof)
-        self._device, self._wanted = "", device
+        self._device, self._requested_arm = "", device
         self._preset, self._spelling, self._kind = preset, spelling, ""
-        self._is_asked = spelling != "auto"
+        self._has_spelling = spelling != "auto"
         self._frame: str | None = None
-        """The preset that the service says the arm has; None: not known yet."""
+        """The arm's preset, as the service reports it; None: not known yet."""
         self._unfelt = 0
         self.workspace: float = 0.35 if preset.endswith("_centered") else 0.7
         self.watchdog_s: float | None = watchdog_ms * 1e-3 or None
         self._service = Caller(host, port)
         self._safety = SafetyEvents(host, events)
         self._calls = 0
-        self._to_skip = self._asks = 0
+        self._to_skip = self._requests_left = 0
         self._unanswered: deque[Vector] = deque()
         self._acting = _NO_FORCE  # since the last answer
-        self._during: deque[Vector] = deque(maxlen=100)  # the forces that acted since the last reading
+        self._forces_since_reading: deque[Vector] = deque(maxlen=100)
         self._last: wire.Inverse3State | None = None
         self._last_s = 0.0
         self._acted: Vector | None = None
         self.damaged: int = 0
-        """How many messages had no state in them."""
+        """The number of messages without a state."""
         try:
             self._begin()
         except HapnetError:
@@ -144,55 +144,55 @@ class Inverse3(Driver):
             raise HapnetError(f"the arm {self._device} is not calibrated: do that first, as its maker's page says")
 
     def read(self) -> tuple[Vector, Vector]:
-        """The state that the last command was answered with, as old as that command.
+        """The state in the answer to the last command, as old as that command.
 
-        Raises DeviceSilent: there is none within `PATIENCE_S`, or the service has gone.
+        Raises DeviceSilent: no state within `PATIENCE_S`, or the service is not connected.
         """
         self._safety.hear(self._device)
         until_s = time.monotonic() + PATIENCE_S
-        self._watch_for_new_session()
+        self._check_for_new_session()
         if self._service.is_open and self._device and not self._unanswered:
-            self._send(_NO_FORCE if self.braked() else self._acting)  # nothing else would bring a state
+            self._send(_NO_FORCE if self.braked() else self._acting)  # otherwise no state would come
         newest = None
         while newest is None:
             if (left_s := until_s - time.monotonic()) <= 0.0:
                 raise DeviceSilent(f"no state from {self._service.url} for {PATIENCE_S * 1e3:g} ms")
             came = self._service.receive(left_s)
-            self._watch_for_new_session()
+            self._check_for_new_session()
             for raw in came:
                 newest = self._take(raw) or newest
             if newest is None and self._device and not self._unanswered:
-                raise DeviceSilent(f"what comes from {self._service.url} is no state of the arm {self._device}")
+                raise DeviceSilent(f"a message from {self._service.url} has no state of the arm {self._device}")
         now_s = time.monotonic()
         self._acted = self._mean_force(newest, now_s - self._last_s)
         self._last, self._last_s = newest, now_s
-        self._hear_of_force(newest)
-        self._during.clear()
+        self._check_service_force(newest)
+        self._forces_since_reading.clear()
         return self._axes.take(newest.position), self._axes.take(newest.velocity)
 
     def apply(self, force: Vector) -> None:
-        """Send the force. The service does not report what the arm makes of it."""
+        """Send the force. The service does not report the force that the arm really makes."""
         if not self._device:
             raise DeviceSilent(f"the session at {self._service.url} has not begun")
         whole = _NO_FORCE if self.braked() else self._axes.spread(force)
         if len(self._unanswered) >= _MOST_UNANSWERED:
             if any(whole) or any(self._unanswered[-1]):
                 raise DeviceSilent(f"{self._service.url} has not answered the last {_MOST_UNANSWERED} commands")
-            return  # a command without force is in flight already
+            return  # a command without force is already on its way
         self._send(whole)
 
     def acted(self) -> Vector | None:
         return self._acted
 
     def buttons(self) -> tuple[bool, ...]:
-        """Of the grip; released while it sleeps or is gone."""
+        """The grip's buttons; released while the grip sleeps or is lost."""
         if self._last is None:
             return ()
         is_away = self._last.grip in self._safety.away
         return (False,) * len(self._last.buttons) if is_away else self._last.buttons
 
     def orientation(self) -> Vector | None:
-        """Of the grip, as of the last reading: a unit quaternion (w, x, y, z); None: not known."""
+        """The grip's orientation at the last reading: a unit quaternion (w, x, y, z); None: not known."""
         return None if self._last is None else self._last.orientation
 
     def braked(self) -> str:
@@ -219,27 +219,27 @@ class Inverse3(Driver):
             if time.monotonic() > until_s and self._last is not None and not self._safety.are_heard:
                 raise HapnetError("the service's event socket does not answer: give its port, events=0 to do without")
 
-    def _watch_for_new_session(self) -> None:
-        """The service forgets all about a client whose connection was lost."""
+    def _check_for_new_session(self) -> None:
+        """Begin anew after a lost connection, as the service drops the client's settings."""
         if self._calls != self._service.calls:
             self._calls = self._service.calls
-            self._during.extend(self._unanswered)  # they may have acted
+            self._forces_since_reading.extend(self._unanswered)  # they may have acted
             self._unanswered.clear()
             self._device = ""
 
     def _take(self, raw: bytes) -> wire.Inverse3State | None:
-        """The state in a message, if it is one that counts as a reading."""
+        """The state in a message, if it counts as a reading."""
         message = wire.parsed(raw)
         if not self._device:
             self._greet(message)
             return None
         if self._unanswered:
-            self._during.append(self._acting)
+            self._forces_since_reading.append(self._acting)
             self._acting = self._unanswered.popleft()
         if self._to_skip:
             self._to_skip -= 1
-            if not self._to_skip and self._asks and self._preset_in(message) is None:
-                self._to_skip, self._asks = 1, self._asks - 1
+            if not self._to_skip and self._requests_left and self._preset_in(message) is None:
+                self._to_skip, self._requests_left = 1, self._requests_left - 1
             if self._to_skip:
                 self._service.send(wire.whole(self._device, self._spelling, self._kind))
                 self._unanswered.append(_NO_FORCE)
@@ -252,26 +252,26 @@ class Inverse3(Driver):
         return found
 
     def _greet(self, message: dict[str, object] | None) -> None:
-        """Answer a session's first message, which lists the arms. The frame of its positions is not ours yet."""
+        """Answer a session's first message, which lists the arms. The arm's positions are not in hapnet's frame yet."""
         arms = [] if message is None else wire.arms(message)
         if not arms:
             self.damaged += 1
             self._service.close()
             raise DeviceSilent(f"{self._service.url} lists no arm")
-        if self._wanted not in ("", *arms) or (not self._wanted and len(arms) > 1):
+        if self._requested_arm not in ("", *arms) or (not self._requested_arm and len(arms) > 1):
             if self._last is None:
-                raise InvalidParameter("device", self._wanted, "one of the service's arms: " + ", ".join(arms))
+                raise InvalidParameter("device", self._requested_arm, "one of the service's arms: " + ", ".join(arms))
             self._service.close()
-            raise DeviceSilent(f"{self._service.url} has no arm {self._wanted}")
-        self._device = self._wanted = self._wanted or arms[0]
+            raise DeviceSilent(f"{self._service.url} has no arm {self._requested_arm}")
+        self._device = self._requested_arm = self._requested_arm or arms[0]
         assert message is not None, "it lists arms"
         self._kind = wire.kind_of(message, self._device)
         if self._kind == "minverse":
             self.workspace = MINVERSE_REACH_M
-        if not self._is_asked:
+        if not self._has_spelling:
             self._spelling = wire.spelling_of(message, self._device)
-        self._to_skip, self._asks = 2, _ASKS
-        self._during.append(self._acting)
+        self._to_skip, self._requests_left = 2, _ASKS
+        self._forces_since_reading.append(self._acting)
         self._acting = _NO_FORCE
         self._unanswered.append(_NO_FORCE)
         self._service.send(wire.greeting(self._device, self._preset, self._spelling, self._kind))
@@ -281,7 +281,7 @@ class Inverse3(Driver):
         return wire.NO_FRAME if found is None and self._preset == wire.NO_FRAME else found
 
     def _learn_frame(self, message: dict[str, object] | None) -> None:
-        """Take the preset that the arm has. One that is not what was asked for is no frame to render forces in."""
+        """Take the arm's preset from a message. Forces are rendered in the requested preset only."""
         found = self._preset_in(message)
         if self._last is not None and found != self._preset:
             raise HapnetError(
@@ -289,17 +289,17 @@ class Inverse3(Driver):
             )
         self._frame = found
 
-    def _hear_of_force(self, newest: wire.Inverse3State) -> None:
-        """Check that the service takes the forces. It reports the one that acts now.
+    def _check_service_force(self, newest: wire.Inverse3State) -> None:
+        """Check that the service takes the forces, by the force that it reports.
 
-        Raises HapnetError: it reported no force for `_UNFELT` readings with one.
+        Raises HapnetError: it reported zero for `_UNFELT` readings with a force.
         """
         if newest.force is None or not any(self._acting):
             return
         self._unfelt = 0 if any(newest.force) else self._unfelt + 1
         if self._unfelt >= _UNFELT and not self.braked():
             raise HapnetError(
-                f"the service takes no force of the arm {self._device}: its current_cursor_force stayed 0 while"
+                f"the service accepts no force for the arm {self._device}: its current_cursor_force stayed 0 while"
                 f" {self._spelling} were sent (spelling=..., or another client holds the arm)"
             )
 
@@ -308,13 +308,13 @@ class Inverse3(Driver):
         self._unanswered.append(force)
 
     def _mean_force(self, newest: wire.Inverse3State, elapsed_s: float) -> Vector | None:
-        """The force that acted between the last two readings; of several that may have, the one that put out most.
+        """The force that acted between the last two readings; of several candidates, that which gave out most energy.
 
         None: not known.
         """
         if self._last is None or elapsed_s > UNKNOWN_S:
             return None if self._last is not None else (0.0,) * self.dof
-        possible = list(self._during)
+        possible = list(self._forces_since_reading)
         if elapsed_s > SURE_S or self.braked():
             possible.append(_NO_FORCE)
         moved = tuple(map(sub, newest.position, self._last.position))
@@ -323,7 +323,7 @@ class Inverse3(Driver):
 
 
 def _inventory(service: Caller, seconds: float) -> list[str]:
-    """The arms that the service lists when somebody connects; none if none answers."""
+    """The arms that the service lists to a new client; none if no service answers."""
     until_s = time.monotonic() + seconds
     while (left_s := until_s - time.monotonic()) > 0.0:
         try:

@@ -2,7 +2,7 @@
 
 Source: docs.haply.co, Inverse SDK 3.5 and 3.4: the simulation channel (inventory, one state for each message, a preset
 as an object in `configure`, `force_render_full_state`), the events' names and levels. Not documented, and chosen here:
-how long a command acts (`hold`), and that a service which does not know a spelling ignores the command.
+the time for which a command acts (`hold`), and that a service ignores a command with an unknown spelling.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hapnet.ext.devices.websocket import Gone, WebSocket, answer
 
 DEVICE = "049D"
 BASE_M = 0.1
-"""The origin of `defaults` is as far behind that of `arm_front_centered`."""
+"""The distance by which the origin of `defaults` lies behind that of `arm_front_centered` [m]."""
 _STALL_NS = 500_000_000
 _BRAKE_NS = 1_000_000_000
 _LOOK_S = 0.05
@@ -36,7 +36,7 @@ _NO_FORCE: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class _Faults:
-    """The faults of an `Inverse3Emulator`, as its arguments say."""
+    """The faults of an `Inverse3Emulator`, named as its arguments."""
 
     ignores: bool
     deaf: bool
@@ -53,13 +53,13 @@ class _Faults:
 class Inverse3Emulator(Emulator):
     """10 N, 0.01 mm, and no force once no command has come for `hold` seconds.
 
-    port : of the service; 0: any that is free. events : of its event socket; 0: any; -1: there is none. spelling : the
-    only one that it understands, ``vector`` or ``values``; both: either. hold : how long a command acts [s]. latency :
-    it handles a message so many seconds after it came. stall : for 0.5 s after so many seconds it neither reads nor
-    sends. brake : on for 1 s every so many seconds. killed : it ends without a word after so many seconds. rubbish :
-    share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of units.
-    button : is the grip's button a pressed? ignores : it ignores presets, so its origin is 0.1 m off. deaf : it takes
-    no forces. asleep : its grip sleeps. seed : of what is random.
+    port : of the service; 0: any free port. events : port of its event socket; 0: any; -1: none. spelling : the
+    only one that it accepts, ``vector`` or ``values``; both: either. hold : the time for which a command acts [s].
+    latency : the delay before it handles a message [s]. stall : after this time it neither reads nor sends for 0.5 s
+    [s]. brake : on for 1 s at this interval [s]. killed : it ends without notice after this time [s]. rubbish : share
+    of the states that are random bytes. units : factor of its positions; 1000 is a mistake of units. button : whether
+    the grip's button a is pressed. ignores : it ignores presets, so its origin is 0.1 m off. deaf : it takes no forces.
+    asleep : its grip sleeps. seed : of the random numbers.
     """
 
     dof = 3
@@ -88,7 +88,7 @@ class Inverse3Emulator(Emulator):
     ) -> None:
         super().__init__(handle, clock)
         one_of("spelling", spelling, ("both", *wire.SPELLINGS))
-        self._is_old = spelling == "values"  # a service before 3.5: no presets, no session's number, no force reported
+        self._is_old = spelling == "values"  # a service before 3.5: no presets, session numbers or reported forces
         stall_ns, brake_ns, killed_ns, latency_ns = (round(s / NANO) for s in (stall, brake, killed, latency))
         self._faults = _Faults(
             ignores=ignores or self._is_old, deaf=deaf, asleep=asleep, button=button, rubbish=rubbish, units=units,
@@ -103,12 +103,12 @@ class Inverse3Emulator(Emulator):
         self.address: str = f"localhost:{self.port}"
         if self.events != 10020:
             self.address += f",events={self.events}"
-        self._clients: dict[WebSocket, bool] = {}  # and whether its inventory was sent
-        self._hearers: list[WebSocket] = []
+        self._clients: dict[WebSocket, bool] = {}  # True once the inventory was sent
+        self._listeners: list[WebSocket] = []
         self._waiting: deque[tuple[int, WebSocket, bytes]] = deque()
         self._braked = False
         self.greetings: int = 0
-        """How many sessions were configured."""
+        """The number of sessions that were configured."""
 
     @property
     def port(self) -> int:
@@ -116,7 +116,7 @@ class Inverse3Emulator(Emulator):
 
     @property
     def events(self) -> int:
-        """0: there are none."""
+        """The port of the event socket; 0: there is none."""
         return 0 if self._reports is None else int(self._reports.getsockname()[1])
 
     def run(self, stop: threading.Event) -> None:
@@ -135,13 +135,13 @@ class Inverse3Emulator(Emulator):
                 self.serve(_LOOK_S)
                 self.handle.read(self._clock())
         finally:
-            for one in (self._service, self._reports, *self._clients, *self._hearers):
+            for one in (self._service, self._reports, *self._clients, *self._listeners):
                 if one is not None:
                     one.close()
 
     def serve(self, seconds: float) -> None:
-        """Handle what has come, waiting for it at most `seconds`."""
-        watched: list[socket.socket | WebSocket] = [self._service, *self._clients, *self._hearers]
+        """Handle the messages that have come, waiting at most `seconds`."""
+        watched: list[socket.socket | WebSocket] = [self._service, *self._clients, *self._listeners]
         if self._reports is not None:
             watched.append(self._reports)
         if self._waiting:
@@ -152,7 +152,7 @@ class Inverse3Emulator(Emulator):
                 if ready is self._service:
                     self._clients[caller] = False
                 else:
-                    self._hearers.append(caller)
+                    self._listeners.append(caller)
             else:
                 self._listen_to(ready)
         while self._waiting and self._waiting[0][0] <= self._clock():
@@ -160,10 +160,10 @@ class Inverse3Emulator(Emulator):
             self._handle(client, message)
 
     def announce(self, safety_type: str) -> None:
-        """Send a safety event to whoever listens."""
+        """Send a safety event to all clients of the event socket."""
         data = {"device_family": "inverse", "device_id": DEVICE, "safety_type": safety_type}
         event = {"name": "device-safety-triggered", "category": "device", "level": "error", "data": data, "message": ""}
-        for hearer in list(self._hearers):
+        for hearer in list(self._listeners):
             with suppress(Gone):
                 hearer.send(json.dumps(event).encode())
 
@@ -172,46 +172,46 @@ class Inverse3Emulator(Emulator):
             messages = caller.receive(0.0)
             if self._clients.get(caller) is False and caller.is_open:
                 self._clients[caller] = True
-                caller.send(json.dumps(self._reported(whole=True)).encode())
+                caller.send(json.dumps(self._message(whole=True)).encode())
         except Gone:
             caller.close()
             self._clients.pop(caller, None)
-            if caller in self._hearers:
-                self._hearers.remove(caller)
+            if caller in self._listeners:
+                self._listeners.remove(caller)
             return
         if caller in self._clients:
             due_ns = self._clock() + self._faults.latency_ns
             self._waiting.extend((due_ns, caller, message) for message in messages)
 
     def _handle(self, client: WebSocket, raw: bytes) -> None:
-        """Let a message's force act, and answer with the state as of now."""
+        """Let a message's force act, and answer with the present state."""
         message = wire.parsed(raw) or {}
         self.greetings += "configure" in message.get("session", {})
         session = message.get("session", {})
-        reported = json.dumps(self._reported(whole=not self._is_old and "force_render_full_state" in session)).encode()
+        answer = json.dumps(self._message(whole=not self._is_old and "force_render_full_state" in session)).encode()
         self._configure(message)
         if (force := self._commanded(message)) is not None and not self._faults.deaf:
             self.handle.hold(self._clock(), _NO_FORCE if self._braked else force)
         if self._random.random() < self._faults.rubbish:
-            reported = bytes(self._random.randrange(32, 127) for _ in range(len(reported)))
+            answer = bytes(self._random.randrange(32, 127) for _ in range(len(answer)))
         try:
-            client.send(reported)
+            client.send(answer)
         except Gone:
             client.close()
             self._clients.pop(client, None)
 
     def _configure(self, message: dict[str, Any]) -> None:
         for entry in message.get("inverse3", ()):
-            reported = entry.get("configure", {}).get("preset")
-            if isinstance(reported, dict) and not self._faults.ignores:
-                self._preset = str(reported.get("preset", self._preset))
+            preset = entry.get("configure", {}).get("preset")
+            if isinstance(preset, dict) and not self._faults.ignores:
+                self._preset = str(preset.get("preset", self._preset))
 
     def _commanded(self, message: dict[str, Any]) -> Vector | None:
         for entry in message.get("inverse3", ()):
-            reported = entry.get("commands", {}).get("set_cursor_force", {})
+            forces = entry.get("commands", {}).get("set_cursor_force", {})
             for spelling in self._spellings:
-                if entry.get("device_id") == DEVICE and spelling in reported:
-                    return tuple([float(reported[spelling][name]) for name in "xyz"])
+                if entry.get("device_id") == DEVICE and spelling in forces:
+                    return tuple([float(forces[spelling][name]) for name in "xyz"])
         return None
 
     def _brake_now(self, braked: bool) -> None:
@@ -221,7 +221,7 @@ class Inverse3Emulator(Emulator):
             if braked:
                 self.handle.hold(self._clock(), _NO_FORCE)
 
-    def _reported(self, whole: bool = False) -> dict[str, Any]:
+    def _message(self, whole: bool = False) -> dict[str, Any]:
         x, v = self.handle.read(self._clock())
         if self._preset == wire.NO_FRAME and not self._is_old:
             x = (x[0], x[1] + BASE_M, x[2])

@@ -1,6 +1,6 @@
-"""The messages of Haply's Inverse Service 3.5, and no input or output. inverse3.md beside it is its page.
+"""The messages of Haply's Inverse Service 3.5, without input and output. Its page is inverse3.md.
 
-What is missing, of another type or not finite is never guessed: such a message has no state in it.
+Values that are missing, of another type or not finite are never guessed: such a message has no state.
 """
 
 from __future__ import annotations
@@ -12,34 +12,34 @@ from typing import Any, NamedTuple
 from hapnet.checks import Vector
 
 SPELLINGS = ("vector", "values")
-"""What a command calls its force: service 3.5, and those before."""
+"""The name of the force in a command: in service 3.5, and in earlier ones."""
 
 NO_FRAME = "defaults"
-"""The preset of an arm whose origin is its base: that of services before 3.5, which have no others."""
+"""The preset with the origin at the arm's base: the only one of services before 3.5."""
 
 _GRIPS = ("wireless_verse_grip", "custom_verse_grip", "verse_grip")
 _ARMS = ("inverse3", "minverse")
 _HEALTHY = ("awake", "connected", "ready")
 _UNIT = 0.01
-"""A quaternion's length may differ from 1 by so much."""
+"""The greatest difference of a quaternion's length from 1."""
 
 
 class Inverse3State(NamedTuple):
-    """An arm's state, and that of the grip on it."""
+    """The state of an arm and of its grip."""
 
     position: Vector
-    """[m], shape (3,)."""
+    """The position (3,) [m]."""
     velocity: Vector
-    """[m/s], shape (3,)."""
+    """The velocity (3,) [m/s]."""
     calibrated: bool
     powered: bool
-    """Has it its power supply? Without it there is no force."""
+    """Whether it has power; without it there is no force."""
     buttons: tuple[bool, ...]
-    """Of the grip, by their names' order."""
+    """The grip's buttons, in the order of their names."""
     orientation: Vector | None
-    """Of the grip: a unit quaternion (w, x, y, z); None: not known."""
+    """The grip's orientation: a unit quaternion (w, x, y, z); None: not known."""
     force: Vector | None
-    """The one that acts now, as the service believes [N]; None: not reported."""
+    """The force that acts now, as the service reports it [N]; None: not reported."""
     grip: str
     """The id of the grip; empty: there is none."""
 
@@ -50,13 +50,13 @@ class ForceEvent(NamedTuple):
     what: str
     """The event's name, or for a safety event its `safety_type`."""
     device: str
-    """Which device it concerns; empty: it does not say."""
+    """The id of its device; empty: not reported."""
     level: str
-    """How bad it is: info, notice, warning, error, critical, panic."""
+    """The severity: info, notice, warning, error, critical, panic."""
 
 
 def parsed(raw: bytes) -> dict[str, Any] | None:
-    """The object in a message; None if it is none."""
+    """The object in a message; None if there is none."""
     try:
         found = json.loads(raw)
     except (ValueError, RecursionError):
@@ -65,21 +65,21 @@ def parsed(raw: bytes) -> dict[str, Any] | None:
 
 
 def kind_of(message: dict[str, Any], device: str) -> str:
-    """Under which name the message has the arm: an inverse3 or a minverse; empty: it has not."""
+    """The kind under which a message lists the arm, inverse3 or minverse; empty: it does not."""
     return next((kind for kind in _ARMS for arm in _entries(message, kind) if arm.get("device_id") == device), "")
 
 
 def preset_of(message: dict[str, Any], device: str) -> str | None:
-    """The preset of an arm in a message with its configuration; None: it has none."""
+    """The preset of an arm in a message with its configuration; None: there is none."""
     for arm in _entries(message, kind_of(message, device)):
         if arm.get("device_id") == device and isinstance(config := arm.get("config"), dict):
-            reported = config.get("preset")
-            return _text(reported.get("preset") if isinstance(reported, dict) else reported) or None
+            preset = config.get("preset")
+            return _text(preset.get("preset") if isinstance(preset, dict) else preset) or None
     return None
 
 
 def spelling_of(inventory: dict[str, Any], device: str) -> str:
-    """How the service that sent this inventory spells a force: one that has presets is a 3.5."""
+    """The name of a force in the service with this inventory: if it has presets, it is version 3.5."""
     return SPELLINGS[0] if "session_id" in inventory or preset_of(inventory, device) else SPELLINGS[1]
 
 
@@ -90,7 +90,7 @@ def arms(message: dict[str, Any]) -> list[str]:
 
 
 def state(message: dict[str, Any], device: str) -> Inverse3State | None:
-    """The state of the arm `device`, and of the first grip that reports its own; None: it is not in the message."""
+    """The state of the arm `device`, and of the first grip with a state; None: it is not in the message."""
     for kind in _ARMS:
         for entry in _entries(message, kind):
             if entry.get("device_id") == device:
@@ -99,12 +99,12 @@ def state(message: dict[str, Any], device: str) -> Inverse3State | None:
 
 
 def command(device: str, force: Vector, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> bytes:
-    """A force for the arm [N], shape (3,). The service answers it with one state."""
+    """The command of a force (3,) to the arm [N], which the service answers with one state."""
     return b'{%b:[{"device_id":%b,"commands":{%b}}]}' % (_quoted(kind), _quoted(device), _force(force, spelling))
 
 
 def greeting(device: str, preset: str, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> bytes:
-    """The first message: a name for the session, the maker's own frame, the arm's preset, and no force."""
+    """The first message: a name for the session, the maker's frame, the arm's preset, and zero force."""
     session = b'{"configure":{"profile":{"name":"hapnet"},"basis":{"permutation":"XYZ"}}}'
     arm = b'"device_id":%b,"configure":{"preset":{"preset":%b}}' % (_quoted(device), _quoted(preset))
     force = _force((0.0, 0.0, 0.0), spelling)
@@ -112,20 +112,20 @@ def greeting(device: str, preset: str, spelling: str = SPELLINGS[0], kind: str =
 
 
 def whole(device: str, spelling: str = SPELLINGS[0], kind: str = _ARMS[0]) -> bytes:
-    """The second message: asks for the configuration once more, as it is now; and no force."""
+    """The second message: requests the present configuration, with zero force."""
     force = _force((0.0, 0.0, 0.0), spelling)
     arm = b'{"device_id":%b,"commands":{%b}}' % (_quoted(device), force)
     return b'{"session":{"force_render_full_state":{}},%b:[%b]}' % (_quoted(kind), arm)
 
 
 def notice(raw: bytes) -> ForceEvent | None:
-    """The event in a message of the event socket; None if it is none."""
+    """The event in a message of the event socket; None if there is none."""
     if (message := parsed(raw)) is None or not (name := _text(message.get("name"))):
         return None
     data = message.get("data")
-    reported = data if isinstance(data, dict) else {}
+    details = data if isinstance(data, dict) else {}
     return ForceEvent(
-        _text(reported.get("safety_type")) or name, _text(reported.get("device_id")), _text(message.get("level"))
+        _text(details.get("safety_type")) or name, _text(details.get("device_id")), _text(message.get("level"))
     )
 
 
@@ -139,29 +139,29 @@ def _quoted(text: str) -> bytes:
 
 
 def _state(message: dict[str, Any], entry: dict[str, Any]) -> Inverse3State | None:
-    reported, status = entry.get("state"), entry.get("status")
-    if not isinstance(reported, dict):
+    values, status = entry.get("state"), entry.get("status")
+    if not isinstance(values, dict):
         return None
-    position, velocity = _vector(reported.get("cursor_position")), _vector(reported.get("cursor_velocity"))
+    position, velocity = _vector(values.get("cursor_position")), _vector(values.get("cursor_velocity"))
     if position is None or velocity is None:
         return None
     status = status if isinstance(status, dict) else {}
     calibrated, powered = status.get("calibrated") is not False, status.get("power_supply") is not False
     buttons, orientation, grip = _grip(message)
-    force = _vector(reported.get("current_cursor_force"))
+    force = _vector(values.get("current_cursor_force"))
     return Inverse3State(position, velocity, calibrated, powered, buttons, orientation, force, grip)
 
 
 def _grip(message: dict[str, Any]) -> tuple[tuple[bool, ...], Vector | None, str]:
-    """Buttons, orientation and id. Of a grip that sleeps, is lost or not ready the buttons are released."""
+    """Buttons, orientation and id of the grip. If it sleeps, is lost or not ready, its buttons are released."""
     for kind in _GRIPS:
         for entry in _entries(message, kind):
-            if isinstance(reported := entry.get("state"), dict):
-                buttons, name = _buttons(reported), _text(entry.get("device_id"))
+            if isinstance(values := entry.get("state"), dict):
+                buttons, name = _buttons(values), _text(entry.get("device_id"))
                 status = entry.get("status")
                 if isinstance(status, dict) and any(status.get(flag) is False for flag in _HEALTHY):
                     return (False,) * len(buttons), None, name
-                return buttons, _quaternion(reported.get("orientation")), name
+                return buttons, _quaternion(values.get("orientation")), name
     return (), None, ""
 
 

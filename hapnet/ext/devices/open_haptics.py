@@ -1,4 +1,4 @@
-"""The HD library of OpenHaptics (`libHD.so`, `hd.dll`), as its public headers hd*.h 3.0 and 3.3 declare it.
+"""The HD library of OpenHaptics (`libHD.so`, `hd.dll`), by its public headers hd*.h 3.0 and 3.3.
 
 Errors come on one stack for all threads, the newest first: `OpenHaptics.errors` empties it.
 """
@@ -26,19 +26,19 @@ HIGHEST_PRIORITY, DEFAULT_PRIORITY = 65_535, 32_767
 SUCCESS = 0
 WARM_MOTORS = 0x0200
 FORCE_ENDED = {0x0201: "its force was too large", 0x0202: "its force jumped", 0x0203: "it went faster than its limit"}
-"""The device's amplifiers go off, and come back by a ramp."""
+"""Errors after which the device's amplifiers go off, and come back by a ramp."""
 LOST = {
     0x0300: "HD_DEVICE_FAULT",
     0x0302: "HD_COMM_ERROR: is it connected?",
     0x0303: "HD_COMM_CONFIG_ERROR",
     0x0304: "HD_TIMER_ERROR",
 }
-"""Until these end there is no reading."""
+"""Errors during which there is no reading."""
 _NAMES = {
     0x0100: "HD_INVALID_ENUM", 0x0101: "HD_INVALID_VALUE", 0x0102: "HD_INVALID_OPERATION",
     0x0103: "HD_INVALID_INPUT_TYPE", 0x0104: "HD_BAD_HANDLE", 0x0200: "HD_WARM_MOTORS", 0x0204: "HD_FORCE_ERROR",
     0x0300: "HD_DEVICE_FAULT: no such device, or it is not connected",
-    0x0301: "HD_DEVICE_ALREADY_INITIATED: something else uses it", 0x0400: "HD_ILLEGAL_BEGIN",
+    0x0301: "HD_DEVICE_ALREADY_INITIATED: another program uses it", 0x0400: "HD_ILLEGAL_BEGIN",
     0x0401: "HD_ILLEGAL_END", 0x0402: "HD_FRAME_ERROR", 0x0500: "HD_INVALID_PRIORITY", 0x0501: "HD_SCHEDULER_FULL",
     0x0600: "HD_INVALID_LICENSE: its maker's licence is missing",
 }  # fmt: skip
@@ -55,7 +55,7 @@ class ErrorInfo(ctypes.Structure):
 
 
 class Failure(NamedTuple):
-    """One error of the library's stack."""
+    """An error from the library's stack."""
 
     code: int
     internal: int
@@ -89,7 +89,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
 
 
 class Calls:
-    """The library's functions, as `c`, and what is put together of them."""
+    """The library's functions, as `c`, and combinations of them."""
 
     def __init__(self, library: Any) -> None:
         for name, (result, arguments) in _FUNCTIONS.items():
@@ -106,13 +106,13 @@ class Calls:
             yield Failure(info.code, info.internal)
 
     def doubles(self, name: int, count: int) -> list[float]:
-        """The `count` numbers of the parameter `name`; of one that the device does not have they are 0."""
+        """The `count` numbers of the parameter `name`; 0 if the device lacks it."""
         values = (c_double * count)()
         self.c.hdGetDoublev(name, values)
         return list(values)
 
     def integer(self, name: int) -> int:
-        """The parameter `name`; of one that the device does not have 0."""
+        """The parameter `name`; 0 if the device lacks it."""
         value = c_int()
         self.c.hdGetIntegerv(name, ctypes.byref(value))
         return value.value
@@ -125,10 +125,10 @@ class OpenHaptics:
     ----------
     slow : calls that may wait, for the device or for a lock that the scheduler's thread holds while it waits for the
         interpreter. Other threads of Python run meanwhile.
-    quick : calls in the scheduler's own thread that only copy. To let go of the interpreter for each would cost more,
-        and beside a busy thread up to 0.1 ms.
+    quick : calls in the scheduler's own thread that only copy. Releasing the interpreter for each would cost more, up
+        to 0.1 ms beside a busy thread.
 
-    Raises HapnetError: there is none, or it is another library.
+    Raises HapnetError: there is no library, or a different one.
     """
 
     def __init__(self, path: str = "") -> None:
@@ -155,5 +155,5 @@ NEEDED = "OpenHaptics (libHD) and the device's driver, both from 3D Systems, whe
 
 
 def find() -> str:
-    """Where the system has the library; empty: nowhere."""
+    """The library's name on this system; empty: not installed."""
     return next(filter(None, map(ctypes.util.find_library, ("HD", "hd"))), "")

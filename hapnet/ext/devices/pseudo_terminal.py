@@ -1,4 +1,4 @@
-"""A pseudo-terminal for an emulator: what it writes comes out of a port that a driver can open."""
+"""A pseudo-terminal for an emulator: its bytes come out of a port that a driver can open."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from hapnet.errors import HapnetError, InvalidParameter
 
 
 class PseudoTerminal:
-    """Both ends, and a name for the driver's.
+    """Both ends of a pseudo-terminal, and a name for the driver's end.
 
-    link : a path that points to it, as its own name changes. noise : share of the bytes that get lost in each
+    link : a path that points to it, as the system's name changes. noise : share of the bytes that get lost in each
     direction, by `chance`.
 
     Attributes
     ----------
     device : the emulator's end, which does not block. address : the path to open.
 
-    Raises InvalidParameter: the path cannot be made. HapnetError: Windows has none.
+    Raises InvalidParameter: the path cannot be made. HapnetError: Windows has no pseudo-terminals.
     """
 
     def __init__(self, link: str, noise: float, chance: Random) -> None:
@@ -45,7 +45,7 @@ class PseudoTerminal:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send it. What does not fit, as nobody reads, is lost, as on a wire."""
+        """Send bytes. If no program reads them, the excess is lost, as on a wire."""
         with suppress(OSError):
             os.write(self.device, self._lossy(data))
 
@@ -55,7 +55,7 @@ class PseudoTerminal:
         return bytes(byte for byte in data if self._chance.random() >= self._noise)
 
     def close(self) -> None:
-        """Take both ends and the link away."""
+        """Close both ends and remove the link."""
         with suppress(OSError):
             if self._link is not None:
                 self._link.unlink()

@@ -1,6 +1,6 @@
 """A gamepad's two motors, by the kernel's force feedback (Documentation/input/ff.rst, include/uapi/linux/input.h).
 
-The motors turn eccentric weights: they know a strength, not a waveform. So what is felt is the size of a vibration.
+The motors turn eccentric weights: they have a strength, and no waveform. So the hand feels the size of a vibration.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ else:
     from fcntl import ioctl
 
 EVERY_S = 0.02
-"""The motors need longer to change their speed."""
+"""The shortest time between two commands [s]; the motors take longer to change their speed."""
 
 FULL_N = 0.05
-"""A vibration of this amplitude is the motors' greatest."""
+"""The amplitude of a vibration for the motors' full strength [N]."""
 
 _EFFECT = struct.Struct("@HhHHHHHxxHH28x")
 """struct ff_effect of 64 bits: type, id, direction, trigger (2), replay: length [ms] and delay; strong and weak."""
@@ -36,13 +36,13 @@ _UPLOAD = 1 << 30 | _EFFECT.size << 16 | ord("E") << 8 | 0x80
 
 _FF, _RUMBLE, _NEW = 0x15, 0x50, -1
 _LENGTH_MS = 500
-"""So long they turn if nothing follows."""
+"""The time for which they turn without a new command [ms]."""
 
 
 class Rumble:
     """The motors of a joystick.
 
-    file : its event file, opened for writing; None: it has none, or may not be written, and nothing happens.
+    file : its event file, opened for writing; None: there is none, or it may not be written, and the motors stay off.
     control : ioctl; clock : [s].
     """
 
@@ -55,7 +55,7 @@ class Rumble:
 
     @classmethod
     def of(cls, joystick: str) -> Rumble:
-        """Of the joystick at a path such as /dev/input/js0."""
+        """The motors of the joystick at a path such as /dev/input/js0."""
         for event in glob(f"/sys/class/input/{os.path.basename(joystick)}/device/event*"):
             try:
                 return cls(os.open(f"/dev/input/{os.path.basename(event)}", os.O_RDWR))
@@ -64,7 +64,7 @@ class Rumble:
         return cls(None)
 
     def vibrate(self, force: Vector) -> None:
-        """Turn as fast as the force [N] was large since the last time."""
+        """Set the strength by the largest force [N] since the last command."""
         if self._file is None:
             return
         self._squares, self._count = self._squares + math.hypot(*force) ** 2, self._count + 1
@@ -76,7 +76,7 @@ class Rumble:
             self._turn(strength)
 
     def close(self) -> None:
-        """Stand still."""
+        """Stop the motors."""
         if self._file is not None:
             self._turn(0.0)
         if self._file is not None:
@@ -91,7 +91,7 @@ class Rumble:
             self._control(self._file, _UPLOAD, effect)
             self._number = _EFFECT.unpack(effect)[1]  # the kernel numbers a new one
             os.write(self._file, _EVENT.pack(0, 0, _FF, self._number, 1))
-        except OSError:  # it has no motors, or is gone
+        except OSError:  # it has no motors, or is unplugged
             os.close(self._file)
             self._file = None
         self._strength = strength

@@ -1,8 +1,8 @@
-"""A home-made axis on a serial port, such as a Hapkit or a SimpleFOC knob. Its page is serial_axis.md beside it.
+"""A home-made axis on a serial port, such as a Hapkit or a SimpleFOC knob. Its page is serial_axis.md.
 
-The board sends its state once a period, and so sets the servo's pace. Each state holds the time by the board's clock,
+The board sends its state once a period, and so sets the servo's pace. Each state has the time by the board's clock,
 and the impulse of the actuator since its start. So the mean force between two readings is known exactly, whatever was
-lost between them, and however long a command was in flight: the account counts that force.
+lost between them, and for any delay of a command: the account counts that force.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from hapnet.ext.devices.serial_port import SerialPort
 from hapnet.ext.devices.timed_velocity import TimedVelocity
 
 _ANSWER_S, _AGAIN_S = 3.0, 0.1
-"""An Arduino starts anew when its port is opened, which takes a second or two."""
+"""The longest wait for an answer, and the interval of requests [s]: an Arduino resets when its port is opened."""
 
 _WATCHED_S, _TRIES = 0.3, 3
-"""A machine that was busy for so long may look like a slow port, but hardly each time."""
+"""The time of a check for bursts [s], and its tries: a busy machine may look like a slow port, but hardly each time."""
 
 _SLOW = 1.1
-"""Longer periods than the promised one by this factor, and the board is too slow for it."""
+"""The factor over the promised period above which a board counts as too slow."""
 
 _MAX_MEAN_US = 500_000
-"""The impulse of a longer time may have wrapped more than once."""
+"""The longest time for a mean force [us]; beyond it the impulse may have wrapped more than once."""
 
 _TEXT = re.compile(rb"[SI] [-0-9 ]+\*[0-9A-F]{4}\n")
-"""What a sketch of version 1 sends."""
+"""A message of a sketch of version 1."""
 
 _SKETCH = "flash the sketch of this version, examples/serial_axis"
 
 
 class SerialAxis(Driver):
-    """One axis, made with its port: ``serial:/dev/ttyACM0``.
+    """An axis at a port: ``serial:/dev/ttyACM0``.
 
-    port : of the axis. baud : bits a second (USB ignores it). home : count positions from where the handle is now.
+    port : of the axis. baud : bits a second (USB ignores it). home : whether the handle's present place becomes 0.
 
     Raises InvalidParameter: not one axis, or there is no such port. MissingLibrary: pyserial is not installed.
-    HapnetError: nothing that speaks this protocol answers there, its states come in bursts, or its clock is wrong.
+    HapnetError: no answer in this protocol, its states come in bursts, or its clock is wrong.
     """
 
     about = "a home-made axis on a serial port (Teensy, RP2040, ESP32, SimpleFOC, Hapkit)"
@@ -66,7 +66,7 @@ class SerialAxis(Driver):
         self._port = SerialPort(port, baud)
         self._frames = wire.FrameParser()
         self._last: wire.BoardState | None = None
-        self._before: wire.BoardState | None = None  # as of the reading before the last one
+        self._before: wire.BoardState | None = None  # the state of the reading before the last
         self._number = 0
         self._must_be_homed = False
         self._now_us, self._speed = 0, 0.0
@@ -118,21 +118,21 @@ class SerialAxis(Driver):
         self._must_be_homed = True
 
     def read(self) -> tuple[Vector, Vector]:
-        """Wait for the next state; of several that wait already take the last.
+        """Wait for the next state; if several have arrived, take the last.
 
-        Raises DeviceSilent: no whole state came within two periods, or the port has gone. HapnetError: the board has
-        started anew, and has lost its zero.
+        Raises DeviceSilent: no complete state came within two periods, or the port is closed. HapnetError: the board
+        was reset, and has lost its zero.
         """
         if self._port.reopen(self._patience_s):
             self._frames = wire.FrameParser()
             self._last = None
         states = self._states(self._patience_s)
         if not states:
-            raise DeviceSilent(f"no whole state for {self._patience_s * 1e3:g} ms at {self._port.path}")
+            raise DeviceSilent(f"no complete state for {self._patience_s * 1e3:g} ms at {self._port.path}")
         self._before = self._last
         for state in states:
             if self._must_be_homed and not state.homed:
-                lost = "has started anew and lost its zero: centre the handle, and start the run again"
+                lost = "was reset and has lost its zero: centre the handle, and start the run again"
                 raise HapnetError(f"the board at {self._port.path} {lost}")
             self._follow(state)
         return (states[-1].position_nm * 1e-9,), (self._speed,)
@@ -151,7 +151,7 @@ class SerialAxis(Driver):
         return None if elapsed_us is None else elapsed_us * MICRO
 
     def apply(self, force: Vector) -> None:
-        """Send the force; the board reports later when it acted."""
+        """Send the force; the board's later states show when it acted."""
         self._number = (self._number + 1) % 2**16
         parts = round(force[0] / self.force_limit * wire.FULL)
         parts = max(-wire.FULL, min(wire.FULL, parts))
@@ -165,18 +165,18 @@ class SerialAxis(Driver):
         self._port.close()
 
     def _follow(self, state: wire.BoardState) -> None:
-        """Know the velocity as of this state."""
+        """Update the velocity with this state."""
         elapsed_us = _elapsed_us(self._last, state)
         if elapsed_us is None:
             self._velocity.restart()
         self._now_us += elapsed_us or 0
         self._last = state
         at_us = self._now_us - state.age_us if state.age_us < wire.OLDEST_US else None
-        x = state.position_nm * 1e-9 - 0.5 * state.counted * self.resolution  # a count is where two positions meet
+        x = state.position_nm * 1e-9 - 0.5 * state.counted * self.resolution  # a count lies between two positions
         self._speed = self._velocity.update(self._now_us * MICRO, None if at_us is None else at_us * MICRO, x)
 
     def _states(self, seconds: float) -> list[wire.BoardState]:
-        """The states that come next, waiting for them as long as `seconds`."""
+        """The next states, waiting for them at most `seconds`."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             came = self._frames.feed(self._port.read(left))
@@ -185,7 +185,7 @@ class SerialAxis(Driver):
         return []
 
     def _ask(self) -> wire.About:
-        """Ask the board for its description."""
+        """Request the board's description."""
         ask_s = time.monotonic()
         until, heard = ask_s + _ANSWER_S, b""
         while (now_s := time.monotonic()) < until:
@@ -207,7 +207,7 @@ class SerialAxis(Driver):
         return HapnetError(f"the axis at {self._port.path} speaks {version} of the protocol, not 2: {_SKETCH}")
 
     def _watch(self, promised_us: float) -> float:
-        """The time between states [us]. HapnetError if they come in bursts, or if the board's clock is wrong."""
+        """The time between states [us]. Raises HapnetError: they come in bursts, or the board's clock is wrong."""
         fastest_us = math.inf
         for left in reversed(range(_TRIES)):
             arrivals = []
@@ -227,7 +227,7 @@ class SerialAxis(Driver):
 
 
 def _elapsed_us(before: wire.BoardState | None, state: wire.BoardState) -> int | None:
-    """The board's time between two states [us]; None: there is none, or the impulse may have wrapped."""
+    """The board's time between two states [us]; None: not known, or the impulse may have wrapped."""
     if before is None:
         return None
     elapsed_us = (state.time_us - before.time_us) % wire.WRAP

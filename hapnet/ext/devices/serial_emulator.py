@@ -18,13 +18,12 @@ _LIMIT_N, _COUNT_NM, _REACH_UM, _WATCHDOG_MS = 3.0, 1000, 80_000, 20
 
 
 class SerialEmulator(Emulator):
-    """The axis as `serial_axis.ino` makes one: 3 N, 1 um, 80 mm in both directions, 1 kHz, and a watchdog of 20 ms.
+    """An axis like that of `serial_axis.ino`: 3 N, 1 um, 80 mm in both directions, 1 kHz, and a watchdog of 20 ms.
 
     link : a path that points to the pseudo-terminal, whose own name changes. noise : share of the bytes that get lost,
-    in each direction. stall : for 0.5 s, so many seconds after its first command, it neither sends nor listens. rubbish
-    : share of the states that are random bytes. units : what its positions are multiplied by; 1000 is a mistake of
-    units.
-    button : whether its dead-man switch is held. seed : of what is random.
+    in each direction. stall : so many seconds after its first command it neither sends nor receives for 0.5 s.
+    rubbish : share of the states that are random bytes. units : factor of its positions; 1000 is a mistake of units.
+    button : whether its dead-man switch is held. seed : of the random numbers.
     """
 
     dof = 1
@@ -50,7 +49,7 @@ class SerialEmulator(Emulator):
         self._terminal = PseudoTerminal(link, noise, self._random)
         self.address: str = self._terminal.address
         self._unread = b""
-        self._first_ns: int | None = None  # when the first command came
+        self._first_ns: int | None = None  # time of the first command
         self._number = 0
 
     def run(self, stop: threading.Event) -> None:
@@ -68,7 +67,7 @@ class SerialEmulator(Emulator):
                 continue
             self._send_state(start_ns)
             now_ns = self._clock()
-            due_ns = (now_ns if now_ns - due_ns > _PERIOD_NS // 2 else due_ns) + _PERIOD_NS  # it does not hurry
+            due_ns = (now_ns if now_ns - due_ns > _PERIOD_NS // 2 else due_ns) + _PERIOD_NS  # without catching up
         self._terminal.close()
 
     def _send_state(self, start_ns: int) -> None:

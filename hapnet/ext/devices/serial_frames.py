@@ -1,7 +1,7 @@
-"""The frames of the serial axis, version 2. serial_axis.md beside it is its page, examples/serial_axis the other end.
+"""The frames of the serial axis, version 2. Its page is serial_axis.md; examples/serial_axis is the board's end.
 
-A frame begins with a letter that says what it is and how long, and ends in a CRC-16, high byte first: so the CRC of a
-whole frame is 0. All else is little-endian. A damaged frame is dropped; nothing is sent twice.
+A frame begins with a letter, which determines its kind and length, and ends in a CRC-16, high byte first: so the CRC of
+a complete frame is 0. All other numbers are little-endian. A damaged frame is dropped; nothing is sent twice.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import NamedTuple
 
 VERSION = 2
 WRAP = 2**32
-"""Times and impulses are counted modulo this, as a small processor does."""
+"""The modulus of times and impulses, for small processors."""
 
 FULL = 32767
-"""Forces are in so many parts of the maximum."""
+"""The number of a force equal to the maximum."""
 
 IMPULSE_US = 256
-"""An impulse is counted in so many microseconds of a part of the maximum force."""
+"""The unit of an impulse: so many microseconds times the unit of forces."""
 
 OLDEST_US = 0xFFFF
-"""The age of a position that is as old, or older."""
+"""The greatest age of a position in a state [us]; it stands for older ones, too."""
 
 _STATE, _ABOUT, _COMMAND = Struct("<cBHIiHI"), Struct("<cBHHHIIIIIBb"), Struct("<cHh")
 _SIZE = {ord(b"S"): _STATE.size + 2, ord(b"A"): _ABOUT.size + 2}
@@ -38,12 +38,12 @@ class BoardState(NamedTuple):
 
     flags: int
     command: int
-    """Number of the last command that arrived whole, modulo 2^16."""
+    """Number of the last command that arrived complete, modulo 2^16."""
     time_us: int
     """The board's clock, modulo `WRAP`."""
     position_nm: int
     age_us: int
-    """The handle came there so long ago, or was seen there then; `OLDEST_US`: or longer."""
+    """The age of the position [us], counted or sampled; `OLDEST_US`: at least so old."""
     impulse: int
     """The integral of the actuator's force since the board's start, modulo `WRAP`."""
 
@@ -54,34 +54,34 @@ class BoardState(NamedTuple):
 
     @property
     def buttons(self) -> int:
-        """Bit k: button k is pressed."""
+        """The buttons as bits: bit k is set if button k is pressed."""
         return self.flags & _BUTTONS
 
     @property
     def counted(self) -> int:
-        """The last count of the encoder: 1 it was up, -1 it was down; 0: the position was sampled."""
+        """The direction of the encoder's last count: 1 up, -1 down; 0: the position was sampled."""
         return bool(self.flags & _UP) - bool(self.flags & _DOWN)
 
 
 class About(NamedTuple):
-    """The board's description, sent when it is asked."""
+    """The board's description, sent on request."""
 
     version: int
     period_us: int
-    """Between its states, as its sketch promises."""
+    """The period of its states, as promised by its sketch."""
     made_us: int
-    """The same, as the board measured it; 0: not known yet."""
+    """The period of its states, as measured by the board; 0: not known yet."""
     watchdog_ms: int
     limit_uN: int
     continuous_uN: int
-    """0: not known."""
+    """The continuous force; 0: not known."""
     count_nm: int
     noise_nm: int
-    """Of the positions at their times, from peak to peak."""
+    """The peak-to-peak noise of the positions at their times."""
     reach_um: int
-    """How far the handle goes from its centre, in both directions."""
+    """The reach of the handle from its centre, in both directions."""
     buttons: int
-    """How many it has."""
+    """The number of buttons."""
     dead_man: int
     """The number of the button that must be held; -1: none."""
 
@@ -92,7 +92,7 @@ class BoardCommand(NamedTuple):
     mark: bytes
     number: int = 0
     force: int = 0
-    """In parts of the maximum, `FULL` of them."""
+    """The force, in units of the maximum over `FULL`."""
 
 
 def state(found: BoardState) -> bytes:
@@ -120,15 +120,15 @@ def _whole(body: bytes) -> bytes:
 
 
 class FrameParser:
-    """Finds the frames of a board in the bytes as they come, whatever is lost, changed or put between them."""
+    """Finds the frames of a board in a stream of bytes with losses, damage and other bytes."""
 
     def __init__(self) -> None:
         self._unread = b""
         self.damaged: int = 0
-        """How many bytes belonged to no whole frame."""
+        """The number of bytes that belonged to no complete frame."""
 
     def feed(self, came: bytes) -> list[BoardState | About]:
-        """The frames that are whole now."""
+        """Take new bytes; returns the frames that they complete."""
         data = self._unread + came
         found: list[BoardState | About] = []
         at = 0
@@ -154,7 +154,7 @@ _STATE_MARK = ord(b"S")
 
 
 def commands(unread: bytes) -> tuple[list[BoardCommand], bytes]:
-    """The whole commands in what a board has heard, and the bytes that are left for later."""
+    """The complete commands in the bytes that a board received, and the bytes left for later."""
     found = []
     while len(unread) >= COMMAND_SIZE:
         if crc_hqx(unread[:COMMAND_SIZE], _START):
@@ -171,19 +171,19 @@ def signed(difference: int) -> int:
 
 
 _LEAST = 8
-"""States that are enough to judge."""
+"""The number of states that suffice for a result."""
 
 _LATE_PERIODS = 2.5
-"""States that come further apart than this, in most cases, come in bursts."""
+"""States count as coming in bursts if their median distance is above this number of periods."""
 
 _CLOCK = 0.1
-"""The board's clock may differ from ours by so much: some states may have waited."""
+"""The greatest relative difference of the board's clock from this machine's, as states may be delayed."""
 
 MICRO = 1e-6
 
 
 class Untimely(Exception):
-    """The states do not arrive as they should; the text says how. bursts : do they come in bursts?"""
+    """The states do not arrive in time; the text describes how. bursts : whether they come in bursts."""
 
     def __init__(self, text: str, bursts: bool = False) -> None:
         super().__init__(text)
@@ -191,9 +191,9 @@ class Untimely(Exception):
 
 
 def period_us(arrivals: Sequence[tuple[float, Sequence[int]]]) -> float:
-    """The time between states as the board makes them [us]: a quarter come as soon or sooner, as some may be lost.
+    """The period of the board's states [us]: the first quartile of their distances, as some may be lost.
 
-    arrivals : by our clock [s], and the times of the states that came then, by the board's clock [us].
+    arrivals : times by this machine's clock [s], each with the times of its states by the board's clock [us].
 
     Raises Untimely: too few states, the board's clock is wrong, or the states come in bursts.
     """

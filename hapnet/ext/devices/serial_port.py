@@ -1,4 +1,4 @@
-"""A serial port as bytes: it never blocks for longer than asked, and is opened again when it comes back."""
+"""A serial port: it never blocks for longer than requested, and is opened again when it is plugged in again."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def missing() -> str:
 
 
 def ports(is_one: Callable[[Any], bool]) -> tuple[str, ...]:
-    """This machine's ports of which `is_one` holds, of what pyserial says of each."""
+    """This machine's ports for which `is_one` is true, given pyserial's description."""
     if missing():
         return ()
     from serial.tools.list_ports import comports
@@ -38,11 +38,11 @@ def ports(is_one: Callable[[Any], bool]) -> tuple[str, ...]:
 
 
 class SerialPort:
-    """The port at `path`, open, in the low-latency mode of Linux where it has one.
+    """The open port at `path`, in the low-latency mode of Linux if it has one.
 
-    path : such as /dev/ttyACM0. baud : bits a second. adapters : where Linux shows how long USB adapters hold bytes.
+    path : such as /dev/ttyACM0. baud : bits a second. adapters : the directory of USB adapters' latency timers.
 
-    Raises InvalidParameter: it cannot be opened. HapnetError: its adapter holds bytes for long.
+    Raises InvalidParameter: it cannot be opened. HapnetError: its adapter delays bytes.
     """
 
     def __init__(self, path: str, baud: int, adapters: Path = _ADAPTERS) -> None:
@@ -53,15 +53,15 @@ class SerialPort:
         self._open()
 
     def reopen(self, patience_s: float) -> bool:
-        """Open the port again if it has gone; returns whether it had.
+        """Open the port again if it was unplugged; returns whether it was.
 
-        Raises DeviceSilent: it is still gone; at most `patience_s` were waited.
+        Raises DeviceSilent: it is still unplugged, after a wait of at most `patience_s`.
         """
         if self._port is not None:
             return False
         now_s = time.monotonic()
         if now_s < self._next_try_s:
-            time.sleep(min(patience_s, self._next_try_s - now_s))  # the servo asks again and again
+            time.sleep(min(patience_s, self._next_try_s - now_s))  # as the servo tries again and again
             raise DeviceSilent(f"{self.path} has gone")
         self._next_try_s = now_s + _AGAIN_S
         try:
@@ -71,7 +71,7 @@ class SerialPort:
         return True
 
     def read(self, seconds: float) -> bytes:
-        """Return the bytes that come within `seconds`. Raises DeviceSilent: the port has gone."""
+        """Return the bytes that come within `seconds`. Raises DeviceSilent: the port is unplugged."""
         if self._port is None or seconds <= 0.0:
             return b""
         try:
@@ -87,13 +87,13 @@ class SerialPort:
         return came
 
     def write(self, data: bytes) -> None:
-        """Send bytes now, or not at all. Raises DeviceSilent if that is not possible."""
+        """Send bytes now. Raises DeviceSilent: that is not possible, and they are dropped."""
         if self._port is None:
             raise DeviceSilent(f"{self.path} has gone")
         try:
             os.write(self._port.fileno(), data)
         except BlockingIOError:
-            raise DeviceSilent(f"{self.path} takes no commands") from None
+            raise DeviceSilent(f"{self.path} accepts no commands") from None
         except OSError:
             self.close()
             raise DeviceSilent(f"{self.path} has gone") from None
@@ -105,11 +105,11 @@ class SerialPort:
             port.close()
 
     def remedy(self) -> str:
-        """A text that says what to do if bytes wait in the port's adapter."""
+        """The remedy if bytes wait in the port's adapter, as text."""
         timer = self._timer()
         if timer.exists():
             return f"echo 1 | sudo tee {timer}"
-        return "set the adapter's latency timer to 1 ms, or use a board with USB of its own"
+        return "set the adapter's latency timer to 1 ms, or use a board with native USB"
 
     def _timer(self) -> Path:
         return self._adapters / Path(self.path).resolve().name / "latency_timer"
@@ -131,4 +131,4 @@ class SerialPort:
             return  # no such adapter
         if held_ms > _LONGEST_HELD_MS:
             self.close()
-            raise HapnetError(f"the adapter of {self.path} holds bytes for {held_ms} ms: {self.remedy()}")
+            raise HapnetError(f"the adapter of {self.path} delays bytes by {held_ms} ms: {self.remedy()}")

@@ -1,6 +1,6 @@
-"""A 3D mouse (SpaceMouse, SpaceNavigator) as input, by the reports that its HID descriptor describes.
+"""A 3D mouse (SpaceMouse, SpaceNavigator) as input, by the reports in its HID descriptor.
 
-Report 1 has three 16-bit numbers of the translation, within +-350: to the right, towards the user, down. Newer ones
+Report 1 has three 16-bit numbers of the translation, within +-350: to the right, towards the user, down. Newer mice
 add the rotation in the same report, older ones send it as report 2; it is not used. Report 3 has the buttons as bits.
 """
 
@@ -14,7 +14,7 @@ from hapnet.ext.devices.input_device import InputDevice, existing
 
 _FULL = 350.0
 _VENDORS = ("0000256F", "0000046D")
-"""3Dconnexion's own, and Logitech's, under which the older ones were sold."""
+"""The vendor IDs of 3Dconnexion, and of Logitech for older mice."""
 
 _LOGITECH_MICE = ("C603", "C605", "C606", "C621", "C623", "C625", "C626", "C627", "C628", "C629", "C62B")
 
@@ -30,7 +30,7 @@ class SpaceMouse(InputDevice):
         return existing([f"/dev/{path.name}" for path in sorted(Path("/sys/class/hidraw").glob("*")) if _is_ours(path)])
 
     def take(self, data: bytes) -> int:
-        """The kernel gives one report at a time, whole."""
+        """Process one complete report, as the kernel returns one at a time."""
         match data[:1]:
             case b"\x01" if len(data) >= 7:
                 right, near, down = struct.unpack_from("<3h", data, 1)
@@ -45,10 +45,10 @@ class SpaceMouse(InputDevice):
 def _is_ours(device: Path) -> bool:
     """Whether the kernel's description of this HID device names a 3D mouse."""
     try:
-        reported = (device / "device" / "uevent").read_text("ascii", "replace")
+        description = (device / "device" / "uevent").read_text("ascii", "replace")
     except OSError:
         return False
-    for line in reported.splitlines():
+    for line in description.splitlines():
         if line.startswith("HID_ID="):
             _, vendor, product = line.removeprefix("HID_ID=").upper().split(":")
             return vendor == _VENDORS[0] or (vendor == _VENDORS[1] and product[-4:] in _LOGITECH_MICE)

@@ -3,7 +3,7 @@
 The velocity is the slope of the longest line that begins at the newest position and passes all between within their
 noise (first-order adaptive windowing: Janabi-Sharifi, Hayward and Chen, IEEE Trans. Control Systems Technology 8(6),
 2000). So it is quick while the handle accelerates, and smooth while it does not. With the times of single counts slow
-motion is not lost. Between counts the handle is no faster than a count in the time since the last one.
+motion is not lost. Between counts the velocity is at most a count over the time since the last count.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 
 _MOST = 16
-"""Positions that are looked at."""
+"""The greatest number of positions in a fit."""
 
 
 class TimedVelocity:
@@ -36,15 +36,15 @@ class TimedVelocity:
         if len(points) < 2:
             return 0.0
         newest, there = points[-1]
-        least, most, found = float("-inf"), float("inf"), 0.0
+        least, most, velocity = float("-inf"), float("inf"), 0.0
         for k in range(len(points) - 2, -1, -1):
             t, x = points[k]
             slope = (there - x) / (newest - t)
             if not least <= slope <= most:
                 break
-            found = slope
+            velocity = slope
             slack = self._noise / (newest - t)
             least, most = max(least, slope - slack), min(most, slope + slack)
         since = now - newest
         fastest = self._count / since if since > 0.0 else float("inf")
-        return max(-fastest, min(fastest, found))
+        return max(-fastest, min(fastest, velocity))

@@ -1,7 +1,7 @@
 """3D Systems' Touch, formerly Geomagic Touch and Phantom Omni, by the maker's OpenHaptics (HDAPI).
 
 **Experimental**: written after the library's public headers and reference, and tested against a stand-in of it, never
-on a device. The library is the maker's and is loaded when the device is made; touch.md beside this file says more.
+on a device. The library is the maker's and is loaded when the device is made. Its page is touch.md.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from hapnet.ext.devices.touch_frames import TouchFrame, TouchFrames
 from hapnet.mechanics.pose import quaternion
 
 PATIENCE_S = 0.005
-"""A frame comes each millisecond; a reading waits no longer."""
+"""The longest wait of a reading [s]; a frame comes each millisecond."""
 
 _MM = 1e-3
 _MARGIN = 1.2
-"""The reach is the mechanical limits that the library reports, and a fifth more."""
+"""The factor from the mechanical limits that the library reports to the reach."""
 
 _FINE = ("touch x", "desktop")
 _RESOLUTION_M, _FINE_RESOLUTION_M = 5.5e-5, 2.3e-5
 _OMNI_FORCE_N, _OMNI_STIFFNESS = 3.3, 700.0
-"""Until the device is open; the stiffness [N/m] is that of CHAI3D's device table."""
+"""The limits until the device is open; the stiffness [N/m] is from CHAI3D's device table."""
 
 
 class TouchDriver(Driver):
-    """``touch``, or ``touch:Left Device`` for the one that Touch Setup gave that name.
+    """``touch``, or ``touch:Left Device`` for the device with this name in Touch Setup.
 
     name : as in the maker's setup program; empty: the first device. axes : which of its axes the scene gets, as in
     `Axes`. library : path of the library; empty: where the system finds it. clock : monotonic [s].
@@ -66,7 +66,7 @@ class TouchDriver(Driver):
         failure = next(self._hd.slow.errors(), None)
         if failure is not None or self._handle == oh.NO_DEVICE:
             called = f"named {name!r}" if name else "of 3D Systems"
-            raise HapnetError(f"no device {called}: {failure or 'no handle'}; look into the maker's setup program")
+            raise HapnetError(f"no device {called}: {failure or 'no handle'}; check the maker's setup program")
         self._clock = clock
         self._frames = TouchFrames(self._hd, self._handle, clock)
         self._last: TouchFrame | None = None
@@ -86,12 +86,12 @@ class TouchDriver(Driver):
 
     @classmethod
     def found(cls) -> Sequence[str]:
-        """The names that the maker's setup program has written; only opening them shows whether they are connected."""
+        """The names from the maker's setup program; whether they are connected is known only after opening them."""
         home = os.environ.get("GTDD_HOME")
         return tuple(sorted(path.stem for path in (Path(home) / "config").glob("*.config"))) if home else ()
 
     def home(self) -> None:
-        """Take over the calibration that the user has made possible.
+        """Update the calibration from the library.
 
         Raises HapnetError: the user must put the stylus into the inkwell first, or calibrate with the maker's program.
         """
@@ -124,13 +124,13 @@ class TouchDriver(Driver):
         self._acted = None if has_gap else self._mean_force(frames)
         self._last = newest
         x, v = (
-            self._axes.take(tuple([_MM * part for part in _ours(theirs)]))
+            self._axes.take(tuple([_MM * part for part in _to_hapnet(theirs)]))
             for theirs in (newest.position_mm, newest.velocity_mmps)
         )
         return x, v
 
     def apply(self, force: Vector) -> None:
-        """Leave the force for the next frame. The library does not report what the motors make of it."""
+        """Set the force for the next frame. The library does not report the force that the motors really make."""
         self._frames.command(_theirs(self._axes.spread(force)))
 
     def acted(self) -> Vector | None:
@@ -140,11 +140,11 @@ class TouchDriver(Driver):
         return self._interval_s
 
     def orientation(self) -> Vector | None:
-        """Of the stylus, as of the last reading: a unit quaternion w, x, y, z in hapnet's frame."""
+        """The stylus's orientation at the last reading: a unit quaternion w, x, y, z in hapnet's frame."""
         if self._last is None:
             return None
-        columns = [_ours(self._last.transform[4 * k : 4 * k + 3]) for k in (0, 2, 1)]
-        columns[1] = tuple([-part for part in columns[1]])  # our axes are their x, -z and y
+        columns = [_to_hapnet(self._last.transform[4 * k : 4 * k + 3]) for k in (0, 2, 1)]
+        columns[1] = tuple([-part for part in columns[1]])  # hapnet's axes are the library's x, -z and y
         return quaternion(list(zip(*columns, strict=True)))
 
     def buttons(self) -> tuple[bool, bool]:
@@ -161,7 +161,7 @@ class TouchDriver(Driver):
             self._handle = oh.NO_DEVICE
 
     def _learn_limits(self) -> None:
-        """Take the limits that the library reports for the device; those that it does not report stay as they are."""
+        """Take the limits that the library reports for the device; the others stay as they are."""
         hd = self._hd.slow
         self.resolution = _FINE_RESOLUTION_M if any(word in self.model.lower() for word in _FINE) else _RESOLUTION_M
         force_N, continuous_N, stiffness = (
@@ -175,8 +175,8 @@ class TouchDriver(Driver):
         limits = hd.doubles(oh.MAX_WORKSPACE, 6)
         reach = [_MARGIN * _MM * max(map(abs, limits[axis::3])) for axis in range(3)]
         if all(reach):
-            self.workspace = tuple(map(abs, self._axes.take(_ours(tuple(reach)))))
-        list(hd.errors())  # of parameters that this device does not have
+            self.workspace = tuple(map(abs, self._axes.take(_to_hapnet(tuple(reach)))))
+        list(hd.errors())  # drop errors of parameters that this device lacks
 
     def _calibration(self) -> int:
         state = [0]
@@ -188,17 +188,17 @@ class TouchDriver(Driver):
         return state[0]
 
     def _mean_force(self, frames: list[TouchFrame]) -> Vector:
-        """The force that acted since the last reading; of several that may have, the one that put out most."""
+        """The force that acted since the last reading; of several possible ones, that which gave out most energy."""
         assert self._last is not None, "there was a reading before"
         moved = tuple(map(sub, frames[-1].position_mm, self._last.position_mm))
         possible = [self._last.force, *(frame.force for frame in frames[:-1])]
         if any(frame.had_errors for frame in (self._last, *frames)):
             possible.append((0.0, 0.0, 0.0))
-        return self._axes.take(_ours(max(possible, key=lambda force: sum(map(mul, force, moved)))))
+        return self._axes.take(_to_hapnet(max(possible, key=lambda force: sum(map(mul, force, moved)))))
 
 
-def _ours(theirs: Vector) -> Vector:
-    """Their x points to the right, y up, z to the user; ours to the right, away from the user, up."""
+def _to_hapnet(theirs: Vector) -> Vector:
+    """Convert to hapnet's frame; the library's x points to the right, y up, z to the user."""
     x, y, z = theirs
     return x, -z, y
 

@@ -1,12 +1,12 @@
-"""The frames of a Touch: what is exchanged with it in the library's own thread, 1,000 times a second.
+"""The frames of a Touch: the exchange of state and force in the library's own thread, 1,000 times a second.
 
 In each frame the device's state is read and a force is set, which acts until the next frame. The servo takes the frames
 that came (`wait`) and leaves a force for the next one (`command`). So a force begins one frame after the position that
 it was computed from, and which force acted between two positions is known.
 
-A frame without a force would go on with the last one, as the maker's examples say. So each frame sets one, and where
-the servo has left none for `WATCHDOG_S` it is zero. Where the interpreter itself stands still no frame comes, and only
-the device's own safety is left.
+In a frame without a new force the last one would continue, according to the maker's examples. So each frame sets a
+force, and it is zero if the servo has left none for `WATCHDOG_S`. If the interpreter itself stalls, no frame comes, and
+only the device's own safety remains.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from hapnet.errors import HapnetError
 from hapnet.ext.devices import open_haptics as oh
 
 WATCHDOG_S = 0.01
-"""The servo leaves a force each millisecond. One that left none for so long renders none."""
+"""The time without a new force from the servo after which the force is zero [s]; one per millisecond is normal."""
 
 AMPLIFIERS_S = 1.0
-"""The amplifiers come back by a ramp whose length is not documented."""
+"""The time without force for the amplifiers' ramp after an error [s]; its true length is not documented."""
 
 COOLING_S, COOL = 10.0, 0.8
-"""After warm motors there is no force for so long, and until no motor is warmer than that; the scale ends at 1."""
+"""After warm motors there is no force for this time [s], and until all motors are below this temperature (0 to 1)."""
 
 _TEMPERATURE_EVERY = 100
 _KEPT = 1000
@@ -41,25 +41,25 @@ class TouchFrame(NamedTuple):
     """The device's state at one moment, in the library's axes and units."""
 
     number: int
-    """Those that the device was lost in have numbers too."""
+    """The frame's number; frames without a device count too."""
     at_s: float
     position_mm: Vector
     velocity_mmps: Vector
     transform: Vector
-    """16 numbers, column by column."""
+    """The handle's pose: 16 numbers, column by column."""
     buttons: int
     force: Vector
-    """Set in this frame [N]: it acts from here on."""
+    """The force set in this frame [N], which acts from here on."""
     had_errors: bool
-    """The force may have ended at any moment since the frame before, or not have begun."""
+    """Whether there were errors: the force may have ended since the previous frame, or not have begun."""
 
 
 class Faults:
-    """The effect of the library's errors on the force: how long there is none, and whether the device is lost.
+    """The effect of the library's errors on the force: the time without force, and whether the device is lost.
 
     Attributes
     ----------
-    lost : why there is no reading now; empty: nothing is wrong.
+    lost : the reason why there is no reading now; empty: there is a reading.
     """
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class Faults:
         """Take the errors of one frame, and the temperature of the warmest motor (0 to 1); return whether there were
         any.
 
-        Raises HapnetError: one that only a defect here can cause.
+        Raises HapnetError: an error that only a defect of hapnet can cause.
         """
         self.lost = ""
         for failure in failures:
@@ -82,18 +82,18 @@ class Faults:
             elif failure.code in oh.FORCE_ENDED:
                 self._end_force(now_s + AMPLIFIERS_S, f"its amplifiers went off: {failure}")
             else:
-                raise HapnetError(f"the library says {failure}")
+                raise HapnetError(f"the library reports {failure}")
         if self._is_warm and hottest > COOL:
             self._until_s = max(self._until_s, now_s + AMPLIFIERS_S)
         self._is_warm &= now_s < self._until_s
         return bool(failures)
 
     def off(self, now_s: float) -> str:
-        """Why the device renders no force now; empty: it does."""
+        """The reason why the device renders no force now; empty: it renders force."""
         return self._off if now_s < self._until_s else ""
 
     def _end_force(self, until_s: float, why: str) -> None:
-        """No force until then; what lasts longer than that is not made shorter."""
+        """Set the force to zero until `until_s`, or until an earlier error's later end."""
         if until_s >= self._until_s:
             self._until_s, self._off = until_s, why
 
@@ -115,11 +115,11 @@ class TouchFrames:
         self.faults: Faults = Faults()
         self._wrong = ""
         self._three, self._sixteen, self._buttons = (c_double * 3)(), (c_double * 16)(), c_int()
-        self._callback = oh.CALLBACK(self._tick)  # must live as long as the library may call it
+        self._callback = oh.CALLBACK(self._tick)  # must exist as long as the library may call it
         self._scheduled: int | None = None
 
     def start(self) -> None:
-        """Begin, without force. Raises HapnetError: the library cannot."""
+        """Begin the frames, without force. Raises HapnetError: the library refuses."""
         self._hd.slow.c.hdDisable(oh.FORCE_OUTPUT)
         self._scheduled = self._hd.slow.c.hdScheduleAsynchronous(self._callback, None, oh.HIGHEST_PRIORITY)
         self._hd.slow.c.hdStartScheduler()
@@ -127,7 +127,7 @@ class TouchFrames:
             raise HapnetError(f"the library's scheduler does not start: {failure}")
 
     def enable(self) -> None:
-        """From the next frame on the motors have power."""
+        """Switch the motors on from the next frame on."""
         self._output = True
 
     def command(self, force: Vector) -> None:
@@ -152,11 +152,11 @@ class TouchFrames:
         return frames
 
     def close(self) -> None:
-        """Take the force away and end the frames."""
+        """Set the force to zero and end the frames."""
         if self._scheduled is None:
             return
         self._closing = True
-        self._ended.wait(_CLOSING_S)  # for the frame that sets the last force
+        self._ended.wait(_CLOSING_S)  # wait for the frame that sets the force to zero
         self._hd.slow.c.hdStopScheduler()
         if not self._ended.is_set():
             self._hd.slow.c.hdUnschedule(self._scheduled)
@@ -165,12 +165,12 @@ class TouchFrames:
     def _tick(self, _: object) -> int:
         try:
             return self._frame()
-        except BaseException as error:  # ctypes would print it, and go on
+        except BaseException as error:  # ctypes would print it and continue
             self._wrong = f"{type(error).__name__}: {error}"
             return oh.DONE
 
     def _frame(self) -> int:
-        """One frame, in the library's thread."""
+        """Do a frame, in the library's thread."""
         slow, quick = self._hd.slow.c, self._hd.quick
         slow.hdBeginFrame(self._handle)
         now_s = self._clock()
@@ -186,7 +186,7 @@ class TouchFrames:
         failures = list(quick.errors())
         if self._count % _TEMPERATURE_EVERY == 0:
             self._hottest = max(quick.doubles(oh.TEMPERATURE, 6))
-            list(quick.errors())  # of a device that does not tell it
+            list(quick.errors())  # drop errors of a device that does not report this
         self._count += 1
         wanted, at_s = self._command
         if now_s - at_s > WATCHDOG_S or self.faults.off(now_s) or self._closing:

@@ -1,7 +1,7 @@
-"""One end of a WebSocket that never waits for longer than asked.
+"""One end of a WebSocket that never waits for longer than requested.
 
-The protocol is the `websockets` library's, its part without input and output; the socket is ours. So no second thread
-has to run before a servo gets its message, as with the library's own synchronous client.
+It uses the protocol part of the `websockets` library, without input and output, and its own socket. So a servo gets its
+message without a second thread, which the library's synchronous client would need.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 
 class Gone(ConnectionError):
-    """The connection has ended, or what comes over it is no WebSocket."""
+    """The connection has ended, or its bytes are no WebSocket."""
 
 
 def dial(family: int, where: tuple[Any, ...]) -> WebSocket:
-    """Begin to connect to the socket address `where`; `receive` completes it. Raises Gone: nothing listens there."""
+    """Begin to connect to the socket address `where`; `receive` completes it. Raises Gone: it is refused."""
     host = f"[{where[0]}]" if ":" in where[0] else where[0]
     protocol = ClientProtocol(parse_uri(f"ws://{host}:{where[1]}"), max_size=_MOST_MESSAGE)
     protocol.send_request(protocol.connect())
@@ -41,7 +41,7 @@ def dial(family: int, where: tuple[Any, ...]) -> WebSocket:
     try:
         connection.connect(where)
     except BlockingIOError:
-        pass  # it will come
+        pass  # the connection completes later
     except OSError as error:
         connection.close()
         raise Gone(error.strerror) from error
@@ -49,13 +49,13 @@ def dial(family: int, where: tuple[Any, ...]) -> WebSocket:
 
 
 def answer(connection: socket.socket) -> WebSocket:
-    """The server's end of a connection that it has just accepted. A browser, which names an origin, is refused."""
+    """The server's end of a new connection. A browser, which sends an origin, is refused."""
     connection.setblocking(False)
     return WebSocket(connection, ServerProtocol(origins=[None], max_size=_MOST_MESSAGE))
 
 
 class Caller:
-    """A client's WebSocket that is dialled again whenever it has gone.
+    """A client's WebSocket that reconnects whenever the connection is lost.
 
     host, port : of the service.
 
@@ -67,24 +67,24 @@ class Caller:
         try:
             known = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         except OSError as error:
-            raise InvalidParameter("address", f"{host}:{port}", f"a host that is known ({error.strerror})") from error
+            raise InvalidParameter("address", f"{host}:{port}", f"a known host ({error.strerror})") from error
         self._known = [(family, where) for family, _, _, _, where in known]
         self._which = 0
         self._answered = True
         self._socket: WebSocket | None = None
         self._next_try_s = 0.0
         self.calls: int = 0
-        """How many times it was dialled."""
+        """The number of attempts to connect."""
 
     @property
     def is_open(self) -> bool:
-        """Whether something can be sent."""
+        """Whether a message can be sent."""
         return self._socket is not None and self._socket.is_open
 
     def receive(self, seconds: float) -> list[bytes]:
-        """The messages that have come, waiting at most `seconds`; dials first where that is needed.
+        """The messages that have come, waiting at most `seconds`; connects first if necessary.
 
-        Raises DeviceSilent: the service has gone.
+        Raises DeviceSilent: the service is not connected.
         """
         if not self.is_open and (now_s := time.monotonic()) >= self._next_try_s:
             if self._socket is not None:
@@ -112,7 +112,7 @@ class Caller:
             raise DeviceSilent(f"the service at {self.url} has gone") from error
 
     def close(self) -> None:
-        """Close the connection; `receive` dials again."""
+        """Close the connection; `receive` connects again."""
         connection, self._socket = self._socket, None
         if connection is not None:
             connection.close()
@@ -127,12 +127,12 @@ class Caller:
             self._lose()
 
     def _lose(self) -> None:
-        """Close the connection. A name may stand for several addresses: without an answer the next is tried."""
+        """Close the connection. If the host has several addresses and there was no answer, try the next one."""
         self.close()
         if not self._answered:
             self._which = (self._which + 1) % len(self._known)
             if self._which:
-                self._next_try_s = 0.0  # until all were tried, the next one at once
+                self._next_try_s = 0.0  # try the next address at once, until all were tried
 
 
 class WebSocket:
@@ -142,14 +142,14 @@ class WebSocket:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._connection, self._protocol = connection, protocol
         self._unsent = b""
-        self._begun = b""  # of a message that comes in several frames
+        self._begun = b""  # the first frames of a message
 
     def fileno(self) -> int:
         return self._connection.fileno()
 
     @property
     def is_open(self) -> bool:
-        """Whether both ends have agreed to speak WebSocket, and neither has said goodbye."""
+        """Whether the handshake is complete, and no end has begun to close."""
         return self._protocol.state is State.OPEN
 
     def send(self, message: bytes) -> None:
@@ -160,7 +160,7 @@ class WebSocket:
         self._flush()
 
     def receive(self, seconds: float) -> list[bytes]:
-        """The messages that have come. Where there are none, wait at most `seconds` for something to happen.
+        """The messages that have come. If there are none, wait at most `seconds` for the next bytes.
 
         Raises Gone: the connection has ended.
         """
@@ -186,7 +186,7 @@ class WebSocket:
         return messages
 
     def close(self) -> None:
-        """Say goodbye, if that is possible now, and close the connection."""
+        """Send a close frame, if that is possible now, and close the connection."""
         with suppress(Gone):
             if self.is_open:
                 self._protocol.send_close(1000)

@@ -1,1 +1,1 @@
-"""Checks of what a machine and its network allow a servo and its messages."""
+"""Checks of whether machine, network and device are good enough for a servo and its messages."""

@@ -1,4 +1,4 @@
-"""`hapnet doctor`: what this machine allows, one line each, with what to do about it."""
+"""`hapnet doctor`: checks of this machine, network and device, one line each, with advice."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def doctor(
     ramp: Annotated[
         float,
         typer.Option(
-            metavar="N", help="With --device: push its handle to and fro by N, to see that force and motion agree."
+            metavar="N", help="With --device: push its handle to and fro by N, to check that force and motion agree."
         ),
     ] = 0.0,
     damping: Annotated[
@@ -37,9 +37,9 @@ def doctor(
     ] = 0.0,
     json_to: flags.Json = None,
 ) -> int:
-    """With -e, also check whether Zenoh answers there, and measure the network: a side that listens there answers
-    probes. With --device, measure that device instead: rate, latency, noise and resolution; --ramp and --damping use a
-    force.
+    """Check this machine. With -e, also check whether Zenoh answers there, and measure the network: a side that
+    listens there answers probes. With --device, measure that device instead: rate, latency, noise and resolution;
+    --ramp and --damping use a force.
     """
     if hardware is not None:
         return examine_device(hardware, dof or 1, ramp, damping, json_to)
@@ -51,7 +51,7 @@ def doctor(
 
 
 def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, json_to: str | None) -> int:
-    """Measure a device; returns 0, as a warning is for people to judge."""
+    """Measure a device; returns 0 even with warnings, which the user must judge."""
     from hapnet.assembly.device_class import servo_rate
     from hapnet.assembly.user_device import UserDevice
     from hapnet.commands import known_devices

@@ -1,6 +1,6 @@
-"""Checks of a device: how fast it answers, how it reads when it rests, and what a force does to its handle.
+"""Checks of a device: its rate and latency, its noise at rest, and the motion of its handle under a force.
 
-The force is zero unless it is asked for: short pulses, which show whether force and positions agree (`ActuatorCheck`),
+The force is zero unless it is requested: short pulses, which show whether force and positions agree (`ActuatorCheck`),
 or slow pushes, which show the device's own damping (`own_damping`). Clock and sleep are arguments.
 """
 
@@ -23,19 +23,19 @@ from hapnet.units import METRES, within
 
 NANO = 1e-9
 _PAGE = Path(__file__).parents[2] / "devices" / "README.md"
-"""Which watchdog the hardware needs. Pages beside the code are part of the package."""
+"""The page on the watchdog that the hardware needs. Pages beside the code are part of the package."""
 READINGS = 2000
 MAX_S = 5.0
-"""The pushes last no longer, however slow the device is."""
+"""The longest time of the pushes, for any device [s]."""
 ROUNDS = 4
-"""How often each axis is pushed to and fro."""
+"""The number of times that each axis is pushed to and fro."""
 _WINDOW = 50
 _REST_SPEED = 0.01
-"""Slower than this the handle rests [m/s]."""
+"""Below this speed the handle counts as at rest [m/s]."""
 
 
 class Readings:
-    """A device read `count` times at its own rate, with no force on it.
+    """The readings of a device, read `count` times at its own rate without force.
 
     clock : a monotonic clock [ns]. sleep : sleeps a number of seconds.
     """
@@ -85,27 +85,27 @@ def examine_device(
     known_mass: Vector = (),
     on_mass: Callable[[Vector], None] = lambda mass: None,
 ) -> Iterator[Check]:
-    """Yields a line for each thing that was measured.
+    """Yield a check for each measurement.
 
-    ramp_N : push the handle to and fro with this force; damping_N : push the free handle with it; 0: do not.
-    known_mass : of each axis, as it was found before [kg]; on_mass : is called with what it is now.
+    ramp_N : push the handle to and fro with this force; damping_N : push the free handle with this force; 0: do not.
+    known_mass : of each axis from an earlier measurement [kg]; on_mass : called with the new one.
 
     Raises HapnetError: the device fails.
     """
-    found = Readings(device, rate_hz, clock, sleep)
-    if len(found.at_ns) < 3:
-        raise HapnetError(f"the device {device.name} gave {len(found.at_ns)} readings of {READINGS}")
-    yield _rate(found, rate_hz)
-    took = sorted(found.took_ns)
+    readings = Readings(device, rate_hz, clock, sleep)
+    if len(readings.at_ns) < 3:
+        raise HapnetError(f"the device {device.name} gave {len(readings.at_ns)} readings of {READINGS}")
+    yield _rate(readings, rate_hz)
+    took = sorted(readings.took_ns)
     p50, p99 = (took[round(share * (len(took) - 1))] * 1e-3 for share in (0.5, 0.99))
     yield Check("reading and command", OK, f"{p50:.0f} us, p99 {p99:.0f} us")
-    yield _resolution(found, device.resolution)
-    yield _noise(found)
-    yield _velocity(found)
-    if found.contacts:
-        yield _contact(found.contacts, within(getattr(device.device, "units", METRES), "N"))
+    yield _resolution(readings, device.resolution)
+    yield _noise(readings)
+    yield _velocity(readings)
+    if readings.contacts:
+        yield _contact(readings.contacts, within(getattr(device.device, "units", METRES), "N"))
     if device.watchdog_s is None:
-        advice = f"the hardware must take the force away by itself: see {_PAGE}"
+        advice = f"the hardware must end the force by itself: see {_PAGE}"
         yield Check("watchdog", WARNING, "none declared", advice)
     else:
         yield Check("watchdog", OK, f"{device.watchdog_s * 1e3:g} ms, declared")
@@ -151,11 +151,11 @@ def _resolution(found: Readings, declared_m: float) -> Check:
         )
     minimum = min(steps)
     value = f"smallest change {minimum * 1e6:.3g} um, {declared_m * 1e6:g} um declared"
-    one_axis = len(found.positions[0]) == 1  # several encoders that a linkage mixes make steps as small as you like
+    one_axis = len(found.positions[0]) == 1  # a linkage combines several encoders to arbitrarily small steps
     if declared_m and one_axis and minimum < 0.5 * declared_m:
-        return Check("resolution", WARNING, value, "its readings are finer than it declares: is the unit right?")
+        return Check("resolution", WARNING, value, "its readings are finer than declared: check the unit")
     if declared_m and minimum > 1000.0 * declared_m:
-        return Check("resolution", WARNING, value, "its readings are much coarser than it declares: is the unit right?")
+        return Check("resolution", WARNING, value, "its readings are much coarser than declared: check the unit")
     return Check("resolution", OK, value)
 
 
@@ -175,7 +175,7 @@ def _contact(forces: list[Vector], unit: str) -> Check:
 
 
 def _velocity(found: Readings) -> Check:
-    """Check that the velocities fit the positions, over windows long enough for the encoders' counts not to matter."""
+    """Check that velocities and positions agree, over windows so long that the encoders' counts do not matter."""
     along = square = 0.0
     for start in range(0, len(found.at_ns) - _WINDOW, _WINDOW):
         window = slice(start + 1, start + _WINDOW + 1)
@@ -187,7 +187,7 @@ def _velocity(found: Readings) -> Check:
             square += slope * slope
     if square < (READINGS // _WINDOW) * (0.1 * _REST_SPEED) ** 2:
         return Check("velocity", OK, "not checked: the handle hardly moved", "move it meanwhile")
-    value = f"{along / square:.2f} of what its positions say"
+    value = f"{along / square:.2f} times the speed of its positions"
     if not 0.8 < along / square < 1.25:
         return Check("velocity", WARNING, value, "sign or unit of position or velocity are wrong")
     return Check("velocity", OK, value)
@@ -196,7 +196,7 @@ def _velocity(found: Readings) -> Check:
 def _push(
     check: ActuatorCheck, device: UserDevice, rate_hz: float, clock: Callable[[], int], sleep: Callable[[float], None]
 ) -> str:
-    """Push until the check is done; returns a text that says why that was not possible, or an empty one."""
+    """Push until the check is done; returns the reason if that was not possible, or an empty text."""
     blocking = bool(getattr(device.device, "blocking", False))
     none: Vector = (0.0,) * device.dof
     held, last_ns = none, clock()

@@ -1,7 +1,7 @@
-"""Checks of what this machine allows a servo and its messages: one a function, each with advice.
+"""Checks of whether this machine is good enough for a servo and its messages: a function each, with advice.
 
-A check that requests something (real-time scheduling, locked memory) does so in a thread of its own or releases it, so
-the process stays as it was.
+A check that requests something (real-time scheduling, locked memory) does so in a separate thread or releases it, so
+the process is not changed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from hapnet.transport.security import ANYBODY, Security
 OK, WARNING, MISSING, SKIPPED = "ok", "warning", "missing", "skipped"
 
 REACH_S = 3.0
-"""How long an endpoint may take to answer [s]."""
+"""The longest time to wait for an endpoint's answer [s]."""
 
 _LATE_US = 100.0  # if the median sleep is later than this, the timer slack is the default or worse
 _TICKS = 300
@@ -43,7 +43,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Check:
-    """`state`: ok, warning (it runs, but worse), missing (it does not run) or skipped; `advice` says what to do."""
+    """`state`: ok, warning (hapnet runs, but worse), missing (it does not run) or skipped; `advice`: a remedy."""
 
     name: str
     state: str
@@ -51,16 +51,16 @@ class Check:
     advice: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """The row as `--json` writes it."""
+        """The check as `--json` writes it."""
         return asdict(self)
 
 
 def examine(
     connect: Sequence[str] = (), security: Security = ANYBODY, session: str = "default", name: str = "device"
 ) -> Iterator[Check]:
-    """Yields all checks in the order in which they are shown, each as soon as it is known.
+    """Yield all checks in the order of the output, each as soon as it is done.
 
-    `session` and `name`: the names under which the sides of the probed network talk.
+    session, name : those of the sides on the probed network.
 
     Raises InvalidParameter: an endpoint that Zenoh does not accept, or security that does not fit it.
     """
@@ -84,10 +84,10 @@ def examine(
 
 def python() -> Check:
     gil = getattr(sys, "_is_gil_enabled", lambda: True)()
-    words = f"{platform.python_implementation()} {platform.python_version()}, GIL {'on' if gil else 'off'}"
+    value = f"{platform.python_implementation()} {platform.python_version()}, GIL {'on' if gil else 'off'}"
     if platform.python_implementation() != "CPython":
-        return Check("python", WARNING, words, "the servo's figures are for CPython")
-    return Check("python", OK, f"{words}, threads switch every {sys.getswitchinterval() * 1e3:g} ms (a run sets 0.1)")
+        return Check("python", WARNING, value, "the servo's figures are for CPython")
+    return Check("python", OK, f"{value}, threads switch every {sys.getswitchinterval() * 1e3:g} ms (a run sets 0.1)")
 
 
 _NEEDED = ("numpy", "eclipse-zenoh", "msgpack", "msgspec", "cryptography")
@@ -111,32 +111,32 @@ def system() -> Check:
     kernel = f"{platform.system()} {platform.release()}"
     if not _IS_LINUX:
         return Check("system", WARNING, kernel, "use Linux: elsewhere there is no timer slack, timerfd or SCHED_FIFO")
-    words = [kernel]
-    words += [kind for kind in ("PREEMPT_RT", "PREEMPT_DYNAMIC") if kind in platform.version()]
+    value = [kernel]
+    value += [kind for kind in ("PREEMPT_RT", "PREEMPT_DYNAMIC") if kind in platform.version()]
     if " hypervisor" in _read("/proc/cpuinfo"):
-        words.append("in a virtual machine")
+        value.append("in a virtual machine")
         advice = "the host may take the processor away at any time: for a real device use the bare machine"
-        return Check("system", WARNING, ", ".join(words), advice)
-    return Check("system", OK, ", ".join(words))
+        return Check("system", WARNING, ", ".join(value), advice)
+    return Check("system", OK, ", ".join(value))
 
 
 def processors() -> Check:
     count = os.cpu_count() or 1
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else count
-    words = f"{usable} of {count} usable"
+    value = f"{usable} of {count} usable"
     if usable < 2:
-        return Check("processors", WARNING, words, "give this process two (taskset, the container's limit)")
-    return Check("processors", OK, words)
+        return Check("processors", WARNING, value, "give this process two (taskset, the container's limit)")
+    return Check("processors", OK, value)
 
 
 def load() -> Check:
     if not hasattr(os, "getloadavg"):
         return Check("load", SKIPPED, "not known here")
     busy, count = os.getloadavg()[0], os.cpu_count() or 1
-    words = f"{busy:.2f} on {count} processors (1 min)"
+    value = f"{busy:.2f} on {count} processors (1 min)"
     if busy > 0.5 * count:
-        return Check("load", WARNING, words, "end other work before measuring, or use --realtime")
-    return Check("load", OK, words)
+        return Check("load", WARNING, value, "end other work before measuring, or use --realtime")
+    return Check("load", OK, value)
 
 
 def clock_resolution() -> Check:
@@ -148,28 +148,28 @@ def clock_resolution() -> Check:
             now = time.monotonic_ns()
         steps.append(now - began)
     resolution = clock.resolution
-    words = f"{clock.implementation}: {resolution * 1e9:g} ns, steps of {min(steps)} ns seen"
+    value = f"{clock.implementation}: {resolution * 1e9:g} ns, steps of {min(steps)} ns measured"
     source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource").strip()
-    words += f", source {source}" if source else ""
+    value += f", source {source}" if source else ""
     if min(steps) > 5000:
         advice = "reading it costs too much: another clock source, if there is one (clocksource=tsc)"
-        return Check("clock resolution", WARNING, words, advice)
-    return Check("clock resolution", OK, words)
+        return Check("clock resolution", WARNING, value, advice)
+    return Check("clock resolution", OK, value)
 
 
 def timer_slack() -> Check:
     if _in_thread(set_timer_slack):
-        return Check("timer slack", OK, "1 ns can be asked for")
+        return Check("timer slack", OK, "1 ns is available")
     return Check("timer slack", WARNING, "cannot be set", "sleeps end some 50 us late: use Linux, outside a sandbox")
 
 
 def sleep_lateness() -> Check:
     histogram = _in_thread(_sleep)
     p50, p99 = ((histogram.quantile(q) or 0) / 1e3 for q in (0.50, 0.99))
-    words = f"p50 {p50:.0f} us, p99 {p99:.0f} us, longest {histogram.max / 1e3:.0f} us at 1 kHz"
+    value = f"p50 {p50:.0f} us, p99 {p99:.0f} us, longest {histogram.max / 1e3:.0f} us at 1 kHz"
     if p50 > _LATE_US or p99 > _PERIOD_NS / 1e3:
-        return Check("sleep lateness", WARNING, words, "see the lines on load, scaling and scheduling; `hapnet bench`")
-    return Check("sleep lateness", OK, words)
+        return Check("sleep lateness", WARNING, value, "see the lines on load, scaling and scheduling; `hapnet bench`")
+    return Check("sleep lateness", OK, value)
 
 
 def timerfd() -> Check:
@@ -207,7 +207,7 @@ def real_time_share() -> Check:
 
 
 def locked_memory() -> Check:
-    """The servo locks all its memory, future memory too. Under a limit this, or a later allocation, may be refused."""
+    """Check whether the servo may lock all its memory, future memory too, which a limit may refuse now or later."""
     name = "locked memory"
     if not _IS_LINUX:
         return Check(name, WARNING, f"not available on {sys.platform}", "use Linux for --realtime")
@@ -233,7 +233,7 @@ def frequency_scaling() -> Check:
     files = sorted(_PROCESSORS.glob("cpu*/cpufreq/scaling_governor"))
     governors = sorted({_read(str(file)).strip() for file in files} - {""})
     if not governors:
-        return Check(name, OK, "not in this system's hands (virtual machine, firmware, or none)")
+        return Check(name, OK, "not controlled by this system (virtual machine, firmware, or none)")
     if governors == ["performance"]:
         return Check(name, OK, f"governor performance on all {len(files)} processors")
     advice = "sudo cpupower frequency-set -g performance (or write it to each cpu*/cpufreq/scaling_governor)"
@@ -241,7 +241,7 @@ def frequency_scaling() -> Check:
 
 
 def tls_handshake(endpoint: str, security: Security = ANYBODY) -> Check:
-    """Do the TLS handshake with a device's certificates: Zenoh does not say what is wrong with them."""
+    """Check the TLS handshake with a device's certificates, as Zenoh does not report their faults."""
     from hapnet.transport.config import ZenohSettings, zenoh_config
     from hapnet.transport.diagnosis import Trust, probe
 
@@ -253,7 +253,7 @@ def tls_handshake(endpoint: str, security: Security = ANYBODY) -> Check:
 
 
 def zenoh_reachable(endpoint: str, security: Security = ANYBODY) -> Check:
-    """Dial as a device does, for at most `REACH_S` seconds."""
+    """Connect as a device does, for at most `REACH_S` seconds."""
     name = "zenoh reachable"
     advice = "start the other side (hapnet world -l ...), and check address, port and firewall"
     try:
@@ -303,7 +303,7 @@ async def _dial(endpoint: str, security: Security) -> float | None:
 
 
 def _sleep() -> Histogram:
-    """Lateness [ns] of sleeps to absolute deadlines."""
+    """Measure the lateness of sleeps to absolute deadlines [ns]."""
     set_timer_slack()
     histogram = Histogram()
     grid = DeadlineGrid(time.monotonic_ns() + _PERIOD_NS, _PERIOD_NS)
@@ -316,7 +316,7 @@ def _sleep() -> Histogram:
 
 
 def _ask_for_fifo() -> str | None:
-    """Requests it for this thread only, which ends. Returns the reason if it was refused."""
+    """Request SCHED_FIFO for this thread only, which ends afterwards. Returns the reason if it was refused."""
     refused = None
     if sys.platform == "linux":
         try:
@@ -327,7 +327,7 @@ def _ask_for_fifo() -> str | None:
 
 
 def _in_thread(call: Callable[[], _T]) -> _T:
-    """Returns what `call` returns in a thread of its own, so that what it requests ends with that thread."""
+    """Return the result of `call` in a separate thread, so that its requests end with that thread."""
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(call).result()
 

@@ -1,4 +1,4 @@
-"""Judge whether this network is good enough. What probes measure, as text, beside the requirements of haptics."""
+"""Compare a network with the requirements of haptics, by probes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from hapnet.transport.probe import PROBE, Answers, ask
 from hapnet.transport.security import Security
 
 PROBED_S = 4.0
-"""How long to measure [s]."""
+"""The time of the measurement [s]."""
 
 FAST_MS, SLOW_MS = 20.0, 100.0
-"""One-way delay in 3GPP TR 22.847 (tactile and multi-modal communication): 20 ms for fast motion, 100 ms else."""
+"""One-way delay in 3GPP TR 22.847 (tactile and multi-modal communication): 20 ms for fast motion, 100 ms for slow."""
 RELIABILITY = 0.9999
 """The required share of messages that arrive (same source)."""
 BAD_LOSS = 0.05
@@ -38,10 +38,10 @@ def probed(
             break
     else:
         advice = (
-            f"start the other side there (hapnet world -l ...), with the session {session} and the name {name}; one of "
-            "an older version does not answer, nor one whose access control does not let this side in"
+            f"start the other side there (hapnet world -l ...), with the session {session} and the name {name}; a side "
+            "of an older version does not answer, nor does a side whose access control refuses this one"
         )
-        return Check(NAME, WARNING, f"{endpoint}: nobody answers probes, so this is not known", advice)
+        return Check(NAME, WARNING, f"{endpoint}: no answer to probes, so its quality is not known", advice)
     return judged(answers)
 
 
@@ -62,7 +62,7 @@ def judged(answers: Answers) -> Check:
     elif one_way <= SLOW_MS:
         words.append(f"good for slow motion ({SLOW_MS:g} ms one way, TR 22.847)")
     else:
-        words.append(f"slower than TR 22.847 asks for ({SLOW_MS:g} ms one way)")
+        words.append(f"slower than TR 22.847 requires ({SLOW_MS:g} ms one way)")
     advice = _advice(answers, one_way, worst)
     return Check(NAME, WARNING if advice else OK, ", ".join(words), "; ".join(advice))
 
@@ -71,12 +71,12 @@ def _advice(answers: Answers, one_way: float, worst: float) -> Sequence[str]:
     advice = []
     if one_way > SLOW_MS:
         advice.append(
-            "it stays passive, but contacts are felt late, soft ones hardly: a nearer world, or a slower hand"
+            "it stays passive, but contacts are felt late, and soft ones hardly: use a nearer world, or move slower"
         )
     if worst > BAD_LOSS:
-        advice.append("it stays passive, but the proxy jumps: a cable, another channel, or less traffic beside it")
+        advice.append("it stays passive, but the proxy jumps: use a cable, another channel, or less other traffic")
     elif worst > 1.0 - RELIABILITY:
-        advice.append(f"TR 22.847 asks for {100 * RELIABILITY:g} % of the messages; hapnet takes less, at some clarity")
+        advice.append(f"TR 22.847 requires {100 * RELIABILITY:g} % of the messages; less makes contacts less clear")
     if answers.stalls:
-        advice.append("stalls are what tcp makes of loss, or a radio that sleeps: try udp/ or quic/ on both sides")
+        advice.append("tcp turns loss into stalls, and a sleeping radio makes some: try udp/ or quic/ on both sides")
     return advice

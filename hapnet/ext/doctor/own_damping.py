@@ -1,17 +1,16 @@
-"""A lower bound of a device's own damping, measured with no hand on its handle, as `device.trusted_damping` wants it.
+"""A lower bound of a device's own damping, measured with no hand on its handle, for `device.trusted_damping`.
 
-A soft spring, rendered with a small force, pulls the handle from one rest to the next, and it swings (`push`). Between
-two moments of rest, which turning points are, neither mass nor speed has any part in the energy. What the force put in
-went into the device:
+A soft spring, rendered with a small force, pulls the handle to a new place, and it swings (`push`). Between two moments
+of rest, such as turning points, the kinetic energy does not change. So the work of the force went into the device:
 
     W = b int |v|^2 dt + c int |dx| + g . dx + k/2 change of |x|^2
 
-with damping b, Coulomb friction c, weight g, a spring k of the device's own. Friction is not harvested, as it says
-nothing about faster motion. Each trial gives a b by least squares, and at least that less three standard errors; no
-single swing may have taken less than that.
+with damping b, Coulomb friction c, weight g, a spring k of the device itself. Friction is not harvested, as it
+does not grow with speed. The lower bound of a trial is b by least squares less three standard errors, or less if any
+single swing took less.
 
-The bound is the minimum over all trials, less their spread and a tenth. What it cannot see: a hand that only brakes the
-handle, and a device that has less force than it reports. A force that acts late makes it smaller.
+The bound is the minimum over all trials, less their spread and a tenth. It cannot detect a hand that only brakes
+the handle, or a device with less force than it reports. A force that acts late makes the bound smaller.
 """
 
 from __future__ import annotations
@@ -32,30 +31,29 @@ from hapnet.ext.doctor.machine import OK, SKIPPED, WARNING, Check
 NANO = 1e-9
 TRIALS = 3
 REACH_M = 0.02
-"""The spring's end jumps by this and by shares of it; the handle moves by at most 1.5 times that to either side."""
+"""The spring's end jumps by this and by shares of it; the handle moves by at most 1.5 times this to either side [m]."""
 SHARES = (1.0, 1.0, 0.6, 0.6, 0.35, 0.35)
 MAX_S = 2.5
-"""The handle swings after each jump, and is then calmed by a damper, each until it rests, but for no longer."""
+"""The longest swing after a jump, and the longest damping to rest after it [s]."""
 CALMING_NS_M = 3.0
 FARTHEST_M, FASTEST_MPS = 3.0 * REACH_M, 1.0
-"""A handle that is farther from where it began, or faster, ends the measurement."""
+"""A handle farther from its start, or faster, ends the measurement."""
 SHORTEST_M = REACH_M / 4.0
 """Shorter swings are not used."""
 WINDOW_S = 0.005
-"""Speeds are means over this: encoders' counts then make them a little too large, which only lowers the bound."""
+"""Speeds are means over this time [s]; encoders' counts make them a little too large, which only lowers the bound."""
 RESTING_MPS, RESTED_S = 0.005, 0.2
-"""It rests if it was no faster than this for so long."""
+"""The handle counts as at rest if it was no faster than this for so long."""
 MARGIN = 0.1
 WORK_ERROR, SURE = 0.02, 3.0
-"""The work of each swing is not known better than to this share of the largest; so many standard errors are taken off
-b."""
+"""The error of each swing's work, as a share of the largest; and the number of standard errors subtracted from b."""
 
 NAME = "own damping"
 
 
 class Swing(NamedTuple):
-    """The readings while the handle swung: at each, the time since the one before [s] and the position [m] (N, n), and
-    the force that acted in between [N] (N, n).
+    """The readings of a swing: for each, the time since the previous one [s], the position [m] (N, n), and the force
+    that acted in between [N] (N, n).
     """
 
     dt: Array
@@ -64,7 +62,7 @@ class Swing(NamedTuple):
 
 
 class DampingEstimate(NamedTuple):
-    """b, and what it is at least, by its standard error and by each swing [Ns/m]; the device's spring [N/m]."""
+    """b, its lower bound by the standard error and by each swing [Ns/m], and the device's spring [N/m]."""
 
     damping: float
     minimum: float
@@ -72,7 +70,7 @@ class DampingEstimate(NamedTuple):
 
 
 class Unmeasured(Exception):
-    """Why there is no result; `state` is that of the check."""
+    """The reason for no result; `state` is that of the check."""
 
     def __init__(self, why: str, state: str = SKIPPED) -> None:
         super().__init__(why)
@@ -82,7 +80,7 @@ class Unmeasured(Exception):
 def own_damping(
     device: UserDevice, rate_hz: float, clock: Callable[[], int], sleep: Callable[[float], None], most_N: float
 ) -> Check:
-    """Measure a lower bound, the same for each axis, with at most this force [N], and say what to set.
+    """Measure a lower bound, the same for each axis, with at most this force [N]; the advice is the parameter to set.
 
     Raises HapnetError: the device fails.
     """
@@ -92,13 +90,13 @@ def own_damping(
             for axis in range(device.dof)
             for _ in range(TRIALS)
         ]
-        found = [trial.damping for trial in trials]
-        range_text = f"{len(trials)} trials found {min(found):.2g} to {max(found):.2g} Ns/m"
+        dampings = [trial.damping for trial in trials]
+        range_text = f"{len(trials)} trials found {min(dampings):.2g} to {max(dampings):.2g} Ns/m"
         if (bound := lower_bound(trials)) <= 0.0:
             raise Unmeasured(range_text)
     except Unmeasured as why:
         return Check(NAME, why.state, f"not known: {why}", "leave device.trusted_damping at 0")
-    advice = f"--set device.trusted_damping={bound:g}, if nobody touched the handle"
+    advice = f"--set device.trusted_damping={bound:g}, if no hand touched the handle"
     return Check(NAME, OK, f"at least {bound:g} Ns/m ({range_text})", advice)
 
 
@@ -113,9 +111,9 @@ def _trial(swings: Sequence[Swing], most_N: float, axis: int) -> DampingEstimate
 
 def lower_bound(trials: Sequence[DampingEstimate]) -> float:
     """The damping common to all trials [Ns/m], less their spread and `MARGIN`; two digits, rounded down; 0: none."""
-    found = [trial.damping for trial in trials]
+    dampings = [trial.damping for trial in trials]
     minimum = min(min(trial.damping, trial.minimum) for trial in trials)
-    bound = (1.0 - MARGIN) * minimum - (max(found) - min(found))
+    bound = (1.0 - MARGIN) * minimum - (max(dampings) - min(dampings))
     if bound <= 0.0:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(bound)) - 1)
@@ -133,7 +131,7 @@ def push(
     most_N: float,
     axis: int,
 ) -> Iterator[Swing]:
-    """Let the handle swing along an axis, once for each of `SHARES`; at the end there is no force on it.
+    """Let the handle swing along an axis, once for each of `SHARES`; afterwards the force is zero.
 
     Raises Unmeasured: the handle ran away, or the device renders no force. HapnetError: the device fails.
     """
@@ -153,7 +151,7 @@ def push(
 
 
 class _Spring:
-    """A soft spring to a place near where the handle was first, with a damper on demand."""
+    """A soft spring to a place near the handle's start, with a damper on demand."""
 
     def __init__(
         self,
@@ -172,11 +170,11 @@ class _Spring:
         self._last_ns = clock()
 
     def move(self, axis: int, offset: float) -> None:
-        """From now on pull to so far from the start along an axis [m]."""
+        """Move the spring's end to `offset` from the start along an axis [m]."""
         self._offset = tuple([offset if i == axis else 0.0 for i in range(self._device.dof)])
 
     def until_rest(self, damping: float) -> list[tuple[float, Vector, Vector]]:
-        """Pull, with a damper [Ns/m], until the handle rests: for each reading dt, position and force (`Swing`)."""
+        """Pull, with a damper [Ns/m], until the handle rests; returns dt, position and force of the readings."""
         rows: list[tuple[float, Vector, Vector]] = []
         begin_ns = self._clock()
         while (self._clock() - begin_ns) * NANO < MAX_S and not _rest(rows):
@@ -201,7 +199,7 @@ class _Spring:
             share = min(1.0, dt / WINDOW_S)
             speeds = zip(self._velocity, before, x, strict=True)
             self._velocity = tuple([v + share * ((b - a) / dt - v) for v, a, b in speeds])
-        with suppress(DeviceSilent):  # then the force before goes on
+        with suppress(DeviceSilent):  # then the previous force stays
             self._pull(x, damping)
         return row if before is not None and dt > 0.0 else None
 
@@ -235,18 +233,18 @@ def _rest(rows: Sequence[tuple[float, Vector, Vector]]) -> bool:
     return False
 
 
-# -- What it shows ----------------------------------------------------------------------------------------------------
+# -- Evaluation -------------------------------------------------------------------------------------------------------
 
 
 def examined(swings: Sequence[Swing]) -> DampingEstimate | None:
     """Return the result of one trial; None: there are too few swings that are long enough."""
-    found = [row for swing in swings for row in _rows(swing, swings[0].position[0])]
-    if len(found) < 4:
+    rows = [row for swing in swings for row in _rows(swing, swings[0].position[0])]
+    if len(rows) < 4:
         return None
-    table = np.array(found)
+    table = np.array(rows)
     work, terms = table[:, 0], table[:, 1:]
     fitted, unsure = _fit(terms, work)
-    if fitted[1] < 0.0:  # friction gives no energy
+    if fitted[1] < 0.0:  # friction cannot give energy
         fitted, _ = _fit(terms * (1.0, 0.0, *(1.0,) * (terms.shape[1] - 2)), work)
     others = work - terms[:, 2:] @ fitted[2:]
     minimum = min(float(np.min(others / terms[:, 0])), float(fitted[0] - SURE * unsure))
@@ -254,9 +252,7 @@ def examined(swings: Sequence[Swing]) -> DampingEstimate | None:
 
 
 def _fit(terms: Array, work: Array) -> tuple[Array, float]:
-    """Return the least-squares fit, and the standard error of its first value, b, beside which friction may look
-    alike.
-    """
+    """Return the least-squares fit, and the standard error of its first value, b, which friction resembles."""
     scale = np.linalg.norm(terms, axis=0)
     scale[scale == 0.0] = 1.0
     fitted, *_ = np.linalg.lstsq(terms / scale, work, rcond=1e-3)
@@ -267,8 +263,7 @@ def _fit(terms: Array, work: Array) -> tuple[Array, float]:
 
 
 def _rows(swing: Swing, origin: Array) -> Iterator[tuple[float, ...]]:
-    """Of in each direction from rest to rest: W, and what b, c, g and k are multiplied by; k's spring is relaxed at
-    `origin`."""
+    """For each motion from rest to rest: W, and the factors of b, c, g and k; the spring k is relaxed at `origin`."""
     step_s, x, force = _evenly(swing)
     per_window = max(1, round(WINDOW_S / step_s))
     x = _smoothed(x, per_window)
@@ -285,7 +280,7 @@ def _rows(swing: Swing, origin: Array) -> Iterator[tuple[float, ...]]:
 
 
 def _evenly(swing: Swing) -> tuple[float, Array, Array]:
-    """A time step [s], positions so far apart (N, n), and the mean forces between them (N - 1, n)."""
+    """A time step [s], positions at that interval (N, n), and the mean forces between them (N - 1, n)."""
     time = np.r_[0.0, np.cumsum(swing.dt[1:])]
     step_s = float(np.median(swing.dt))
     even = np.arange(0.0, time[-1] + 1e-9, step_s)
@@ -298,8 +293,8 @@ def _evenly(swing: Swing) -> tuple[float, Array, Array]:
 
 
 def _smoothed(x: Array, window: int) -> Array:
-    """Means over `window` readings or so, half of them later: the force follows the noise of each reading, and without
-    this their product would look like work."""
+    """Centred means over about `window` readings: the force follows the noise of each reading, and without the means
+    their product would look like work."""
     half = window // 2
     sums = np.cumsum(np.r_[np.zeros((1, x.shape[1])), np.repeat(x[:1], half, 0), x, np.repeat(x[-1:], half, 0)], axis=0)
     span = 2 * half + 1
@@ -310,8 +305,8 @@ def _rests(x: Array, time: Array, window: int) -> Iterator[tuple[int, int]]:
     """Pairs of moments at rest with a long swing between them: turning points, and begin and end if it rests there."""
     marks: list[int] = []
     if _slow(x[: window + 1], time[: window + 1]):
-        marks.append(0)  # the calm before the jump
-    extreme, turned = 0, 0  # where the swing so far was farthest; its direction: 0 unknown
+        marks.append(0)  # at rest before the jump
+    extreme, turned = 0, 0  # the farthest point of the swing so far; its direction, 0: unknown
     for i in range(1, len(x)):
         if turned == 0:
             if abs(x[i] - x[0]) >= SHORTEST_M / 2.0:

@@ -1,1 +1,1 @@
-"""Worlds of one's own: physics engines (MuJoCo is one), forces as functions, obstacles that move."""
+"""User-defined worlds: physics engines such as MuJoCo, forces as functions, obstacles that move."""

@@ -1,14 +1,14 @@
-"""An engine's substeps with the environment's account: what it is given, what it stores, what it must pay back.
+"""An engine's substeps with the environment's account: energy put in, energy stored, and the debt to pay back.
 
-The work of the coupling's force is exact, F . (x_{k+1} - x_k). With that of motors S, of
-`hapnet.plant.worlds.account`, and with U the kinetic and potential energy
+The work of the coupling's force is exact, F . (x_{k+1} - x_k). With the motors' work S
+(`hapnet.plant.worlds.account`) and the kinetic and potential energy U
 
     account += F . (x_{k+1} - x_k) + S_{k+1} - S_k - (U_{k+1} - U_k)
 
-is what contacts, dampers and friction have dissipated since. Below 0 the engine has made energy. The debt is paid at
-once by damping: all velocities are scaled by sqrt(1 - debt/kinetic energy), which takes exactly the debt. Contacts
-give back some of what is pressed into them, which U does not know, so the account keeps what was dissipated, up to a
-ceiling. Of an engine that does not know U, the account is what the coupling has put in, without a ceiling.
+is the energy that contacts, dampers and friction have dissipated. Below 0 the engine has made energy. The debt is paid
+at once by damping: all velocities are scaled by sqrt(1 - debt/kinetic energy), which takes exactly the debt. Contacts
+give back some of the energy pressed into them, which U does not include, so the account keeps dissipated energy, up to
+a ceiling. If an engine does not report U, the account is the energy that the coupling put in, without a ceiling.
 
 An engine that integrates the proxy on its coupling is charged by the terms of (13), at the positions that it reached:
 
@@ -32,7 +32,7 @@ from hapnet.records.vectors import inner
 from hapnet.units import POSE
 
 CEILING_J = 0.05
-"""The most that the account keeps of what was dissipated [J]: what contacts and flexes store is less."""
+"""The most dissipated energy that the account keeps [J]: contacts and flexes store less."""
 
 _MOST_J = 1e15
 """An engine with more energy than this has failed [J]."""
@@ -47,14 +47,14 @@ _ROUNDING = 1e-14
 """A debt of this share of the energy [J] is rounding."""
 
 _SAME = 1e-9
-"""What is restored may differ by this share, or by as much in SI units."""
+"""A restored value may differ by this share, or by this number in SI units."""
 
 Coupling = Callable[[Vector, Vector], Vector]
 """The coupling's force of a substep from x_k to x_{k+1} [m], by (13) [N]."""
 
 
 class EngineFailed(HapnetError):
-    """The engine of `scene` gave what it may not, or raised something; `why` says what."""
+    """The engine of `scene` returned an invalid value, or raised an exception; `why` describes it."""
 
     def __init__(self, scene: str, why: str) -> None:
         self.why: str = " ".join(why.split())  # an array takes several lines
@@ -66,11 +66,11 @@ class EngineFailed(HapnetError):
 
 
 class EngineAccount:
-    """`engine` while it runs, and its account. `name` : the scene's, for what went wrong.
+    """A running `engine` with its account. name : of the scene, for errors.
 
-    position, velocity : of the proxy, as the engine said last [m], [m/s].
+    position, velocity : of the proxy, as last reported by the engine [m], [m/s].
 
-    Raises HapnetError, as every call does: the engine raised something, or gave what it may not.
+    Raises HapnetError, as every call does: the engine raised an exception, or returned an invalid value.
     """
 
     def __init__(self, engine: Engine, name: str) -> None:
@@ -95,19 +95,19 @@ class EngineAccount:
             return len(place) if self.engine.units == POSE else checked_dof(len(place))
         except (TypeError, InvalidParameter):
             axes = "for 1 to 3 axes or a pose's twelve coordinates"
-            raise self.failed(f"position() gave {place!r:.80}, not one number an axis, {axes}") from None
+            raise self.failed(f"position() gave {place!r:.80}, not one number for each axis, {axes}") from None
 
     def ask(self, method: str, *given: object) -> Any:
         """Call a method of the engine and return its result."""
         try:
             return getattr(self.engine, method)(*given)
-        except HapnetError:  # it says itself what is wrong
+        except HapnetError:  # its message is complete
             raise
         except BaseException as error:  # see `loading.failure`
             raise self.failed(f"{method}() raised {failure(error)}") from error
 
     def look(self) -> None:
-        """See where the proxy is and what is stored, before the first step."""
+        """Read the proxy's state and the stored energy, before the first step."""
         self.position: Vector = self._vector("position")
         self.velocity: Vector = self._vector("velocity")
         self._energy_J = self.energy_J
@@ -124,7 +124,7 @@ class EngineAccount:
 
     @property
     def energy_J(self) -> float:
-        """U, or 0 where it is not known [J]."""
+        """U, or 0 if it is not known [J]."""
         kinetic, potential = self._energies()
         return potential + kinetic
 
@@ -139,28 +139,28 @@ class EngineAccount:
 
     @property
     def contact_force(self) -> Vector | None:
-        """Of all contacts on the proxy, the mean over this step's substeps [N]; None: not known."""
+        """The force of all contacts on the proxy, its mean over this step's substeps [N]; None: not known."""
         if (now := self.ask("contact_force")) is None:
             return None
         now, count = self._numbers("contact_force", now, self.dof), max(1, self._substeps)
         mean = tuple([f / count for f in self._touch or (0.0,) * self.dof])
         for force in (now, mean):
-            if not inner(force, force) <= _MOST_N**2:  # nor is NaN
+            if not inner(force, force) <= _MOST_N**2:  # also false for NaN
                 raise self._diverged(
                     f"contact_force() gave {list(force)}; allowed: finite numbers, up to {_MOST_N:g} N"
                 )
         return mean
 
     def begin(self) -> None:
-        """A step begins."""
+        """Begin a step of the world."""
         self._substeps, self._touch = 0, []
 
     def substep(self, h: float, force: Vector, most_J: float) -> tuple[Vector, float]:
         """Advance by `h` [s] with the coupling's `force` (n,) held [N], which may do `most_J` of work.
 
-        Returns the force that was applied [N] and its work [J]. If that would be more, the substep is made again
-        without force. If it makes a debt that nothing can pay, it is made again from rest and without force; if that
-        does too, the world stands still. Substeps that were made again are counted in `undone`; `undone_J` is what
+        Returns the force that was applied [N] and its work [J]. If the work would be larger, the substep is
+        repeated without force. If it makes a debt that cannot be paid, it is repeated from rest and without force; if
+        the debt remains, the world does not move. `undone` counts repeated substeps; `undone_J` is the energy that
         stopping took out of the world [J].
         """
         self._save()
@@ -170,7 +170,7 @@ class EngineAccount:
     def coupled_substep(
         self, h: float, goal: tuple[Vector, Array, Array], force_of: Coupling, most_J: float
     ) -> tuple[Vector, float]:
-        """As `substep`, of a `CoupledEngine` which is `goal` the set-position, K' and B'."""
+        """As `substep`, for a `CoupledEngine`; `goal` is the set-position, K' and B'."""
         self._save()
         before = self.position
         moved, supplied = self._advance("coupled_substep", h, *goal)
@@ -178,7 +178,7 @@ class EngineAccount:
         return self._entered(h, force, inner(force, moved), supplied, most_J)
 
     def _advance(self, method: str, h: float, *coupling: object) -> tuple[Vector, float]:
-        """One substep of the engine: the proxy's displacement [m], and the motors' work [J]."""
+        """Do one substep of the engine; returns the proxy's displacement [m], and the motors' work [J]."""
         before = self.position
         supplied = self.ask(method, h, *coupling)
         self.position = self._vector("position")
@@ -211,7 +211,7 @@ class EngineAccount:
         return force, work
 
     def _return(self, *, at_rest: bool) -> None:
-        """Go back to before this substep; `at_rest`: what moved then is stopped, which goes into the account."""
+        """Restore the state before this substep. at_rest : stop all bodies, and enter this energy in the account."""
         self.undone += 1
         self.ask("restore", self._saved)
         self._compare()
@@ -224,7 +224,7 @@ class EngineAccount:
             self._energy_J = energy
 
     def _settle(self, work: float, supplied: float) -> bool:
-        """Enter what went in during this substep, and let a debt be paid. False: it cannot be; nothing is entered."""
+        """Enter the energies of this substep, and pay a debt. False: it cannot be paid, and nothing is entered."""
         kinetic, potential = self._energies()
         energy = potential + kinetic
         left = self.account_J + work + supplied - (energy - self._energy_J)
@@ -241,18 +241,18 @@ class EngineAccount:
         return True
 
     def _pay(self, debt: float, kinetic: float, potential: float) -> float:
-        """Damp all that moves. Returns what was paid, at most the kinetic energy [J]."""
+        """Damp all bodies. Returns the energy paid, at most the kinetic energy [J]."""
         if not kinetic > 0.0:
             return 0.0
         return kinetic - self._slowed(sqrt(max(0.0, 1.0 - debt / kinetic)), kinetic, potential)[0]
 
     def _slowed(self, factor: float, kinetic: float, potential: float) -> tuple[float, float]:
-        """Scale all velocities. Returns the kinetic and the potential energy then [J]."""
+        """Scale all velocities. Returns the kinetic and the potential energy afterwards [J]."""
         self.ask("slow", factor)
         now = self._energies()
         if now[0] - kinetic > _SAME * (1.0 + kinetic) or abs(now[1] - potential) > _SAME * (1.0 + abs(potential)):
             was = f"{kinetic:.3g} J and {potential:.3g} J into {now[0]:.3g} J and {now[1]:.3g} J"
-            raise self.failed(f"slow() may take kinetic energy and nothing else; it made {was}")
+            raise self.failed(f"slow() may reduce kinetic energy and nothing else; it changed {was}")
         return now
 
     def _save(self) -> None:
@@ -267,7 +267,7 @@ class EngineAccount:
         self.position = self._before[0]
 
     def _energies(self) -> tuple[float, float]:
-        """Kinetic and potential energy [J]; 0 where they are not known."""
+        """Kinetic and potential energy [J]; 0 if they are not known."""
         if not self.knows_energy:
             return 0.0, 0.0
         kinetic, potential = self._numbers("energy_J", self.ask("energy_J"), 2)
@@ -284,7 +284,7 @@ class EngineAccount:
         return found
 
     def _numbers(self, method: str, given: Any, count: int) -> Vector:
-        """Return the result of a method of the engine, as floats: `count` of them."""
+        """Convert the result of a method of the engine to `count` floats."""
         try:
             found = tuple(map(float, given))
         except (TypeError, ValueError, OverflowError):
@@ -297,5 +297,5 @@ class EngineAccount:
         return self.failed(f"{why}{self.ask('diagnosis')}")
 
     def failed(self, why: str) -> HapnetError:
-        """The error in one line."""
+        """The error for this failure, in one line."""
         return EngineFailed(self.name, why)

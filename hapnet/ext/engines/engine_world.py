@@ -1,23 +1,23 @@
 """An engine as the world: it integrates the proxy itself, so the proxy replaces the passive integrator.
 
-A step of length T is made of ``ceil(T / substep_s)`` substeps of equal length: so the engine is as stable and as stiff
-as its author made it, and simulated time is real time, whatever T_k is. In each substep the virtual coupling's force is
-held. It is that of a spring and a damper which are computed for the substep's end, with W the proxy's inverse mass and
-a the acceleration that all but the coupling gave it in the last substep:
+A step of length T has ``ceil(T / substep_s)`` substeps of equal length: so the engine is as stable and as stiff as its
+author intended, and simulated time is real time for any T_k. In each substep the virtual coupling's force is held. It
+is that of a spring and a damper, computed for the substep's end, with W the proxy's inverse mass and a its acceleration
+by all forces except the coupling's in the last substep:
 
     u = v + h a,    F = (I + (h B' + h^2 K') W)^-1 [-B' u - K' (x + h u - ybar)]
 
-so it is stable for any h, and K' (ybar - x) where a contact holds the proxy. Its work is known exactly from positions.
-So the coupling's end of the theorem has the spring only (the proxy's mass belongs to the engine): with
-phi = 1/2 |x - ybar|_K'^2 it harvests what was measured,
+so it is stable for any h, and K' (ybar - x) if a contact holds the proxy. Its work is known exactly from positions. So
+the coupling's half of the theorem has the spring only (the proxy's mass belongs to the engine): with
+phi = 1/2 |x - ybar|_K'^2 its harvest is measured,
 
     D = -sum F . (x_{j+1} - x_j) - (phi_{k+1} - phi_k)                          both phi with ybar_k
 
-D may be negative: something else pushed the proxy. No substep takes more than spring and reservoir hold; one that would
-is made again without force. So the reservoir never goes below 0.
+D may be negative if other forces push the proxy. No substep takes more than spring and reservoir hold; a substep that
+would is repeated without force. So the reservoir never goes below 0.
 
 An engine that integrates the proxy on its coupling (`hapnet.ext.engines.engine.CoupledEngine`) has F by (13), from the
-positions that it reached, whatever force it used. Then D is what (13) harvests, the damper's |vhat|_B'^2 h.
+positions that it reached, whatever force it used. Then D is the harvest of (13), the damper's |vhat|_B'^2 h.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ from hapnet.records.vectors import inner
 from hapnet.units import METRES
 
 MAX_S = 0.25
-"""So much is simulated in one step at most: where steps take longer, the world is slower than time."""
+"""The most time simulated in one step [s]: if steps take longer, the world runs slower than real time."""
 
 SHORTEST_S = 1e-5
-"""Of an engine's substeps: with shorter ones a step of the world takes far longer than it lasts."""
+"""The shortest substep of an engine [s]: with shorter ones the world runs far slower than real time."""
 
 _LIGHTEST = 1e12
 """The greatest inverse mass of a proxy [1/kg]."""
@@ -59,17 +59,17 @@ _LIGHTEST = 1e12
 Product = Callable[[Sequence[float]], list[float]]
 
 Substep = Callable[[float, Vector, float], tuple[Vector, float]]
-"""Makes a substep of so many seconds with a set-position [m] or a force [N], which takes at most so much energy [J].
-Returns the mean force applied [N], and its work [J]."""
+"""A function that does a substep, of its length [s], a set-position [m] or a force [N], and the most energy that it may
+take [J]. Returns the mean force applied [N], and its work [J]."""
 
 _PAID = 1.0 - 1e-12
-"""The share of the energy at hand that may be used: so rounding makes no deficit."""
+"""The share of the available energy that may be used, so that rounding makes no deficit."""
 
 
 class EngineMass(Mass):
     """The proxy on its virtual coupling, moved by the engine: the `hapnet.mechanics.contacts.Mass`.
 
-    account : the running engine. mass : of a proxy whose engine does not say its own [kg]. damping, stiffness :
+    account : the running engine. mass : of the proxy if the engine reports no inverse mass [kg]. damping, stiffness :
     B' [Ns/m], K' [N/m].
     """
 
@@ -84,7 +84,7 @@ class EngineMass(Mass):
         self._damper, self._stiffness = _product(self._B), _product(self._K)
         self._is_coupled = isinstance(account.engine, CoupledEngine)
         self._pushed: Vector = (0.0,) * account.dof
-        """Acceleration that all but the coupling gave the proxy in the last substep [m/s^2]."""
+        """The proxy's acceleration by all forces except the coupling's in the last substep [m/s^2]."""
         self._gains_of: tuple[float, object] = (0.0, None)
         self._inverse_mass = self._stiffness
         self._known_gains = self._stiffness, self._stiffness
@@ -107,11 +107,11 @@ class EngineMass(Mass):
     def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
         before = self._potential_J(self._account.position, set_position)
         most = _PAID * (before + self._available_J)
-        done = self._made(dt, self._coupled if self._is_coupled else self._held, set_position, most)
+        done = self._advance(dt, self._coupled if self._is_coupled else self._held, set_position, most)
         return done._replace(dissipated_J=done.work_J - (self._potential_J(done.position, set_position) - before))
 
-    def _made(self, dt: float, kind: Callable[[float], Substep], given: Vector, most_J: float) -> Step:
-        """A step of substeps of this kind, which are given this vector, and take at most `most_J` [J] in all."""
+    def _advance(self, dt: float, kind: Callable[[float], Substep], given: Vector, most_J: float) -> Step:
+        """Do a step of substeps of this kind, with `given` as their vector; together they take at most `most_J` [J]."""
         account = self._account
         simulated = min(dt, MAX_S)
         count = max(1, ceil(simulated / account.engine.substep_s - 1e-9))
@@ -137,7 +137,7 @@ class EngineMass(Mass):
         )
 
     def _held(self, h: float) -> Substep:
-        """Substeps of `h` [s] with a force that is held."""
+        """Substeps of `h` [s] with a held force."""
         account = self._account
         spring, damper = self._gains(h)
 
@@ -181,7 +181,7 @@ class EngineMass(Mass):
         return self._known_gains
 
     def _inverse_of(self, own: ArrayLike) -> Array:
-        """W (n, n) [1/kg], from what the engine gave."""
+        """W (n, n) [1/kg], from the engine's inverse mass `own`."""
         dof = self._account.dof
         try:
             known = _matrix("inverse_mass", own, dof)
@@ -198,22 +198,22 @@ class EngineMass(Mass):
         return 0.5 * float(inner(e, self._stiffness(e)))
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings | None = None) -> Step:
-        """Under a held force; a law's drag would have to be solved together with the engine's step.
+        """Step under a held force. A law's drag is refused: it would have to be solved together with the engine's step.
 
-        A substep that takes more than the engine could account for is made again without it (`EngineAccount`).
+        A substep that makes a debt which cannot be paid is repeated without force (`EngineAccount`).
         """
         if drag != 0.0:
             raise HapnetError("an engine's scene needs a coupling whose virtual mass has a spring, such as pspm")
-        return self._made(dt, lambda h: self._account.substep, push, inf)
+        return self._advance(dt, lambda h: self._account.substep, push, inf)
 
 
 class EngineWorld(WorldDefaults, Surroundings):
-    """An engine as a world, and its own surroundings. It is used for one run.
+    """An engine as a world, and its own surroundings. An object serves one run.
 
-    engine : an `Engine`, or what has its five required methods. name : in summaries and figures.
-    min_s, max_s : range of the step time T_k [s]; that of the parameters by default.
+    engine : an `Engine`, or an object with its five required methods. name : in summaries and figures.
+    min_s, max_s : range of the step time T_k [s]; by default that of the parameters.
 
-    Raises HapnetError: the engine lacks a method, or gives what it may not; InvalidParameter.
+    Raises HapnetError: the engine lacks a method, or returns an invalid value; InvalidParameter.
     """
 
     dof, moves_proxy = 1, True
@@ -238,14 +238,14 @@ class EngineWorld(WorldDefaults, Surroundings):
         self.units = whole.units
         self.warnings = tuple(whole.warnings)
         if not self.account.knows_energy:
-            self.warnings += ("the engine does not say its energy: it can give back only what was put into it",)
+            self.warnings += ("the engine does not report its energy: it can give back only energy that was put in",)
 
     @property
     def contacts(self) -> EngineWorld:
         return self
 
     def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> EngineMass:
-        """The proxy, of `mass` [kg] where the engine lets it be chosen."""
+        """The proxy, of `mass` [kg] if the engine supports the choice."""
         self.account.ask("weigh", mass)
         self.account.look()
         return EngineMass(self.account, mass, damping, stiffness)
@@ -308,11 +308,11 @@ class EngineWorld(WorldDefaults, Surroundings):
 
     @property
     def contact_force(self) -> Vector | None:
-        """Of all contacts on the proxy, the mean over the last step [N]."""
+        """The force of all contacts on the proxy, its mean over the last step [N]."""
         return self.account.contact_force
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """Those around the proxy where it is."""
+        """The planes around the proxy at its present place, whatever `position` is."""
         reported: Sequence[Plane] | None = self.account.ask("planes", tuple(position), reach_m)
         return None if reported is None else contact_planes(self.account.name, reported, self.dof)
 

@@ -1,14 +1,14 @@
-"""A world of the user's own: obstacles with any force law, which promise nothing.
+"""A user-defined world: obstacles with any force law, passive or not.
 
-A force is averaged over the displacement of a step, and solved together with it: with the relative positions q and mean
-velocities w
+A force is averaged over the displacement of a step, and solved together with the step: with the relative positions q
+and mean velocities w
 
     f = int_0^1 F(q + s T w, w, t + s T) ds,     w = w_0 + G f
 
 by Gauss's rule and Newton's method with differences. So a force with a potential keeps its energy at any T, as far as
 the rule is exact (the average vector field method: Quispel, McLaren, "A new class of energy-preserving numerical
-integration methods", J. Phys. A 2008). How well all this is solved, and what law it is, does not matter for passivity:
-the observer (hapnet/ext/engines/observer.py) knows the work of the force that is really applied.
+integration methods", J. Phys. A 2008). Passivity does not depend on the law, or on the accuracy of
+the solution: the observer (hapnet/ext/engines/observer.py) uses the work of the force that is really applied.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from hapnet.records.vectors import added
 
 
 class ForceWorld(ObservedWorld):
-    """Obstacles of the user's own around the proxy.
+    """User-defined obstacles around the proxy.
 
     force : a function of position (n,) [m], velocity (n,) [m/s] and time [s] that gives the force on the proxy [N]; or
-        obstacles, each with a force of its own.
-    others : those of `ObservedWorld`.
+        obstacles, each with its own force.
+    others : parameters of `ObservedWorld`.
 
-    Raises InvalidParameter; HapnetError from `solve` if a function fails or gives something else.
+    Raises InvalidParameter; HapnetError from `solve` if a function fails or returns an invalid value.
     """
 
     def __init__(self, force: Law | Sequence[Obstacle], **others: Any) -> None:
@@ -58,11 +58,11 @@ class ForceWorld(ObservedWorld):
         return added(body.kinetic_J for body in self.obstacles)
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """Those of all obstacles; None if one of them cannot send any: the device would not feel it."""
-        reported = [body.planes(position, self.time_s) for body in self.obstacles]
-        if None in reported:
+        """The planes of all obstacles; None if an obstacle has none, as the device would not feel it."""
+        by_obstacle = [body.planes(position, self.time_s) for body in self.obstacles]
+        if None in by_obstacle:
             return None
-        return nearest([plane for planes in reported for plane in planes or ()], position, reach_m)
+        return nearest([plane for planes in by_obstacle for plane in planes or ()], position, reach_m)
 
     def picture(self) -> ObstaclesPicture:
         return ObstaclesPicture(self.obstacles, self.dof)

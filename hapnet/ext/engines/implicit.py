@@ -9,10 +9,10 @@ import numpy as np
 from hapnet.checks import Array
 
 _ROUNDS = 8
-"""Of Newton's method: a spring with a surface takes four."""
+"""The greatest number of Newton rounds; a spring with a surface takes four."""
 
 _PROBE_MPS = 1e-6
-"""By how much a velocity is varied to find how the force changes with it."""
+"""The change of a velocity for a difference quotient of the force [m/s]."""
 
 _SOLVED = 1e-12
 """A change below this share of the velocities is rounding."""
@@ -21,10 +21,10 @@ _SOLVED = 1e-12
 def solved(law: Callable[[Array], Array], free: Array, compliance: Array, axes: int) -> Array:
     """The force f [N], by Newton's method with differences.
 
-    It is the force of the last linearisation, so that w and f fit each other exactly even where the law has a jump and
-    the method does not settle.
+    It is the force of the last linearisation, so w and f satisfy the step exactly even if the law has a jump and the
+    method does not converge.
 
-    law : F, gives (m,) for w of shape (m,). It consists of blocks of `axes` components, each a function of its own
+    law : F, returns (m,) for w of shape (m,). It consists of blocks of `axes` components, each a function of its own
         components of w. free : w_0 (m,). compliance : G (m, m), positive definite.
     """
     w, size = free, len(free)
@@ -53,7 +53,7 @@ def solved(law: Callable[[Array], Array], free: Array, compliance: Array, axes: 
 
 
 def _resisting(J: Array) -> Array:
-    """J without what would push along with the motion: the step then has a solution whatever the law is."""
+    """J without its parts that push along with the motion, so that the step has a solution for any law."""
     values, basis = np.linalg.eigh(0.5 * (J + J.T))
     if values[-1] <= 0.0:
         return J

@@ -27,18 +27,18 @@ _MOST_J = 1e15
 """A model with more energy than this has diverged [J]."""
 
 _LONGEST_PROOF_S = 60.0
-"""So much of a model that diverged is simulated again without the hand, at most [s]."""
+"""The most time for which a diverged model is simulated again without the hand [s]."""
 
 _SMALLEST_MASS = 0.02
-"""Of the sphere, until the parameter is known [kg]."""
+"""The mass of the sphere until the parameter is set [kg]."""
 
 
 FIRST_WORDS = ()
-"""Of texts that describe such a world; a model has a prefix."""
+"""The first words of texts that describe such a world: none, as a model has a prefix."""
 
 
 def builder(text: str) -> Callable[..., EngineWorld] | None:
-    """A function that makes the world of the model that `text` names; None: it names none."""
+    """A function that makes the world of the model that `text` names; None: the text names no model."""
     return partial(mujoco_world, text) if text.startswith(PREFIX) else None
 
 
@@ -57,7 +57,7 @@ def mujoco_world(
 
 
 class _Slides(NamedTuple):
-    """The engine's own arrays, of the slide joints on which an added sphere moves."""
+    """Views of the engine's arrays for the slide joints on which an added sphere moves."""
 
     position: Array
     velocity: Array
@@ -66,7 +66,7 @@ class _Slides(NamedTuple):
 
     @classmethod
     def of(cls, found: MujocoModel, dof: int) -> _Slides:
-        """The views of `dof` joints, the model's first that the hand leads."""
+        """The views of `dof` joints, the model's joints that the hand leads."""
         model, data = found.model, found.data
         first = found.dofs[0] if found.dofs else 0
         place = int(model.jnt_qposadr[model.dof_jntid[first]]) if found.dofs else 0
@@ -77,7 +77,7 @@ class _Slides(NamedTuple):
 
 
 class MujocoEngine(Engine):
-    """The model that `scene` names while it runs; `dof` axes of it are the hand's. Methods are as `Engine` says."""
+    """The running model that `scene` names; `dof` of its axes are the hand's. Methods are those of `Engine`."""
 
     def __init__(self, scene: str, dof: int) -> None:
         self.dof: int = dof
@@ -96,7 +96,7 @@ class MujocoEngine(Engine):
         self._geoms = int(found.model.body_geomnum[found.body])
         self._jacobian = np.zeros((3, found.model.nv))
         rk4 = found.model.opt.integrator == found.engine.mjtIntegrator.mjINT_RK4
-        if rk4:  # mj_step2 integrates by Euler's method then, as the warning says
+        if rk4:  # then mj_step2 integrates by Euler's method: see the warning
             found.model.opt.integrator = found.engine.mjtIntegrator.mjINT_EULER
         self._origin = (0.0,) * dof
         self._weigh()
@@ -113,7 +113,7 @@ class MujocoEngine(Engine):
         return SpherePlanes(found, self.dof, everything=everything)
 
     def weigh(self, mass: ArrayLike) -> None:
-        """An added sphere gets `mass` [kg], a body of the model keeps its own. Raises InvalidParameter."""
+        """Set the `mass` of an added sphere [kg]; a body of the model keeps its own. Raises InvalidParameter."""
         if not self._dofs:
             return
         kg = float(checks.vector("mass", mass, 1)[0]) if np.size(mass) == 1 else 0.0
@@ -123,11 +123,11 @@ class MujocoEngine(Engine):
         share = kg / float(model.body_mass[self.found.body])
         model.body_mass[self.found.body] *= share
         model.body_inertia[self.found.body] *= share
-        self._engine.mj_setConst(model, self._engine.MjData(model))  # it moves what it is given
+        self._engine.mj_setConst(model, self._engine.MjData(model))  # mj_setConst changes the data passed to it
         self._weigh()
 
     def _weigh(self) -> None:
-        """Find out what depends on the model's masses."""
+        """Update the values that depend on the model's masses."""
         weights = np.outer(self._model.body_mass * self._model.body_gravcomp, self._model.opt.gravity)
         self._weights = [(body, *weights[body].tolist()) for body in np.flatnonzero(weights.any(axis=1)).tolist()]
         self._engine.mj_forward(self._model, self._data)
@@ -135,7 +135,7 @@ class MujocoEngine(Engine):
     # -- state -------------------------------------------------------------------------------------------------------
 
     def energy_J(self) -> tuple[float, float]:
-        """Weight that the model compensates for has no potential."""
+        """As `Engine`; a weight that the model compensates has no potential here."""
         data = self._data
         potential, kinetic = data.energy.tolist()
         for body, *weight in self._weights:
@@ -143,7 +143,7 @@ class MujocoEngine(Engine):
         return kinetic, potential
 
     def position(self) -> Vector:
-        """Of the proxy, from where it began [m]."""
+        """The proxy's displacement from its start [m]."""
         data, found = self._data, self.found
         if self._dofs:
             return tuple(self._slides.position.tolist())
@@ -151,13 +151,13 @@ class MujocoEngine(Engine):
         return tuple([x - at for x, at in zip(place.tolist(), self._origin, strict=False)])  # the first axes
 
     def velocity(self) -> Vector:
-        """Of the proxy [m/s]."""
+        """The proxy's velocity [m/s]."""
         if self._dofs:
             return tuple(self._slides.velocity.tolist())
         return tuple((self._rows() @ self._data.qvel).tolist())
 
     def inverse_mass(self) -> float | Array:
-        """How the proxy's velocity answers to an impulse [1/kg], without contacts: (n, n)."""
+        """The proxy's inverse mass without contacts (n, n) [1/kg]."""
         if self._dofs:
             return 1.0 / float(self._model.body_mass[self.found.body])
         rows = np.array(self._rows())
@@ -166,20 +166,20 @@ class MujocoEngine(Engine):
         return rows @ solved.T
 
     def contact_force(self) -> Vector | None:
-        """On an added sphere."""
+        """The force of all contacts on an added sphere [N]."""
         return tuple(self._slides.contact.tolist()) if self._dofs else None
 
     def depth(self) -> float:
-        """How deep the proxy is in what it touches, where it is deepest [m]."""
+        """The proxy's greatest depth in the bodies that it touches [m]."""
         contacts, count = self._data.contact, self._data.ncon
         if not count:
             return 0.0
-        # as unsigned numbers those below the first one are great
+        # as unsigned numbers, those below the first geom are large
         own = ((contacts.geom[:count] - self._first_geom).view(np.uint32) < self._geoms).nonzero()[0].tolist()
         return max(0.0, -min([float(contacts.dist[i]) for i in own])) if own else 0.0
 
     def place(self, position: Vector) -> bool:
-        """Put the added sphere at rest there [m]; returns whether it is free. A body of the model stays where it is."""
+        """Put an added sphere at rest at `position` [m]; returns whether it is free. A body of the model stays."""
         if not self._dofs:
             return position == self.position()
         self._slides.position[:], self._slides.velocity[:] = position, 0.0
@@ -200,7 +200,7 @@ class MujocoEngine(Engine):
                 self._data.ctrl[which] = given[0]
 
     def planes(self, position: Vector, reach_m: float) -> tuple[Plane, ...] | None:
-        """Those around an added sphere where it is. None: it touches what no plane describes, or there is a flex, or
+        """The planes around an added sphere. None: it touches a body that no plane describes, or there is a flex, or
         the hand holds a body of the model, with its weight and joints.
         """
         return None if self._planes is None else self._planes.around(position, reach_m)
@@ -226,7 +226,7 @@ class MujocoEngine(Engine):
         if dt != self._substep_s:
             before, self._substep_s = self._substep_s, dt
             self._model.opt.timestep = dt
-            if dt > 1.5 * before:  # contacts may not be stiffer than their step allows: look again
+            if dt > 1.5 * before:  # contacts may not be stiffer than their step allows: recompute them
                 self._engine.mj_step1(self._model, self._data)
         data = self._data
         self._apply(force)
@@ -249,7 +249,7 @@ class MujocoEngine(Engine):
             data.xfrc_applied[found.body, 3:] = np.cross(data.site_xpos[found.site] - data.xipos[found.body], push)
 
     def diagnosis(self) -> str:
-        """Describe whether the model diverges without the hand too, from its start and with its own timestep."""
+        """Report whether the model diverges without the hand too, from its start and with its own timestep."""
         engine, model, data = self._engine, self._model, self._engine.MjData(self._model)
         model.opt.timestep = self.substep_s
         for geom in self.found.geoms if self._dofs else ():

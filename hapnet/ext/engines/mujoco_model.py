@@ -1,11 +1,11 @@
-"""A MuJoCo model with a proxy in it: loading, the part of the model that the hand moves, and what to warn of.
+"""A MuJoCo model with a proxy: loading, the part of the model that the hand moves, and warnings.
 
 ``mujoco:FILE.xml`` loads any model as it is. A sphere is added that only the virtual coupling moves: on slide joints,
-without weight. It meets whatever can be touched, and takes nothing of the model's defaults. ``?proxy=NAME`` makes a
-body of the model the proxy, at its centre of mass, or a site, at its place. ``?at=X,Y,Z`` [m] is where the added sphere
-begins, ``?radius=`` [m] how large it is, ``?planes=`` which contact planes are sent
-(`hapnet.ext.engines.mujoco_planes`), ``?key=`` the keyframe with which the model begins, by name or number,
-``?ctrl=A,B`` what its actuators are commanded; several with &.
+without weight. It touches every body that has contacts, and uses none of the model's defaults. ``?proxy=NAME`` makes a
+body of the model the proxy, at its centre of mass, or a site, at its place. ``?at=X,Y,Z`` [m] is the start of the added
+sphere, ``?radius=`` [m] its radius, ``?planes=`` the choice of contact planes to send
+(`hapnet.ext.engines.mujoco_planes`), ``?key=`` the keyframe at the start, by name or number, ``?ctrl=A,B`` the commands
+of its actuators; join several options by &.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from hapnet.plant.worlds.walls import check_number
 
 PREFIX = "mujoco:"
 PLANES = ("auto", "all", "none")
-"""What is sent as planes: what they describe well, all that the sphere meets, nothing."""
+"""The bodies sent as planes: those that planes describe well, all that the sphere touches, none."""
 SHORTEST_S, MAX_S = 1e-5, 1.0
-"""Of a model's timestep. Shorter ones take so many substeps that a run makes no progress."""
+"""The range of a model's timestep [s]; with a shorter one a run makes hardly any progress."""
 
 MOST_LIFTS = 2000
-"""So often is a proxy lifted until it is free."""
+"""The greatest number of times that a proxy is lifted to a free place."""
 
 _PREFIX, _PROXY = "hapnet_", "proxy"
 _NAME = _PREFIX + _PROXY
 _RADIUS = 0.005
 _ALL = 2**31 - 1
-"""The kinds of contact that the sphere has: what has any can be touched."""
+"""The sphere's contact bits: all, so that it touches every geom that has any."""
 _OVERLAP_M = 5e-4
-"""Bodies that begin deeper in one another than this are reported: contacts at rest are softer than rigid ones."""
+"""The depth above which bodies that overlap at the start are reported: soft contacts at rest overlap a little."""
 _FORM = (
     "mujoco:FILE.xml, perhaps with ?proxy=NAME of a body or site, or ?at=X,Y,Z&radius=R in metres, or ?planes=all, "
     "or ?key=NAME of a keyframe, or ?ctrl=A,B,... for the actuators"
@@ -47,7 +47,7 @@ _FORM = (
 
 
 class Asked(NamedTuple):
-    """The choices that a scene's name makes."""
+    """The options in a scene's name."""
 
     file: str
     proxy: str
@@ -60,7 +60,7 @@ class Asked(NamedTuple):
 
 class MujocoModel(NamedTuple):
     """A compiled model. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide joints, empty without it.
-    `key`: the keyframe that it begins with, -1: none. `overlaps`: pairs of bodies that begin inside one another."""
+    `key`: the keyframe at the start, -1: none. `overlaps`: pairs of bodies that overlap at the start."""
 
     engine: Any
     model: Any
@@ -87,7 +87,7 @@ def asked(scene: str) -> Asked:
         raise InvalidParameter("scene", scene, _FORM)
     check_number("scene's radius", radius, "a positive number [m], at most 1", lambda r: 0.0 < r <= 1.0)
     if "proxy" in options and ("at" in options or "radius" in options):
-        raise InvalidParameter("scene", scene, "either proxy=NAME, or at= and radius= for a sphere that is added")
+        raise InvalidParameter("scene", scene, "either proxy=NAME, or at= and radius= for an added sphere")
     if (planes := options.get("planes", "auto")) not in PLANES:
         raise InvalidParameter("scene", scene, f"planes= one of {', '.join(PLANES)}")
     return Asked(file, options.get("proxy", ""), at, radius, planes, options.get("key", ""), ctrl)
@@ -100,9 +100,9 @@ def _numbers(text: str) -> tuple[float, ...]:
 def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | None = None) -> MujocoModel:
     """The model that `scene` names, with a proxy of `mass` [kg] if a sphere is added, which moves on `dof` axes.
 
-    add : adds a free body in place of the sphere, given engine and model. Whoever does that puts it where it is free.
+    add : a function of engine and model that adds a free body instead of the sphere; the caller places it.
 
-    Raises MissingLibrary; InvalidParameter: there is no such file, it is no model, or it has no such body.
+    Raises MissingLibrary; InvalidParameter: there is no such file, it is not a model, or it has no such body.
     """
     want = asked(scene)
     try:
@@ -110,13 +110,13 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | No
     except ImportError:
         raise MissingLibrary("a MuJoCo scene", "mujoco", "mujoco") from None
     if not Path(want.file).is_file():
-        raise InvalidParameter("scene", scene, f"a file that is there: there is no file {want.file}")
+        raise InvalidParameter("scene", scene, f"an existing file: there is no file {want.file}")
     engine.set_mju_user_warning(_quiet)
     try:
         check_sizes(Path(want.file))
         spec = engine.MjSpec.from_file(want.file)
         total = float(spec.compiler.settotalmass)
-        spec.compiler.settotalmass = -1.0  # the sphere is no part of the model's mass
+        spec.compiler.settotalmass = -1.0  # the sphere does not count in the model's mass
         if add is not None:
             add(engine, spec)
         elif not want.proxy:
@@ -129,7 +129,7 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | No
             allowed = f"a model with a timestep of {SHORTEST_S:g} to {MAX_S:g} s; that of {want.file} is {timestep:g} s"
             raise InvalidParameter("scene", scene, allowed)
         model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
-        model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a jump back: energy from nowhere
+        model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a reset would make energy
         return _with_proxy(engine, model, data, scene, want, dof, lifts=add is None)
     except InvalidParameter:
         raise
@@ -138,7 +138,7 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | No
 
 
 def _quiet(warning: str) -> None:
-    """MuJoCo would write a file into the working directory. What matters, energy that is no number, ends the run."""
+    """Drop a warning, which MuJoCo would write to a file in the working directory. Invalid energy ends the run."""
 
 
 def _add_sphere(engine: Any, spec: Any, want: Asked, dof: int, mass: float) -> None:
@@ -166,7 +166,7 @@ def _add_proxy(
     body = own.worldbody.add_body(name=_PROXY, pos=list(at or (0.0, 0.0, 0.0)))
     body.gravcomp = 1.0
     join(body)
-    # what it touches has the friction
+    # the bodies that it touches have the friction
     body.add_geom(
         name=_PROXY, contype=_ALL, conaffinity=_ALL, priority=-1, rgba=[0.9, 0.5, 0.1, 1.0], margin=0.0, **geom
     )
@@ -174,12 +174,12 @@ def _add_proxy(
 
 
 def _weigh(engine: Any, model: Any, total: float) -> None:
-    """Give all bodies but the sphere the total mass [kg] that the model's author asked for."""
+    """Scale all bodies but the sphere to the total mass [kg] that the model sets."""
     own = np.arange(model.nbody) != max(0, int(engine.mj_name2id(model, engine.mjtObj.mjOBJ_BODY, _NAME)))
     share = total / float(model.body_mass[own].sum())
     model.body_mass[own] *= share
     model.body_inertia[own] *= share
-    engine.mj_setConst(model, engine.MjData(model))  # it moves what it is given
+    engine.mj_setConst(model, engine.MjData(model))  # mj_setConst changes the data passed to it
 
 
 def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int, *, lifts: bool) -> MujocoModel:
@@ -213,7 +213,7 @@ def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof
 
 
 def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Sequence[int]) -> int:
-    """Set what the scene begins with: the keyframe, whose number it returns (-1: none), and the actuators' commands."""
+    """Set the scene's start: the keyframe, whose number it returns (-1: none), and the actuators' commands."""
     key = -1
     if want.key:
         names = [model.key(i).name for i in range(model.nkey)]
@@ -223,19 +223,19 @@ def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Se
             raise InvalidParameter("scene", scene, f"key= a keyframe of the model ({known})")
         key = names.index(want.key) if want.key in names else int(want.key)
         engine.mj_resetDataKeyframe(model, data, key)
-        for dof in dofs:  # the sphere begins where it is put
+        for dof in dofs:  # a keyframe does not move the sphere
             data.qpos[model.jnt_qposadr[model.dof_jntid[dof]]] = data.qvel[dof] = 0.0
     if want.ctrl:
         if len(want.ctrl) != model.nu:
             names = [model.actuator(i).name or str(i) for i in range(model.nu)]
-            few = f"ctrl= {model.nu} numbers with commas, one an actuator ({', '.join(names) or 'it has none'})"
+            few = f"ctrl= {model.nu} numbers with commas, one for each actuator ({', '.join(names) or 'it has none'})"
             raise InvalidParameter("scene", scene, few)
         data.ctrl[:] = want.ctrl
     return key
 
 
 def _overlaps(engine: Any, model: Any, data: Any, sphere: int) -> Iterator[str]:
-    """The pairs of bodies that begin inside one another, with the depth; the deepest first."""
+    """The pairs of bodies that overlap at the start, with their depth, the deepest first."""
     deepest: dict[tuple[int, int], float] = {}
     for i in range(data.ncon):
         contact = data.contact[i]
@@ -248,7 +248,7 @@ def _overlaps(engine: Any, model: Any, data: Any, sphere: int) -> Iterator[str]:
 
 
 def raised(engine: Any, model: Any, data: Any, body: int, lift: Callable[[], None], tries: int) -> bool:
-    """Lift the proxy as often as needed to be free; false: it is not after so many tries."""
+    """Lift the proxy until it is free. Returns false if it is not free after `tries` lifts."""
     own = int(model.body_geomadr[body])
     for _ in range(tries):
         engine.mj_forward(model, data)
@@ -261,7 +261,7 @@ def raised(engine: Any, model: Any, data: Any, body: int, lift: Callable[[], Non
 
 
 def warnings(found: MujocoModel) -> Iterator[str]:
-    """Name the parts of this model that are not passive by themselves, or jump at the start."""
+    """The warnings of parts of this model that are not passive by themselves, or jump at the start."""
     engine, model = found.engine, found.model
     if found.overlaps:
         more = f", and {len(found.overlaps) - 3} more pairs" if len(found.overlaps) > 3 else ""
@@ -272,10 +272,10 @@ def warnings(found: MujocoModel) -> Iterator[str]:
         more = f" and {len(direct) - 1} more" if len(direct) > 1 else ""
         yield (
             f"{direct[0]}{more}: a direct solref (negative numbers) gives out energy with the integrator {integrator}; "
-            "an observer sees it, and damping takes it back"
+            "an observer detects it, and damping takes it back"
         )
     if integrator in ("RK4", "IMPLICIT"):
-        other = "Euler is used in its place" if integrator == "RK4" else "an observer watches it"
+        other = "Euler is used instead" if integrator == "RK4" else "an observer keeps it passive"
         yield f"the integrator {integrator} is not passive by itself: {other}"
 
 

@@ -21,18 +21,18 @@ _SHOWN_GROUPS = 3
 """Geoms of later groups are hidden, as in MuJoCo's viewer."""
 
 _PLAIN = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's colour of what has none: then its material's counts."""
+"""MuJoCo's default colour: then the material's colour counts."""
 
 _INFINITE_M = 0.12
-"""Half the side with which a plane without an end is drawn."""
+"""Half the side of an infinite plane in the picture [m]."""
 
 _SIDES = 24
 _PROXY_OPACITY = 115
-"""Of the sphere that was added for the hand."""
+"""The opacity of the sphere that was added for the hand, of 255."""
 
 
 class ModelPicture:
-    """A model while it runs, whose proxy is at `position` (n,) [m]."""
+    """The picture of a running model, with its proxy at `position` (n,) [m]."""
 
     def __init__(self, found: MujocoModel, position: Vector) -> None:
         self._found = found
@@ -58,14 +58,14 @@ class ModelPicture:
         return np.concatenate([self._data.flexvert_xpos[rows] for rows in self._soft]) - self._origin
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """As `hapnet.plant.worlds.picture.Picture`: the contacts that the engine has found."""
+        """As `hapnet.plant.worlds.picture.Picture`: the engine's contacts."""
         data, own = self._data, self._found.geoms
         found = []
         for contact in data.contact[: data.ncon]:
             one, other = (int(geom) for geom in contact.geom)
             if contact.dist > 0.0 or (one in own) is (other in own):
                 continue
-            sign = 1.0 if other in own else -1.0  # the frame's first axis leads from the first geom to the second
+            sign = 1.0 if other in own else -1.0  # the frame's first axis points from the first geom to the second
             point, normal = contact.pos - self._origin, sign * contact.frame[:3]
             found.append((tuple(point.tolist()), tuple(normal.tolist()), float(contact.friction[0])))
         return shared(padded(force), found) if any(force) else []
@@ -85,7 +85,7 @@ class ModelPicture:
             else:
                 turn, place = self._turned(model.geom_quat[geom]), model.geom_pos[geom]
             if self._found.dofs and geom in self._found.geoms:
-                color = (*color[:3], _PROXY_OPACITY)  # its contacts are to be seen through it
+                color = (*color[:3], _PROXY_OPACITY)  # so that its contacts are visible through it
             parts.append(part(vertices @ turn.T + place, triangles, color, body, smooth=smooth))
         return parts
 
@@ -125,7 +125,7 @@ class ModelPicture:
         return (np.stack([across.ravel(), along.ravel(), heights], 1), triangles), True
 
     def _flex(self, flex: int) -> Part:
-        """The surface of a body that deforms: of one with a volume its shell."""
+        """The surface of a deformable body; of a volume, its shell."""
         model = self._model
         if model.flex_dim[flex] == 3:
             first, count, table = int(model.flex_shelldataadr[flex]), int(model.flex_shellnum[flex]), model.flex_shell

@@ -1,9 +1,10 @@
 """The planes around an added sphere in a MuJoCo model, for the device's local contact model.
 
-For a geom that the sphere touches, the engine's contact has normal and depth; for one nearby the shortest line between
-them has them. Planes are those of the sphere's centre, so its radius r is taken off, and a ball bends by 1/(R + r).
+For a geom that the sphere touches, normal and depth are those of the engine's contact; for a geom nearby, those of the
+shortest line between them. Planes are for the sphere's centre, so its radius r is subtracted, and the curvature of a
+ball of radius R is 1/(R + r).
 
-The stiffness is that of the engine's soft contact at rest, where a force f lets the sphere in by f/K. With the
+The stiffness is that of the engine's soft contact at rest, where a force f presses the sphere in by f/K. With the
 impedance d, the reference stiffness k of `solref` and the inverse weights w of both bodies ("Computation" in MuJoCo's
 documentation)
 
@@ -12,8 +13,8 @@ documentation)
 and likewise the damping. The velocity is that of the touched body's point.
 
 A plane has Coulomb's friction, and does not yield. So by default planes are sent only for geoms with little friction
-that are fixed or heavy. While the sphere touches anything else no planes are sent, and the device feels the sphere's
-own position.
+that are fixed or heavy. While the sphere touches any other geom no planes are sent, and the device feels the sphere's
+position.
 """
 
 from __future__ import annotations
@@ -31,26 +32,26 @@ from hapnet.mechanics.plane import Plane
 from hapnet.records.vectors import added, inner
 
 _ALIKE = 0.99
-"""The cosine of two normals above which two contacts with one geom are one surface."""
+"""Two contacts with a geom count as one surface if the cosine between their normals is above this."""
 
 _RUBS = 0.1
-"""Geoms with more friction are not sent, as the engine's is not Coulomb's: it is a damper of b/R up to mu times the
-push. With the default `solref` a sphere of 20 g that slides at 50 mm/s feels a fifth of what mu = 1 allows."""
+"""Geoms with more friction are not sent, as the engine's is not Coulomb's, but a damper of b/R up to mu times the push.
+With the default `solref` a sphere of 20 g that slides at 50 mm/s feels a fifth of the friction that mu = 1 allows."""
 
 _LIGHT_PER_KG = 0.05
-"""A lighter body feels wrong as a plane, even as one that moves: in a round trip of 0.1 s a push of 3.5 N moves 2 kg by
+"""A body lighter than this feels wrong even as a moving plane: in a round trip of 0.1 s a push of 3.5 N moves 2 kg by
 9 mm, 20 kg by 0.9 mm."""
 
 _STRAIGHT = 1e-6
 _PRESSED_M = 1e-3
-"""Nearer to the surface, the stiffness is that at this depth, where a hand that presses will be."""
+"""At smaller depths the stiffness is that at this depth, which a pressing hand reaches [m]."""
 _SOFTEST, _STIFFEST = 1.0, 1e6
-"""Stiffnesses are sent within these limits [N/m]."""
+"""The range of the stiffnesses that are sent [N/m]."""
 
 
 class NearGeom(NamedTuple):
-    """A geom near the sphere: its number, the unit normal (3,) into it, the depth and the point [m], and how the engine
-    pushes back."""
+    """A geom near the sphere: its number, the unit normal (3,) into it, the depth and the point [m], and the engine's
+    contact parameters."""
 
     geom: int
     normal: Array
@@ -63,7 +64,7 @@ class NearGeom(NamedTuple):
 class SpherePlanes:
     """The planes around the sphere that was added to a model.
 
-    found : the model. dof : axes of the hand. everything : also those of what rubs or yields?
+    found : the model. dof : axes of the hand. everything : whether to include bodies with friction, or that yield.
     """
 
     def __init__(self, found: MujocoModel, dof: int, *, everything: bool = False) -> None:
@@ -83,7 +84,7 @@ class SpherePlanes:
 
     @property
     def any_fits(self) -> bool:
-        """Whether there is anything that a plane describes well."""
+        """Whether a plane describes any geom well."""
         return any(self._fits[geom] for geom in self._others)
 
     def _fits_a_plane(self, geom: int) -> bool:
@@ -102,7 +103,7 @@ class SpherePlanes:
         """Return the planes that the sphere touches or has within `reach_m` [m], with its centre at `position` (n,)
         [m]: at most four.
 
-        None: it touches what no plane describes.
+        None: it touches a body that no plane describes.
         """
         touched = list(self._touched())
         if not all(self._fits[one.geom] for one in touched):
@@ -157,7 +158,7 @@ class SpherePlanes:
         return solref, share * model.geom_solimp[own] + (1.0 - share) * model.geom_solimp[geom]
 
     def _plane(self, position: Vector, touch: NearGeom) -> Plane | None:
-        """The plane for the sphere's centre, as it is cut by the hand's axes; None: it is across all of them."""
+        """The plane for the sphere's centre, in the hand's axes; None: it is perpendicular to all of them."""
         into: Vector = tuple(touch.normal.tolist())
         length = hypot(*into[: self._dof])
         if length < 1e-3:
@@ -196,7 +197,7 @@ class SpherePlanes:
         return min(max(k * impedance * gain, _SOFTEST), _STIFFEST), max(b * gain, 0.0)
 
     def _speed(self, touch: NearGeom) -> float:
-        """Of the touched body's point, along the normal [m/s]."""
+        """The velocity of the touched body's point along the normal [m/s]."""
         model, data = self._found.model, self._found.data
         body = int(model.geom_bodyid[touch.geom])
         if not model.body_weldid[body]:
@@ -205,7 +206,7 @@ class SpherePlanes:
         return float(touch.normal @ (self._jacobian @ data.qvel))
 
     def _bends(self, touch: NearGeom, into: Vector) -> Curvatures:
-        """How the surface of all places where the sphere's centre just touches bends; empty: flat, an edge, unknown."""
+        """The curvature of the surface on which the sphere's centre just touches; empty: flat, an edge, unknown."""
         kinds, model = self._found.engine.mjtGeom, self._found.model
         kind, size = int(model.geom_type[touch.geom]), model.geom_size[touch.geom].tolist()
         turn = self._found.data.geom_xmat[touch.geom].reshape(3, 3)
@@ -222,7 +223,7 @@ class SpherePlanes:
         return ()
 
     def _of_ellipsoid(self, foot: Array, half_axes: Array, into: Vector, turn: Array) -> Curvatures:
-        """Second fundamental form of x'Hx = 1 at `foot`, in the ellipsoid's frame; the sphere adds its radius."""
+        """Second fundamental form of x'Hx = 1 at `foot`, in the ellipsoid's frame; the sphere's radius is added."""
         squares = 1.0 / half_axes**2
         units = np.array(across(into))
         local = units @ turn

@@ -1,7 +1,7 @@
-"""The sizes that a MuJoCo model claims to need, checked before MuJoCo makes it: a short file may claim all memory and
+"""A check of the sizes that a MuJoCo model requires, before MuJoCo builds it: a short file may require all memory and
 hours.
 
-The text is searched, not parsed: MuJoCo reads more than is XML, such as comments with two hyphens in them.
+The text is searched, not parsed: MuJoCo also reads invalid XML, such as comments that contain two hyphens.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from pathlib import Path
 from hapnet.file_content import read_text
 
 LARGEST_FILE = 64 << 20
-"""No file of a model's text is larger [bytes]."""
+"""The largest file of a model's text [bytes]."""
 
 MOST_FILES = 200
-"""A model includes at most so many others."""
+"""The greatest number of files that a model includes."""
 
 MOST: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "replicate": (1e4, ("count",)),
@@ -27,14 +27,14 @@ MOST: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "hfield": (4e6, ("nrow", "ncol")),
     "texture": (8e6, ("width", "height")),
 }
-"""By element: the most that the product of these attributes may be, of which all are as the first one if not given.
-Replicates in one another count as one product."""
+"""By element: the greatest product of these attributes; a missing attribute counts as the first one. Nested replicates
+count as one product."""
 
 MOST_SIZE = 1e6
-"""The most of any number in the element ``size``, but its memory."""
+"""The greatest number in the element ``size``, except its memory."""
 
 MOST_MEMORY = 256e6
-"""The most of that [bytes]."""
+"""The greatest memory in the element ``size`` [bytes]."""
 
 _UNITS = {"K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "P": 2**50, "E": 2**60}
 _LEFT_OUT = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
@@ -43,41 +43,41 @@ _ATTRIBUTE = re.compile(r"""([A-Za-z_][\w.-]*)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 
 
 def check_sizes(file: Path) -> None:
-    """Raise ValueError for a model, or a file that it includes, that claims more than `MOST` allows; OSError."""
-    seen, left = set[Path](), [file]
-    while left:
-        one = left.pop().resolve()
-        if one in seen:
+    """Raise ValueError for a model, or a file that it includes, that requires more than `MOST` allows; OSError."""
+    seen, to_read = set[Path](), [file]
+    while to_read:
+        current = to_read.pop().resolve()
+        if current in seen:
             continue
-        seen.add(one)
+        seen.add(current)
         if len(seen) > MOST_FILES:
             raise ValueError(f"it includes more than {MOST_FILES} files")
-        for included in _checked(read_text(one, LARGEST_FILE)):
-            left += [path for path in {file.parent / included, one.parent / included} if path.is_file()]
+        for included in _checked(read_text(current, LARGEST_FILE)):
+            to_read += [path for path in {file.parent / included, current.parent / included} if path.is_file()]
 
 
 def _checked(text: str) -> Iterator[str]:
-    """The files that a text includes."""
+    """Check a text; returns the files that it includes."""
     copies = [1.0]
-    for closes, name, words in _ELEMENT.findall(_LEFT_OUT.sub("", text)):
+    for closes, name, attributes_text in _ELEMENT.findall(_LEFT_OUT.sub("", text)):
         if closes:
             if name == "replicate" and len(copies) > 1:
                 copies.pop()
             continue
-        given = {key: html.unescape(one or other) for key, one, other in _ATTRIBUTE.findall(words)}
-        if name in ("include", "model") and "file" in given:
-            yield given["file"]
+        attributes = {key: html.unescape(one or other) for key, one, other in _ATTRIBUTE.findall(attributes_text)}
+        if name in ("include", "model") and "file" in attributes:
+            yield attributes["file"]
         if name == "size":
-            _check_size(given)
+            _check_size(attributes)
         if name not in MOST:
             continue
         most, keys = MOST[name]
         claimed = math.prod(
-            max(1.0, abs(one)) for key in keys for one in _numbers(given.get(key, given.get(keys[0], "1")))
+            max(1.0, abs(one)) for key in keys for one in _numbers(attributes.get(key, attributes.get(keys[0], "1")))
         )
         if name == "replicate":
             claimed *= copies[-1]
-            if not words.endswith("/"):
+            if not attributes_text.endswith("/"):
                 copies.append(claimed)
         if not claimed <= most:
             raise ValueError(f"its {name} claims {claimed:.3g} ({' times '.join(keys)}), {most:.3g} are allowed")
@@ -96,7 +96,7 @@ def _check_size(given: Mapping[str, str]) -> None:
 
 
 def _numbers(text: str) -> Iterator[float]:
-    """The numbers in a text; what is none MuJoCo refuses."""
+    """The numbers in a text, without other words, which MuJoCo refuses."""
     for part in text.split():
         try:
             yield float(part)

@@ -1,4 +1,4 @@
-"""The common part of worlds that promise nothing: a world that is its own surroundings, with an observer."""
+"""The common part of worlds that need not be passive: a world that is its own surroundings, with an observer."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from hapnet.units import METRES
 
 
 class ObservedWorld(WorldDefaults, Surroundings):
-    """A world whose forces are those of its subclass (`solve`). It is used for one run.
+    """A world with the forces of its subclass (`solve`). An object serves one run.
 
     dof : n. name : in summaries and figures.
-    energy_J : what the forces may give out from the start, as a field does whose potential falls [J]. Without it they
-        can give back only what was put in.
+    energy_J : energy that the forces may give out from the start, as a field with a falling potential does [J]. Without
+        it they can give back only energy that was put in.
     min_s, max_s : range of the step time T_k [s]. start : where the proxy starts (n,) [m]; the origin by default.
-    surfaces : what plots draw. units : of the axes.
+    surfaces : for plots. units : of the axes.
 
     Raises InvalidParameter.
     """
@@ -48,7 +48,7 @@ class ObservedWorld(WorldDefaults, Surroundings):
         units: str = METRES,
     ) -> None:
         check_number("energy_J", energy_J, "zero or a positive number [J]", lambda energy: 0.0 <= energy < inf)
-        self._steps = Scene(name, dof, (), min_s, max_s, tuple(start), units)  # it checks these, and draws the steps
+        self._steps = Scene(name, dof, (), min_s, max_s, tuple(start), units)  # Scene checks these, and draws the steps
         self.name: str = name
         self.dof = dof
         self.start: Vector = self._steps.start
@@ -69,25 +69,25 @@ class ObservedWorld(WorldDefaults, Surroundings):
         return 0.0
 
     def stored_J(self, position: Sequence[float]) -> float:
-        """Energy in the world's bodies, and what is left of `energy_J` [J]."""
+        """Energy in the world's bodies, and the rest of `energy_J` [J]."""
         return self.bodies_J + self._observer.stored_J
 
     def next_step_s(self, rng: np.random.Generator) -> float:
         return self._steps.next_step_s(rng)
 
     def towards(self, position: Vector) -> Vector:
-        """`position`: the proxy can be placed anywhere, since the forces have nothing that they could give it there."""
+        """`position`: the proxy can be placed anywhere, as the forces start without energy to give out."""
         return position
 
 
 def nearest(planes: Iterable[Plane], position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
-    """Those that `position` (n,) [m] is behind, or has within `reach_m` [m]: the deepest first."""
+    """The planes that `position` (n,) [m] is behind, or within `reach_m` [m] of, the deepest first."""
     within = [plane for plane in planes if plane.depth(position) >= -reach_m]
     return tuple(sorted(within, key=lambda plane: -plane.depth(position))[:MOST_PLANES])
 
 
 def contact_planes(scene: str, reported: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
-    """The first four planes that a user's scene returns. HapnetError with its name if they are none, or not valid."""
+    """The first four planes that a user's scene returns. Raises HapnetError: they are no planes, or not valid."""
     try:
         return checked(reported, dof)
     except BaseException as error:  # see `loading.failure`

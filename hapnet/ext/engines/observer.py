@@ -1,13 +1,13 @@
-"""An observer for surroundings that promise nothing: it keeps their account, and damping pays their debt.
+"""An observer for surroundings that need not be passive: it keeps their account, and damping pays their debt.
 
-The relative velocity of the proxy and what acts on it has a mean w over a step of length T. With the compliance G (the
-inverse of A where nothing else moves) and the velocity w_0 without any force
+The relative velocity of the proxy and an obstacle has a mean w over a step of length T. With the compliance G (the
+inverse of A if no obstacle moves) and the velocity w_0 without any force
 
     w = w_0 + G f
 
-The work -f . w T of a force f is known exactly, whatever law it comes from. The observer adds it up. If its account
+The work -f . w T of a force f is known exactly for any law. The observer sums it up. If its account
 would fall below zero, a damper b is solved together with the step: ``(I + b G) w = w_0 + G f``, the smallest that pays.
-So it is passive for any T. A force that pushes from rest leaves nothing to damp: then only a share of it is applied.
+So it is passive for any T. If a force pushes from rest, there is no motion to damp: then only a share of it is applied.
 
 This is time-domain passivity (Hannaford, Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans.
 Robotics and Automation 2002) inside the world, but the debt is paid in the step that would make it, not in later ones.
@@ -23,25 +23,25 @@ from hapnet.checks import Array
 from hapnet.mechanics.contacts import Observed
 
 _ROUNDS = 40
-"""Of bisection for b: more than a float's digits."""
+"""The rounds of the bisection for b: more than a float's digits."""
 
 _STRONGEST = 1e3
 """The strongest damper, in units of the proxy's own resistance."""
 
 _ROUNDING = 1e-13
-"""This share of the applied force is given up, so that rounding does not make a debt."""
+"""The share by which the applied force is reduced, so that rounding does not make a debt."""
 
 
 class Observer:
-    """The account of forces with no promise.
+    """The account of forces that need not be passive.
 
-    energy_J : what they may give out from the start [J].
+    energy_J : energy that they may give out from the start [J].
     """
 
     def __init__(self, energy_J: float = 0.0) -> None:
         self.energy_J: float = energy_J
         self.start_J: float = energy_J
-        """What is left to give out [J]; below 0 is a debt, which only `charge` can make."""
+        """The energy left to give out [J]; below 0 is a debt, which only `charge` can make."""
         self.given_J: float = 0.0
         self.paid_J: float = 0.0
 
@@ -51,11 +51,11 @@ class Observer:
 
     @property
     def stored_J(self) -> float:
-        """The rest of the energy at the start: energy beyond that is not counted, and a debt is no store."""
+        """The rest of the energy at the start [J]; energy beyond it does not count, and a debt counts as 0."""
         return max(0.0, min(self.start_J, self.energy_J))
 
     def charge(self, energy_J: float) -> None:
-        """Energy that went in otherwise; negative: that went out, and was not asked for [J]."""
+        """Enter energy that went in by another way; negative: energy that went out unobserved [J]."""
         self.energy_J += energy_J
 
     def passive(self, dt: float, force: Array, free: Array, compliance: Array) -> tuple[Array, Array]:

@@ -1,13 +1,13 @@
-"""An obstacle of the user's own: a force law, and how the obstacle moves.
+"""A user-defined obstacle: a force law, and the obstacle's motion.
 
-The law is a function of the proxy's position and velocity, as seen from the obstacle, and of time. The obstacle rests,
-or follows a script (`motion`: its position as a function of time), or is a mass that is driven (`mass`, `drive`): then
-the proxy pushes it back. What moves it, a script's motor or the drive, does work that is counted at a port of its own:
+The law is a function of the proxy's position and velocity, relative to the obstacle, and of time. The obstacle rests,
+or follows a script (`motion`: its position as a function of time), or is a driven mass (`mass`, `drive`), which the
+proxy can push back. The work of the script's motor or the drive is counted at a separate port:
 
     scripted:  S += f . (r(t + T) - r(t))            the motor holds the obstacle against the reaction -f
     driven:    m (u_1 - u_0)/T = d - f,   S += d . uhat T,   uhat = (u_0 + u_1)/2
 
-Either sign: a wall that is pushed away takes energy out.
+The sign may be either: a wall that is pushed away takes energy out.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ _RULE = tuple(zip((0.5 + 0.5 * _points).tolist(), (0.5 * _weights).tolist(), str
 class Obstacle:
     """The surroundings that act on the proxy.
 
-    force : the force on the proxy, a `Law` of its position and velocity as seen from the obstacle.
-    motion : the obstacle's position, by a script; None: it rests at the origin, or is driven.
+    force : the force on the proxy, a `Law` of its position and velocity relative to the obstacle.
+    motion : a script of the obstacle's position; None: it rests at the origin, or is driven.
     mass : of a driven obstacle [kg], which starts at rest at the origin; 0: it is not driven.
     drive : the force on a driven obstacle, a `Law` of its own position and velocity.
-    planes : what is sent, so that the surface is felt without delay: a plane, or a function of the proxy's
-        position and of time that gives planes; all as seen from the obstacle. None: no plane describes the force.
-    shape : what pictures show, as seen from the obstacle (`hapnet.ext.solids.shapes`); it does not act on anything.
+    planes : to be sent, so that the hand feels the surface without delay: a plane, or a function of the proxy's
+        position and of time that returns planes; all relative to the obstacle. None: no plane describes the force.
+    shape : for pictures, relative to the obstacle (`hapnet.ext.solids.shapes`); it has no effect on forces.
 
     Raises InvalidParameter.
     """
@@ -68,7 +68,7 @@ class Obstacle:
     def __post_init__(self) -> None:
         check_number("mass", self.mass, "zero or a positive number [kg]", lambda m: 0.0 <= m < inf)
         if self.mass and self.motion is not None:
-            raise InvalidParameter("mass", self.mass, "0 with a motion: a script moves it, whatever it weighs")
+            raise InvalidParameter("mass", self.mass, "0 with a motion: a script moves it, whatever its mass")
         if self.drive is not None and not self.mass:
             raise InvalidParameter("mass", self.mass, "a positive number [kg] with a drive")
 
@@ -79,7 +79,7 @@ class ObstacleState:
     def __init__(self, obstacle: Obstacle, dof: int, scene: str) -> None:
         self.obstacle = obstacle
         self._dof, self._scene = dof, scene
-        self.position = np.zeros(dof) if obstacle.motion is None else self._asked("motion", obstacle.motion, 0.0)
+        self.position = np.zeros(dof) if obstacle.motion is None else self._evaluated("motion", obstacle.motion, 0.0)
         self.velocity: Array = np.zeros(dof)
         self.drive: Array = np.zeros(dof)
         self.ahead: Array = np.zeros(dof)
@@ -90,14 +90,14 @@ class ObstacleState:
         return 0.5 * self.obstacle.mass * float(self.velocity @ self.velocity)
 
     def compliance(self, dt: float) -> float:
-        """How much uhat yields to the proxy's push [m/s per N]."""
+        """The change of uhat with the proxy's push [m/s per N]."""
         return 0.5 * dt / self.obstacle.mass if self.obstacle.mass else 0.0
 
     def begin(self, dt: float, time: float) -> None:
-        """A step of `dt` [s] begins at `time` [s]: find `ahead`."""
+        """Begin a step of `dt` [s] at `time` [s]: compute `ahead`."""
         obstacle = self.obstacle
         if obstacle.motion is not None:
-            self.ahead = (self._asked("motion", obstacle.motion, time + dt) - self.position) / dt
+            self.ahead = (self._evaluated("motion", obstacle.motion, time + dt) - self.position) / dt
         elif obstacle.mass:
             if obstacle.drive is not None:  # solved for the obstacle alone, then held
                 drive = partial(self._mean, "drive", obstacle.drive, dt, self.position, time=time)
@@ -105,11 +105,11 @@ class ObstacleState:
             self.ahead = self.velocity + self.compliance(dt) * self.drive
 
     def average(self, dt: float, position: Array, velocity: Array, time: float) -> Array:
-        """The mean force on the proxy [N] over a step from a position with a velocity, as seen from the obstacle."""
+        """The mean force on the proxy [N] over a step from a position with a velocity, relative to the obstacle."""
         return self._mean("force", self.obstacle.force, dt, position, velocity, time)
 
     def end(self, dt: float, force: Array) -> float:
-        """The step has ended, with `force` [N] on the proxy. Returns what was supplied [J]."""
+        """End the step, with `force` [N] on the proxy. Returns the energy supplied [J]."""
         mean = self.ahead - self.compliance(dt) * force
         moved = dt * mean
         self.position = self.position + moved
@@ -149,17 +149,17 @@ class ObstacleState:
         for share, weight in _RULE:
             passed = share * dt
             there = tuple([a + passed * b for a, b in zip(x, v, strict=True)])
-            total += weight * self._asked(name, law, there, v, time + passed)
+            total += weight * self._evaluated(name, law, there, v, time + passed)
         return total
 
-    def _asked(self, name: str, function: Callable[..., Sequence[float] | float], *arguments: object) -> Array:
+    def _evaluated(self, name: str, function: Callable[..., Sequence[float] | float], *arguments: object) -> Array:
         try:
-            given = function(*arguments)
-            reported = np.array(given, dtype=float, ndmin=1)
+            result = function(*arguments)
+            values = np.array(result, dtype=float, ndmin=1)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._scene} failed: its {name} raised {failure(error)}") from error
-        if reported.shape != (self._dof,) or not isfinite(reported.sum()):
+        if values.shape != (self._dof,) or not isfinite(values.sum()):
             numbers = f"{self._dof} finite number{'s' * (self._dof > 1)}"
-            shown = None if given is None else reported.tolist()
+            shown = None if result is None else values.tolist()
             raise HapnetError(f"the scene {self._scene} failed: its {name} is {shown}, not {numbers}")
-        return reported
+        return values

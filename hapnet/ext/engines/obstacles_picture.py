@@ -1,7 +1,7 @@
-"""The picture of a world of the user's own: the shapes of its obstacles.
+"""The picture of a user-defined world: the shapes of its obstacles.
 
-Of one without a shape: a small ball where it moves; where it rests, the surface that its planes touch, or its force as
-a field of arrows.
+An obstacle without a shape is drawn as a small ball if it moves; if it rests, as the surface that its planes touch, or
+its force as a field of arrows.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MARK = Sphere((0.0, 0.0, 0.0), 0.003)
 
 
 class ObstaclesPicture(StillDefaults):
-    """Obstacles while they move."""
+    """The picture of moving obstacles."""
 
     def __init__(self, obstacles: Sequence[ObstacleState], dof: int) -> None:
         self._shaped = [body for body in obstacles if body.obstacle.shape is not None]
@@ -44,7 +44,7 @@ class ObstaclesPicture(StillDefaults):
         return at_rest([body.position.tolist() for body in self._moving])
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """Where the proxy is in an obstacle's shape; a force law has no friction to show."""
+        """The places where the proxy is in an obstacle's shape, without friction, as a force law has none."""
         found = []
         for body in self._shaped:
             shape, place = body.obstacle.shape, np.array(padded(body.position.tolist()))
@@ -58,7 +58,7 @@ class ObstaclesPicture(StillDefaults):
 
 
 def _drawn(body: ObstacleState, dof: int) -> tuple[Part, ...]:
-    """Return the picture of an obstacle without a shape, which rests."""
+    """The picture of an obstacle at rest without a shape."""
     if body.obstacle.planes is not None:
         return surface(lambda place, reach: body.planes(place, 0.0), dof)
     return field(lambda place: body.obstacle.force(place, (0.0,) * dof, 0.0), dof)

@@ -1,14 +1,15 @@
-"""A world of the user's own, given as ``module:Name``: here it becomes a `World`, whatever it leaves out.
+"""User-defined worlds, given as ``module:Name``, which this module completes to a `World`.
 
-It is a function of position, velocity and time that gives a force; or what makes one of these:
+The name is that of a function of position, velocity and time that returns a force, or of a class or function that makes
+one of these:
 
 * a world of hapnet's classes, such as `Scene` or `ForceWorld`;
-* an object with ``step(dt, position, velocity)``, which gives a force (`Stepping`). The force is held over the step
-  that follows, which is why it promises nothing: a held spring gives out energy. An observer keeps its account
+* an object with ``step(dt, position, velocity)``, which returns a force (`Stepping`). The force is held over the next
+  step, so it need not be passive: a held spring gives out energy. An observer keeps its account
   (hapnet/ext/engines/observer.py);
 * a physics engine, with ``substep(dt, force)`` and the other parts of an `Engine`, which integrates the proxy itself
   (hapnet/ext/engines/engine.py);
-* an object with the parts of a `World` that have no default, whose `contacts` have those of `Surroundings`.
+* an object with the parts of a `World` that have no default, and `contacts` with those of `Surroundings`.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S
 
 
 class Stepping(Protocol):
-    """The interface of a world that the user writes.
+    """The interface of a user-defined world that computes its force in each step.
 
-    It may have attributes too: `dof`, `name`, and the others of `ObservedWorld`; `supplied_J`, the total work of its
-    motors, and `stored_J`, the energy in its bodies and springs, both numbers [J]. And it may have a method
-    `planes(position, reach_m)` with all surfaces near the proxy as they are now (`Surroundings.planes`); a method
-    `signal(name, value)` that hears the device's signals, and one `signals()` that gives its own as a dict.
+    It may also have attributes: `dof`, `name`, and the others of `ObservedWorld`; `supplied_J`, the total work of its
+    motors, and `stored_J`, the energy in its bodies and springs, both numbers [J]. And it may have methods:
+    `planes(position, reach_m)` returns all surfaces near the proxy (`Surroundings.planes`), `signal(name, value)` takes
+    a signal of the device's side, and `signals()` returns its own as a dict.
     """
 
     def step(self, dt: float, position: Vector, velocity: Vector) -> Sequence[float] | float:
@@ -55,18 +56,18 @@ class Stepping(Protocol):
 def builder(name: str, allowed: str, known: Iterable[str]) -> Callable[..., object]:
     """Return the function that makes the world ``module:Name``, with its keywords; see `adapted`.
 
-    Raises InvalidParameter: it cannot be imported (`allowed` and `known` say what can be given), or has no keywords.
+    allowed, known : for the error. Raises InvalidParameter: it cannot be imported, or has no keywords.
     """
-    made: Callable[..., object] = load("scene", name, allowed, known)
+    target: Callable[..., object] = load("scene", name, allowed, known)
     try:
-        required = [p for p in inspect.signature(made).parameters.values() if p.default is p.empty]
+        required = [p for p in inspect.signature(target).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):
         raise InvalidParameter("scene", name, "module:Name of a class or function with named parameters") from None
-    if inspect.iscoroutinefunction(made) or inspect.isgeneratorfunction(made):
+    if inspect.iscoroutinefunction(target) or inspect.isgeneratorfunction(target):
         raise InvalidParameter("scene", name, "a plain function, neither `async` nor with a `yield`")
-    if inspect.isfunction(made) and [p.kind is p.POSITIONAL_OR_KEYWORD for p in required].count(True) == 3:
-        return partial(_force_world, made, name.rpartition(":")[2])
-    return made
+    if inspect.isfunction(target) and [p.kind is p.POSITIONAL_OR_KEYWORD for p in required].count(True) == 3:
+        return partial(_force_world, target, name.rpartition(":")[2])
+    return target
 
 
 def _force_world(
@@ -79,7 +80,7 @@ def _force_world(
 def made(build: Callable[..., object], name: str, parameters: Mapping[str, object]) -> World:
     """The world that `build` makes of the user's scene `name`.
 
-    Raises InvalidParameter: it cannot be made, or is none; HapnetError: its contacts lack a part.
+    Raises InvalidParameter: it cannot be made, or is no world; HapnetError: its contacts lack a part.
     """
     try:
         scene = build(**parameters)
@@ -94,7 +95,7 @@ def made(build: Callable[..., object], name: str, parameters: Mapping[str, objec
     if isinstance(scene, EngineWorld):
         scene.account.name = name
     if not is_world(scene):
-        allowed = "a function of position, velocity and time, or what returns a world, such as hapnet.Scene"
+        allowed = "a function of position, velocity and time, or a function that returns a world, such as hapnet.Scene"
         raise InvalidParameter(f"scene {name}", scene, allowed)
     if missing := lacking(scene.contacts, Surroundings.__abstractmethods__):
         raise HapnetError(f"the scene {name} failed: its contacts have no {', '.join(missing)}")
@@ -103,7 +104,7 @@ def made(build: Callable[..., object], name: str, parameters: Mapping[str, objec
 
 
 class _OwnWorld(Completed):
-    """A user's world, whose contacts are completed too."""
+    """A user's world with the missing parts of its contacts added."""
 
     def __init__(self, own: World) -> None:
         super().__init__(own, World)
@@ -119,9 +120,9 @@ class _OwnWorld(Completed):
 
 
 class SteppedWorld(ObservedWorld):
-    """The world of a `Stepping` object; `others` are parameters of `ObservedWorld`, where it does not say its own.
+    """The world of a `Stepping` object; `others` are parameters of `ObservedWorld` that it does not set itself.
 
-    Raises InvalidParameter; HapnetError from `solve` if the object fails or gives something else.
+    Raises InvalidParameter; HapnetError from `solve` if the object fails or returns an invalid value.
     """
 
     def __init__(self, stepping: Stepping, **others: Any) -> None:
@@ -149,24 +150,24 @@ class SteppedWorld(ObservedWorld):
     def _energy(self, part: str) -> float:
         """The energy that the object reports; 0 if it reports none [J]."""
         try:
-            reported = getattr(self._stepping, part, 0.0)
-            energy = float(reported)
+            value = getattr(self._stepping, part, 0.0)
+            energy = float(value)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self.name} failed: its {part} is no number ({failure(error)})") from error
         if not isfinite(energy):
-            raise HapnetError(f"the scene {self.name} failed: its {part} is {reported!r}, not a finite number")
+            raise HapnetError(f"the scene {self.name} failed: its {part} is {value!r}, not a finite number")
         return energy
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """Return the planes from the object; None if it has no method `planes`."""
-        report: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
-        if report is None:
+        method: Callable[[Vector, float], Sequence[Plane] | None] | None = getattr(self._stepping, "planes", None)
+        if method is None:
             return None
         try:
-            reported = report(tuple(position), reach_m)
+            returned = method(tuple(position), reach_m)
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self.name} failed: planes() raised {failure(error)}") from error
-        return None if reported is None else nearest(contact_planes(self.name, reported, self.dof), position, reach_m)
+        return None if returned is None else nearest(contact_planes(self.name, returned, self.dof), position, reach_m)
 
     def picture(self) -> StillPicture | None:
         """The surface that the object's planes touch; None if it reports none."""

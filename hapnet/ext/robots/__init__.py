@@ -1,1 +1,1 @@
-"""Robots that follow the hand, and the drivers of robots."""
+"""Follower robots, and the drivers of robots."""

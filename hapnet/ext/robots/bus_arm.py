@@ -1,12 +1,12 @@
-"""An arm of servos on a bus, whoever made them: servo_bus.md is its page, `Dynamixel` and `Feetech` are its makers.
+"""An arm of servos on a bus, the base of the drivers `Dynamixel` and `Feetech`. Its page is servo_bus.md.
 
-The tip's position comes from the joints' counts, a force at the tip goes to the motors as J'F beside what carries the
-arm's weight. Where a motor has not enough current, the largest multiple is rendered that none of them limits. Outward
-of a joint's stop its motor gives nothing.
+The tip's position is computed from the joints' counts. A force F at the tip goes to the motors as J'F, added to the
+torques that carry the arm's weight. If that exceeds a motor's current limit, the largest multiple of F within all
+limits is rendered. Beyond a joint's stop its motor gives no torque outward.
 
-The account counts what the motors did, from the currents that they measured: between two readings their torques times
-the joints' turn, less what the arm's weight took. `acted` is the force nearest to the command that does this work. A
-current is sampled with its position; the new command acts from when its packet is through, the one before until then.
+The account counts the motors' work from the measured currents: between two readings the torques times the joints' turn,
+less the change of the weight's potential. `acted` is the force nearest to the command that does this work. A current is
+sampled with its position; a new command acts from the end of its packet, the previous one until then.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from hapnet.records.vectors import added, inner
 from hapnet.units import METRES, RADIANS
 
 _LATENCY_S, _MARGIN, _SHARE = 1e-3, 1.1, 0.85
-"""A tick costs its bytes' time, a tenth more and this; a reading may take this share of a period."""
+"""A tick takes its bytes' time times the margin, plus the latency; a reading may take this share of a period."""
 
 UNKNOWN = "a fault"
-"""That of a servo which has not said more of it yet."""
+"""The fault of a servo before its driver has read the details."""
 
 _FASTEST_RADPS, _OVER = 50.0, 1.5
-"""No servo of ours is faster without load (XL330-M077: 48 rad/s), or measures more than this times its limit."""
+"""No supported servo is faster without load (XL330-M077: 48 rad/s), or measures more than this times its limit."""
 
 _SILENT_S, _FIRST_S = 0.02, 0.1
-"""As long as its torque is off, a reading may take longer."""
+"""The longest silence of a servo [s], in operation and while its torque is off."""
 
 _GLANCE_TICKS = 8
 _HOT_K, _COOL_K = 5, 10
 _CORRECTION = 0.9
-"""Of the force limit: what a single reading may correct; the rest is counted with the next ones."""
+"""The share of the force limit that a single reading may correct; the rest is counted with the next readings."""
 
 
 class Present(NamedTuple):
-    """The values from a servo. current : in its own unit, positive where they grow. rate [rad/s] : None: unknown."""
+    """The values from a servo. current : in its own unit, positive where counts grow. rate [rad/s] : None: unknown."""
 
     counts: int
     current: int
@@ -68,16 +68,16 @@ class _Reading(NamedTuple):
 
 
 class BusArm(Driver):
-    """An arm of such servos.
+    """An arm of servos on a bus.
 
-    More than twenty attributes: what a driver declares, the servos' limits, and what a reading is held against.
+    More than twenty attributes: a driver's declarations, the servos' limits, and the values to check a reading.
 
     port : the bus's serial port. arm : its URDF, or ``omni`` (that of ``--device omni``). tip : a link of it.
     calibration : a file as in `bus_joints`. axes : those of the tip, as in `Axes`, or ``joints``. baud : bits a second.
-    torque_constant : of all servos [Nm/A]; 0: as in our table. current : the most [A]; 0: as the servo has it.
+    torque_constant : of all servos [Nm/A]; 0: as in hapnet's table. current : the greatest [A]; 0: the servo's limit.
 
     Raises InvalidParameter: a value is not allowed. MissingLibrary: pyserial is not installed. HapnetError: a servo
-    does not answer, is set up otherwise than the calibration says, or answers too late.
+    does not answer, has a setting that differs from the calibration, or answers too late.
     """
 
     tested = "emulator-tested"
@@ -86,15 +86,15 @@ class BusArm(Driver):
 
     packets: ClassVar[type[Packets]]
     usb: ClassVar[frozenset[tuple[int, int]]]
-    """Vendor and product of the maker's adapters."""
+    """Vendor and product IDs of the maker's USB adapters."""
     present: ClassVar[tuple[int, int]]
-    """Address and size of what is read each tick."""
+    """Address and size of the block that is read each tick."""
     goal: ClassVar[int]
     """Address of the commanded current, 2 bytes."""
     enable: ClassVar[int]
     """Address of the torque switch, 1 byte."""
     glances: ClassVar[tuple[int, ...]]
-    """Addresses of single bytes that are looked at now and then; the torque switch is one."""
+    """Addresses of single bytes that are read in turn, one every few ticks; the torque switch is among them."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class BusArm(Driver):
         self._hot = self._on = self._off = False
         self._now: _Reading | None = None
         self._acted: Vector | None = None
-        self._commands = ((0.0,) * dof, (0.0,) * dof)  # the command before, and the newest
+        self._commands = ((0.0,) * dof, (0.0,) * dof)  # the previous command, and the newest
         self._sent_s = self._owed_J = 0.0
         self._ticks = 0
         bytes_a_tick = tick_bytes(self.packets(), self.present[1], len(self._ids))
@@ -160,7 +160,7 @@ class BusArm(Driver):
         self.force_limit: float = least if self.has_force else NO_FORCE
         self.resolution: float = COUNT_RAD if by_joints else COUNT_RAD * added(table.reaches)
         self.workspace: float = 2.0 * math.pi if by_joints else 2.0 * max(table.reaches)
-        self.smallest_mass: float | None = 1.0  # where there is no force, none makes it faster
+        self.smallest_mass: float | None = 1.0  # without force this has no effect
         if self.has_force:
             self.smallest_mass = None if by_joints else apparent_masses(table)[0]
             self.watchdog_s = self.watched_s()
@@ -180,29 +180,29 @@ class BusArm(Driver):
 
     @abstractmethod
     def set_up(self, joint: JointServo, torque_constant: float, current: float) -> tuple[float, int]:
-        """Make a servo ready, its torque off: its torque for a count of current [Nm], 0 if it takes none, and the most
-        counts. Raises HapnetError."""
+        """Set up a servo with its torque off; returns its torque per count of current [Nm], 0 without current control,
+        and the largest count. Raises HapnetError."""
 
     @abstractmethod
     def decoded(self, reply: Reply) -> Present:
-        """Decode the values that are read each tick."""
+        """Decode the block that is read each tick."""
 
     @abstractmethod
     def current(self, count: int) -> bytes:
-        """A commanded current."""
+        """The bytes of a commanded current."""
 
     def require_offset(self, joint: JointServo, offset: int) -> None:
         """Raise HapnetError if a servo's own offset is not the calibration's."""
         if joint.offset not in (None, offset):
-            written = f"is {offset}, and the calibration file says {joint.offset}: write the calibration to it first"
+            written = f"is {offset}, and that in the calibration file {joint.offset}: write the calibration to it first"
             raise HapnetError(f"the homing offset of servo {joint.servo} ({joint.name}) {written}")
 
     def watched_s(self) -> float | None:
-        """A servo lets go of its joint when the bus is silent for so long [s]; None: never."""
+        """The silence on the bus after which a servo switches its torque off [s]; None: it never does."""
         return None
 
     def seen(self, joint: JointServo, address: int, value: int) -> None:
-        """A byte of `glances`."""
+        """Handle a byte of `glances`."""
         if address == self.enable and not value and self._on and not self._off and joint.servo not in self._faults:
             self.switch([joint.servo], on=True)  # the packet that switched it on was lost, or it had no power
 
@@ -218,9 +218,9 @@ class BusArm(Driver):
             self.switch(self._ids, on=True)
 
     def read(self) -> tuple[Vector, Vector]:
-        """Ask all servos where they are; those that do not answer once more, within most of a period.
+        """Read all servos; servos that do not answer are asked again, within most of a period.
 
-        Raises DeviceSilent: one of them did not answer, or the port has gone.
+        Raises DeviceSilent: a servo did not answer, or the port is closed.
         """
         begun_s = time.monotonic()
         self.bus.port.reopen(self._budget_s)
@@ -228,23 +228,23 @@ class BusArm(Driver):
         replies = self.bus.sync_read(*self.present, self._ids, budget_s)
         if len(replies) < len(self._ids):
             lost = next(joint for joint in self._joints if joint.servo not in replies)
-            raise DeviceSilent(f"no whole answer of servo {lost.servo} ({lost.name})")
+            raise DeviceSilent(f"no complete answer of servo {lost.servo} ({lost.name})")
         ended_s = time.monotonic()
-        found = [self.decoded(replies[servo]) for servo in self._ids]
-        self._require_possible(ended_s, found)
-        for joint, one in zip(self._joints, found, strict=True):
-            self._note(joint, one.fault)
-            if one.temperature_C is not None:
-                self.feel(joint.servo, one.temperature_C)
+        values = [self.decoded(replies[servo]) for servo in self._ids]
+        self._require_possible(ended_s, values)
+        for joint, value in zip(self._joints, values, strict=True):
+            self._note(joint, value.fault)
+            if value.temperature_C is not None:
+                self.feel(joint.servo, value.temperature_C)
         at_s = 0.5 * (begun_s + ended_s)
-        position, velocity = self._follow(at_s, found)
+        position, velocity = self._follow(at_s, values)
         self._ticks += 1
         if self._on and self._ticks % _GLANCE_TICKS == 0:
             self._glance(begun_s + self._budget_s - ended_s)
         return position, velocity
 
     def apply(self, force: Vector) -> Vector:
-        """Send the motors' currents; returns the force that they are asked for, after the limits."""
+        """Send the motors' currents; returns the commanded force after the limits."""
         none = (0.0,) * self.dof
         if not self._on:
             return none
@@ -278,11 +278,11 @@ class BusArm(Driver):
     def braked(self) -> str:
         if self._faults:
             return "; ".join(self._faults.values())
-        return "a servo is nearly as hot as it may be" if self._hot else ""
+        return "a servo is close to its temperature limit" if self._hot else ""
 
     def close(self) -> None:
         try:
-            for _ in range(3):  # nobody answers, and one may get lost
+            for _ in range(3):  # servos do not confirm it, and a packet may get lost
                 self.switch(self._ids, on=False)
         except DeviceSilent:
             pass
@@ -296,7 +296,7 @@ class BusArm(Driver):
         return axes if self._axes is None else self._axes.take(axes)
 
     def _require_possible(self, now_s: float, found: list[Present]) -> None:
-        """Raise DeviceSilent for what no servo does: of many damaged packets one passes its checksum now and then."""
+        """Raise DeviceSilent for impossible values: now and then a damaged packet passes its checksum."""
         if self._now is None:
             return
         far = _FASTEST_RADPS * (now_s - self._now.at_s) + 2.0 * COUNT_RAD
@@ -305,7 +305,7 @@ class BusArm(Driver):
                 raise DeviceSilent(f"an impossible answer of servo {joint.servo} ({joint.name})")
 
     def _follow(self, at_s: float, found: list[Present]) -> tuple[Vector, Vector]:
-        """Know the posture, its velocity, and what the motors did since the reading before."""
+        """Update the posture, its velocity, and the motors' mean force since the previous reading."""
         q = tuple([joint.angle(one.counts) for joint, one in zip(self._joints, found, strict=True)])
         rates = tuple([
             slope.update(at_s, at_s, angle) if one.rate is None else joint.sign * one.rate
@@ -333,17 +333,17 @@ class BusArm(Driver):
         return force
 
     def feel(self, servo: int, temperature_C: int) -> None:
-        """A servo's temperature."""
+        """Take a servo's temperature, and update whether a servo is too hot for a force."""
         self.temperatures_C[servo] = temperature_C
         left = min(self.limits_C[each] - degrees for each, degrees in self.temperatures_C.items())
         self._hot = left < (_COOL_K if self._hot else _HOT_K)
 
     def why(self, servo: int, fault: str) -> str:
-        """Describe the fault that a servo reports, if it can be asked."""
+        """Describe the fault that a servo reports, with details if the servo has them."""
         return fault
 
     def _note(self, joint: JointServo, fault: str) -> None:
-        doubted = joint.servo not in self._suspects  # one damaged packet may say so
+        doubted = joint.servo not in self._suspects  # a single report may be a damaged packet
         self._suspects = self._suspects - {joint.servo} | ({joint.servo} if fault else set())
         if not fault:
             self._faults.pop(joint.servo, None)
@@ -353,7 +353,7 @@ class BusArm(Driver):
             self._faults[joint.servo] = f"servo {joint.servo} ({joint.name}) reports {self.why(joint.servo, fault)}"
 
     def _glance(self, left_s: float) -> None:
-        """Look at one byte of one servo, if there is time."""
+        """Read one byte of one servo, if there is time."""
         turn = self._ticks // _GLANCE_TICKS
         joint = self._joints[turn % len(self._joints)]
         address = self.glances[turn // len(self._joints) % len(self.glances)]
@@ -362,7 +362,7 @@ class BusArm(Driver):
             self.seen(joint, address, reply.data[0])
 
     def _require_in_time(self, period_s: float) -> None:
-        """Raise HapnetError if the quickest of some readings is too slow."""
+        """Raise HapnetError if even the fastest of ten readings is too slow."""
         took_s = math.inf
         for _ in range(10):
             begun_s = time.monotonic()
@@ -374,9 +374,7 @@ class BusArm(Driver):
 
 
 def tick_bytes(packets: Packets, size: int, servos: int) -> int:
-    """Return a tick's bytes on the bus: each servo is asked, answers with `size` bytes, and gets a current of 2
-    bytes.
-    """
+    """Return a tick's bytes on the bus: a request, an answer of `size` bytes and a 2-byte current for each servo."""
     ids = range(1, servos + 1)
     asked = packets.sync_read(0, size, ids), packets.sync_write(0, dict.fromkeys(ids, b"\0\0"))
     return sum(map(len, asked)) + servos * (packets.status_bytes + size)

@@ -1,10 +1,10 @@
 """Emulators of servo buses on a pseudo-terminal: an arm whose joints a simulated hand holds, with faults on request.
 
 Tables, errors and units are those of the makers' pages: Robotis' e-manual of the X series and of protocol 2.0, and
-Feetech's memory tables of STS and HLS. Bytes take their time on the wire, statuses come in the order of the question
-and after the return delay; a servo that follows a silent one waits for it in vain, as we read the e-manual. Gears have
-no friction here, rotors no inertia, and a current is there at once; a servo in another mode than current control makes
-no torque at all.
+Feetech's memory tables of STS and HLS. Bytes take their time on the wire, statuses come in the order of the request
+and after the return delay; a servo after a silent one does not answer, as we read the e-manual. Gears have no friction
+here, rotors no inertia, and currents have no rise time; a servo in another mode than current control makes
+no torque.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ class EmulatedServo:
         self.broken = False
 
     def put(self, address: int, value: int, size: int) -> None:
-        """Set a number of the table."""
+        """Set a number in the table."""
         self.table[address : address + size] = (value % (1 << 8 * size)).to_bytes(size, "little")
 
     def get(self, address: int, size: int) -> int:
-        """A number of the table."""
+        """Return a number from the table."""
         return int.from_bytes(self.table[address : address + size], "little")
 
 
 class BusEmulator(Emulator):
     """A bus and its servos.
 
-    link : a path that points to the pseudo-terminal, whose own name changes. arm, tip, calibration : as `BusArm`.
+    link : a path that points to the pseudo-terminal, whose own name changes. arm, tip, calibration : as for `BusArm`.
     model : of the servos; empty: the first. baud : bits a second. delay : the servos' return delay at first, in 2 us.
     noise : share of the bytes that get lost in each direction. corrupt : share of the statuses with a changed byte.
-    silent, overload : so many seconds after the first torque servo number `servo` (0: the first) answers no more, or is
-    overloaded; 0: never. seed : of what is random.
+    silent, overload : the time after the first torque at which servo number `servo` (0: the first) stops answering, or
+    is overloaded [s]; 0: never. seed : of the random numbers.
     """
 
     packets: ClassVar[type[wire.Packets]]
@@ -107,40 +107,40 @@ class BusEmulator(Emulator):
 
     @classmethod
     def arm(cls, options: Mapping[str, Any]) -> ArmTable:
-        """Its motors are limited by their currents, not by its table."""
+        """The arm with unlimited efforts: its motors are limited by their currents instead."""
         table = arm_table(options.get("arm", "omni"), options.get("tip", ""))
         return replace(table, joints=tuple(replace(joint, effort=float("inf")) for joint in table.joints))
 
     @abstractmethod
     def make(self, servo: EmulatedServo, delay: int) -> None:
-        """Fill a servo's table as the factory does."""
+        """Fill a servo's table with the factory settings."""
 
     @abstractmethod
     def refresh(self, servo: EmulatedServo, angle: float, rate: float) -> None:
-        """Put what it measures into its table."""
+        """Put the measured values into a servo's table."""
 
     @abstractmethod
     def delay_ns(self, servo: EmulatedServo) -> int:
-        """Between a question and its status."""
+        """The delay between a request and its status [ns]."""
 
     @abstractmethod
     def accept(self, servo: EmulatedServo, address: int, data: bytes) -> int:
-        """Write into its table, or refuse with an error."""
+        """Write into a servo's table; returns the error of a refusal, or 0."""
 
     @abstractmethod
     def drive(self, servo: EmulatedServo) -> int:
-        """The current that it makes now, in counts."""
+        """The current that a servo makes now, in counts."""
 
     @abstractmethod
     def watch(self, servo: EmulatedServo, now_ns: int) -> bool:
-        """Update its watchdog, and return whether it has just acted."""
+        """Update a servo's watchdog; returns whether it has just ended the torque."""
 
     @abstractmethod
     def fail(self, servo: EmulatedServo) -> None:
-        """It is overloaded."""
+        """Overload a servo."""
 
     def error(self, servo: EmulatedServo) -> int:
-        """The error in every status of it."""
+        """The error in each status of a servo."""
         return 0
 
     def run(self, stop: threading.Event) -> None:
@@ -153,12 +153,12 @@ class BusEmulator(Emulator):
             left_s = (self._due[0][0] - now_ns) * NANO if self._due else _IDLE_S
             if select.select([device], [], [], min(max(0.0, left_s), _IDLE_S))[0]:
                 for packet in self._frames.feed(self._terminal.read()):
-                    self._hear(packet)
+                    self._handle_packet(packet)
             self._age(self._clock())
         self._terminal.close()
 
     def _age(self, now_ns: int) -> None:
-        """Faults that come with time, and watchdogs."""
+        """Apply faults that are due, and update the watchdogs."""
         since_s = 0.0 if self._first_ns is None else (now_ns - self._first_ns) * NANO
         failing = self.servos[self._failing]
         if self._overload_s and since_s >= self._overload_s:
@@ -177,13 +177,13 @@ class BusEmulator(Emulator):
         heapq.heappush(self._due, (at_ns, self._count, call))
 
     def _carry(self, size: int, after_ns: int) -> tuple[int, int]:
-        """When so many bytes begin and end to pass on the wire, which carries one packet after another."""
+        """When a packet of `size` bytes begins and ends on the wire, which carries one packet at a time [ns]."""
         begin = max(after_ns, self._free_ns)
         self._free_ns = begin + round(transfer_s(size, self._baud) / NANO)
         return begin, self._free_ns
 
-    def _hear(self, packet: wire.BusPacket) -> None:
-        """An instruction begins to come."""
+    def _handle_packet(self, packet: wire.BusPacket) -> None:
+        """Handle an instruction, which begins on the wire now."""
         size = len(self._frames.packet(*packet))
         _, end_ns = self._carry(size, self._clock())
         place = self._frames.place
@@ -222,7 +222,7 @@ class BusEmulator(Emulator):
         return b""
 
     def _answer(self, servo: EmulatedServo, after_ns: int, address: int, count: int) -> None:
-        """A status with a part of the table, as of when it begins."""
+        """Schedule a status with a part of the table, sampled when the status begins."""
         begin_ns, end_ns = self._carry(self._frames.status_bytes + count, after_ns + self.delay_ns(servo))
 
         def sample(at_ns: int) -> None:
@@ -257,7 +257,7 @@ class BusEmulator(Emulator):
         self._hold(at_ns)
 
     def _hold(self, at_ns: int) -> None:
-        """The motors' torques from now on."""
+        """Apply the motors' torques from now on."""
         servos = self.servos.values()
         torques = tuple([servo.joint.sign * self.torque * self.drive(servo) for servo in servos])
         self.handle.hold(at_ns, torques)
@@ -371,7 +371,7 @@ class FeetechEmulator(BusEmulator):
         return st.signed(servo.get(st.GOAL_TORQUE, 2))
 
     def watch(self, servo: EmulatedServo, now_ns: int) -> bool:
-        return False  # it has none
+        return False  # it has no watchdog
 
     def fail(self, servo: EmulatedServo) -> None:
         servo.table[65] |= 1 << 5

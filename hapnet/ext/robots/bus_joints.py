@@ -1,7 +1,7 @@
-"""Which servo turns which joint of an arm: its table of links, and a calibration file, ours or LeRobot's.
+"""The servo of each joint of an arm, from its table of links and a calibration file of hapnet or LeRobot.
 
-Ours is an object of JSON: the joints' names, and for each its servo's ``id``, the count at which the joint stands at 0
-(``zero``), and whether its count falls where the angle grows (``reversed``). LeRobot's has ``id``, ``drive_mode``,
+hapnet's file is a JSON object with the joints' names, and for each joint its servo's ``id``, the count at angle 0
+(``zero``), and whether its count falls where the angle grows (``reversed``). LeRobot's file has ``id``, ``drive_mode``,
 ``homing_offset``, ``range_min`` and ``range_max``: the joint is at 0 in the middle of its range, as LeRobot's degrees
 are, and its range is its stops. The offset is in the servo itself. Joints that the arm lacks, a gripper, are left out.
 """
@@ -21,7 +21,7 @@ from hapnet.file_content import read_json, read_text
 from hapnet.records.vectors import inner
 
 COUNTS = 4096
-"""Of a servo's encoder in a turn."""
+"""Counts of a servo's encoder in a turn."""
 
 COUNT_RAD = 2.0 * math.pi / COUNTS
 
@@ -36,28 +36,28 @@ class JointServo(NamedTuple):
     lower: float = -math.inf
     upper: float = math.inf
     offset: int | None = None
-    """What the servo's own register must hold; None: whatever it does."""
+    """The required homing offset in the servo's own register; None: any."""
 
     def angle(self, count: int) -> float:
         """The joint's angle [rad]."""
         return self.sign * (count - self.zero) * COUNT_RAD
 
     def count(self, angle: float) -> int:
-        """The nearest count."""
+        """The count nearest to an angle [rad]."""
         return round(self.zero + self.sign * angle / COUNT_RAD)
 
 
 def arm_table(arm: str, tip: str) -> ArmTable:
-    """The arm ``omni``, or that of a URDF file with this link as its tip. Raises InvalidParameter."""
+    """The arm ``omni``, or the arm of a URDF file with the link `tip` as its tip. Raises InvalidParameter."""
     if arm == "omni":
         return omni()
     return table_from(_text("arm", arm, "omni, or a URDF file that can be read"), Path(arm).name, tip)
 
 
 def joints_of(table: ArmTable, calibration: str, *, in_servo: bool) -> tuple[JointServo, ...]:
-    """The servos of an arm's joints, in its order; without a file servos 1, 2, ... that stand at 0 in half a turn.
+    """The servos of an arm's joints, in its order; without a file servos 1, 2, ... with their zeros at half a turn.
 
-    in_servo : does a servo itself turn its counts round, where LeRobot's ``drive_mode`` says so?
+    in_servo : whether a servo itself reverses its counts, where LeRobot's ``drive_mode`` is set.
 
     Raises InvalidParameter: the file cannot be read, or lacks a joint.
     """
@@ -100,7 +100,7 @@ def _text(name: str, path: str, allowed: str) -> str:
 
 
 class Posture:
-    """An arm's kinematics and weight in one posture after another. by_joints : are its axes the joints, or the tip?
+    """An arm's kinematics and weight in a given posture. by_joints : whether its axes are the joints; else the tip's.
 
     Attributes
     ----------
@@ -134,11 +134,11 @@ class Posture:
         self.stored_J = height(chain, angles)
 
     def torques(self, force: tuple[float, ...]) -> tuple[float, ...]:
-        """J'F [Nm]."""
+        """The joints' torques of a force, J'F [Nm]."""
         return tuple([inner(lever, force) for lever in self.levers])
 
     def velocity(self, rates: tuple[float, ...]) -> tuple[float, ...]:
-        """J q'."""
+        """The velocity along the axes, J q'."""
         return tuple(
             [sum(lever[r] * rate for lever, rate in zip(self.levers, rates, strict=True)) for r in range(len(self.x))]
         )

@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 
 PING, READ, WRITE, REBOOT, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x55, 0x82, 0x83
 ALL = 0xFE
-"""Every servo of the bus."""
+"""The address of all servos on the bus."""
 
 _LONGEST = 128
 
@@ -23,19 +23,19 @@ class BusPacket(NamedTuple):
 
     servo: int
     code: int
-    """The instruction; of a Feetech status its error."""
+    """The instruction; in a status of Feetech, its error."""
     data: bytes
 
 
 class Reply(NamedTuple):
-    """The answer of a servo. error : 0, or as the maker's pages have it."""
+    """The answer of a servo. error : 0, or as on the maker's pages."""
 
     error: int
     data: bytes
 
 
 class Packets(ABC):
-    """Makes the packets of one maker, and finds them in bytes, whatever is lost or changed between them."""
+    """Encodes the packets of one maker, and finds them in a stream of bytes with losses and damage."""
 
     header: ClassVar[bytes]
     smallest: ClassVar[int]
@@ -43,53 +43,53 @@ class Packets(ABC):
     status_bytes: ClassVar[int]
     """Bytes of a status without data."""
     place: ClassVar[Struct]
-    """An address and a size."""
+    """The format of an address and a size."""
 
     def __init__(self) -> None:
         self._unread = b""
         self.damaged: int = 0
-        """How many bytes belonged to no whole packet."""
+        """The number of bytes so far that belonged to no complete packet."""
 
     @abstractmethod
     def packet(self, servo: int, code: int, data: bytes = b"") -> bytes:
-        """A whole packet."""
+        """The bytes of a packet."""
 
     @abstractmethod
     def status(self, servo: int, reply: Reply) -> bytes:
-        """A servo's answer."""
+        """The bytes of a servo's status."""
 
     @abstractmethod
     def reply(self, packet: BusPacket) -> Reply | None:
-        """A packet as an answer; None: it is none."""
+        """The answer in a packet; None: the packet is no answer."""
 
     @abstractmethod
     def _length(self, data: bytes) -> int:
-        """Of the packet that begins with these bytes, `smallest` at least; 0: none does."""
+        """The length of the packet that begins with these bytes (at least `smallest` of them); 0: no packet does."""
 
     @abstractmethod
     def _whole(self, data: bytes) -> BusPacket | None:
-        """The packet that is these bytes; None: it is damaged."""
+        """Decode the bytes of a packet; None: it is damaged."""
 
     def read(self, servo: int, address: int, size: int) -> bytes:
-        """Asks one servo for `size` bytes of its table."""
+        """A request to one servo for `size` bytes of its table."""
         return self.packet(servo, READ, self.place.pack(address, size))
 
     def write(self, servo: int, address: int, data: bytes) -> bytes:
-        """Writes into a servo's table."""
+        """An instruction that writes into a servo's table."""
         return self.packet(servo, WRITE, self._at(address) + data)
 
     def sync_read(self, address: int, size: int, servos: Sequence[int]) -> bytes:
-        """Asks several servos, which answer in this order."""
+        """A request to several servos, which answer in this order."""
         return self.packet(ALL, SYNC_READ, self.place.pack(address, size) + bytes(servos))
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> bytes:
-        """Writes the same address of several servos, each its own bytes; nobody answers."""
+        """An instruction that writes at one address of several servos, different bytes to each; they do not answer."""
         size = len(next(iter(values.values())))
         each = b"".join(bytes((servo,)) + value for servo, value in values.items())
         return self.packet(ALL, SYNC_WRITE, self.place.pack(address, size) + each)
 
     def feed(self, came: bytes) -> list[BusPacket]:
-        """The packets that are whole now."""
+        """Take new bytes; returns the packets that they complete."""
         data, found = self._unread + came, []
         while (begin := data.find(self.header)) >= 0 and len(data) - begin >= self.smallest:
             self.damaged += begin
@@ -107,7 +107,7 @@ class Packets(ABC):
         return found
 
     def forget(self) -> None:
-        """Drop what has come of a packet that is not whole."""
+        """Drop the bytes of an incomplete packet."""
         self._unread = b""
 
     def _at(self, address: int) -> bytes:

@@ -21,7 +21,7 @@ CURRENT_CONTROL = 0
 WATCHDOG_S = 0.02
 """The unit of the bus watchdog."""
 STOPPED = 255
-"""The bus watchdog has stopped the servo."""
+"""The watchdog's value after it has stopped the servo."""
 RATE_RADPS = 0.229 * 2.0 * math.pi / 60.0
 BLOCK = Struct("<hii")
 """Present current, velocity and position."""
@@ -33,8 +33,8 @@ ERRORS = {0: "its input voltage", 2: "overheating", 3: "a fault of its encoder",
 
 
 class ServoModel(NamedTuple):
-    """Of the X series. torque : stall torque over stall current at the recommended voltage [Nm/A]; 0: it has no current
-    control. unit_A : of a current."""
+    """A model of the X series. torque : stall torque over stall current at the recommended voltage [Nm/A]; 0: it has no
+    current control. unit_A : unit of the current [A]."""
 
     name: str
     torque: float
@@ -82,7 +82,7 @@ class Dynamixel(BusArm):
         model = MODELS.get(number)
         if model is None:
             known = ", ".join(one.name for one in MODELS.values())
-            raise HapnetError(f"servo {servo} ({joint.name}) is of model {number}, and this driver knows {known}")
+            raise HapnetError(f"servo {servo} ({joint.name}) is of model {number}, and this driver supports {known}")
         offset = int.from_bytes(bus.read(servo, HOMING_OFFSET, 4), "little", signed=True)
         self.require_offset(joint, offset)
         bus.write(servo, TORQUE_ENABLE, b"\0")
@@ -101,7 +101,7 @@ class Dynamixel(BusArm):
         if not on:
             super().switch(servos, on=False)
             return
-        self.bus.sync_write(BUS_WATCHDOG, dict.fromkeys(servos, b"\0"))  # one that has acted lets no goal be written
+        self.bus.sync_write(BUS_WATCHDOG, dict.fromkeys(servos, b"\0"))  # after it has acted, the servo refuses a goal
         super().switch(servos, on=True)
         self.bus.sync_write(BUS_WATCHDOG, dict.fromkeys(servos, bytes((self.watched_units,))))
 

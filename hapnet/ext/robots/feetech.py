@@ -1,4 +1,4 @@
-"""An arm of Feetech's servos. The ST and STS series (ST3215) take no torque: their arm leads without force. HLS does.
+"""An arm of Feetech's servos. HLS has torque control; ST and STS (ST3215) have none, and lead without force.
 
 Addresses and units are those of the maker's memory tables (STS, HLS) and its SDK (SMS_STS.h, HLSCL.h).
 """
@@ -17,23 +17,23 @@ TORQUE_ENABLE, GOAL_TORQUE, PRESENT = 40, 44, 56
 CURRENT_MODE = 2
 CURRENT_A = 6.5e-3
 BLOCK = Struct("<HHHBBBBBHH")
-"""From the present position on: speed, load, voltage, temperature, flags, status, moving, goal, current."""
+"""Present position, speed, load, voltage, temperature, flags, status, moving, goal, current."""
 
 HLS = 10
 """The first byte of the series' model numbers."""
 SIGN_BIT, STS_OFFSET_BIT = 15, 11
 ERRORS = {0: "its input voltage", 1: "a fault of its encoder", 2: "overheating", 3: "too high a current", 5: "overload"}
-"""Bits of the status."""
+"""Bits of the status byte."""
 
 
 def signed(value: int, bit: int = SIGN_BIT) -> int:
-    """A number whose sign is this bit."""
+    """Decode a number with this bit as its sign."""
     size = value & (1 << bit) - 1
     return -size if value >> bit & 1 else size
 
 
 def unsigned(value: int, bit: int = SIGN_BIT) -> int:
-    """The same the other way round."""
+    """Encode a number with this bit as its sign."""
     return -value | 1 << bit if value < 0 else value
 
 

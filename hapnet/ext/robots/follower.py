@@ -1,11 +1,11 @@
-"""A follower: a simulated robot in a scene, as the leader's side of the theorem sees it.
+"""A follower: a simulated robot in a scene, in the leader's units.
 
 The leader's motion may be scaled to the robot, and the robot's force to the hand (`hapnet.mechanics.frame`). Only this
-module knows the robot's own units.
+module uses the robot's own units.
 
-The robot has a mass, damping of its own and encoders, and stands among the scene's contacts, whatever they are. Its
-force is held from tick to tick: then its port is the actuator's, and mass and contacts behind it are its environment.
-Where the coupling acts within the step, its port is that of its contacts, as with a virtual mass.
+The robot has a mass, its own damping and encoders, and touches any contacts of the scene. If its force is held from
+tick to tick, its port is the actuator's, and mass and contacts are the environment behind it. If the coupling acts
+within the step, its port is that of its contacts, as with a virtual mass.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from hapnet.plant.worlds.walls import Wall
 from hapnet.records.vectors import inner
 
 PART_S = 1e-3
-"""A held force moves the robot in parts of at most this length [s]."""
+"""The longest part of a tick in which a held force moves the robot [s]."""
 
 
 class Robot(Mass):
     """The robot among its contacts, in the leader's units: the `Mass` of a follower.
 
-    body : moves it among `contacts`, in its own units. frame : see `Frame`. damping : its own [Ns/m].
-    resolution : of its encoders [m]. held : its force is held, so its port is the actuator's.
-    engine : whether a physics engine moves it, whose port is the actuator's. Then its damping is the engine's.
-    here : where it stands at the start is where the leader stands, wherever that is; else both share one origin.
+    body : the mass that moves among `contacts`, in its own units. frame : see `Frame`. damping : its own [Ns/m].
+    resolution : of its encoders [m]. held : whether its force is held, so that its port is the actuator's.
+    engine : whether a physics engine moves it; its port is then the actuator's, and its damping the engine's.
+    here : whether its position at the start corresponds to the leader's; else both share one origin.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Robot(Mass):
         self._damping, self._resolution = damping, resolution
         self.held, self._engine, self._here = held, engine, here
         self.done_J = 0.0
-        """Work put in at the actuator's port, of true positions [J]."""
+        """Work put in at the actuator's port, with true positions [J]."""
         self._measured = self._counts()
         self._speed: Vector = (0.0,) * len(self._measured)
 
@@ -64,12 +64,12 @@ class Robot(Mass):
 
     @property
     def position(self) -> Vector:
-        """As measured [m]."""
+        """The measured position [m]."""
         return self._measured
 
     @property
     def velocity(self) -> Vector:
-        """As measured [m/s]."""
+        """The measured velocity [m/s]."""
         return self._speed
 
     @property
@@ -92,17 +92,17 @@ class Robot(Mass):
         self.body.set_contacts(self.contacts)
 
     def place(self, position: Vector) -> None:
-        """The leader is at `position` [m]: that is where the robot stands, if it begins `here`. It does not move."""
+        """Align the frame with the leader's `position` [m], if the robot begins `here`. The robot does not move."""
         if self._here:
             self.frame.meet(self.body.position, position)
         self._measured = self._counts()
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
-        """With the body's own spring and damper, which are solved with the step; its own damping is not."""
-        return self._seen(dt, self.body.step(dt, self.frame.own(set_position), self.contacts))
+        """Step with the body's spring and damper, solved within the step, and without its own damping."""
+        return self._to_leader(dt, self.body.step(dt, self.frame.own(set_position), self.contacts))
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
-        """Under a held force, or a law's; in parts, so that its damping acts on where it goes."""
+        """Step under a held force, or a law's; in short parts, so that its damping acts on the current velocity."""
         frame = self.frame
         own_drag = drag / (frame.motion * frame.force) + self._damping
         own = frame.own_force(push)
@@ -116,16 +116,16 @@ class Robot(Mass):
             work += done.work_J
             depth = done.penetration_m
         moved = [end - begin for begin, end in zip(begun, self.body.position, strict=True)]
-        if self._engine:  # which may have applied less: the mean force with the same work
+        if self._engine:  # an engine may apply less: take the mean force with the same work
             own = doing(-work, done.coupling_force, moved)
             force = [-one for one in own]
         if self.held:
             self.done_J -= frame.energy * inner(own, moved)
         velocity = tuple([one / dt for one in moved])
-        return self._seen(dt, Step(velocity, tuple(force), work, 0.0, own, self.body.position, depth))
+        return self._to_leader(dt, Step(velocity, tuple(force), work, 0.0, own, self.body.position, depth))
 
-    def _seen(self, dt: float, done: Step) -> Step:
-        """A step of the body, in the leader's units."""
+    def _to_leader(self, dt: float, done: Step) -> Step:
+        """Convert a step of the body to the leader's units."""
         frame, before = self.frame, self._measured
         self._measured = end = self._counts()
         if self._resolution == 0.0:
@@ -156,10 +156,10 @@ class RobotContacts(Surroundings):
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[Sequence[float], list[float]]:
-        raise NotImplementedError("the robot's body knows its contacts")
+        raise NotImplementedError("the robot's body solves its contacts")
 
     def stored_J(self, position: Sequence[float]) -> float:
-        """Of its contacts, and of its own motion if its port is the actuator's; where it truly is."""
+        """Energy of its contacts, and of its motion if its port is the actuator's, at its true position."""
         robot = self._robot
         behind = robot.frame.energy * self._contacts.stored_J(robot.body.position)
         return behind + (robot.moving_J if robot.held else 0.0)
@@ -190,7 +190,7 @@ class RobotContacts(Surroundings):
 
 
 class LeadersPicture:
-    """A picture of the robot's surroundings, as large as in the leader's units, and where the leader has it."""
+    """A picture of the robot's surroundings, scaled and placed in the leader's units."""
 
     def __init__(self, picture: Picture, frame: Frame) -> None:
         self._picture, self._frame = picture, frame
@@ -220,7 +220,7 @@ class LeadersPicture:
         ]
 
     def _placed(self, own: ArrayLike) -> Array:
-        """Where the leader has points (..., 3) [m]."""
+        """Convert points (..., 3) to the leader's units [m]."""
         o = np.zeros(3)
         known = self._frame.offset[:3]
         o[: len(known)] = known
@@ -231,9 +231,9 @@ class LeadersPicture:
 class RobotScene(WorldDefaults):
     """A scene in which a robot stands in the virtual mass's place. A step is a tick of its servo.
 
-    scene : what is around it. made : makes the robot, with B' [Ns/m] and K' [N/m]. period_s : of its servo.
-    frame : of the robot until there is one. sees : as in `RobotContacts`. What is drawn is as large as in the leader's
-    units, and where the leader has it.
+    scene : its surroundings. made : a function of B' [Ns/m] and K' [N/m] that makes the robot. period_s : of its servo.
+    frame : used until the robot is made. sees : as in `RobotContacts`. The picture is scaled and placed in the leader's
+    units.
     """
 
     robot: bool = True

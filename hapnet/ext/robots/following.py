@@ -1,4 +1,4 @@
-"""A robot in the virtual mass's place: what its parameters become, and which drivers measure its contact force."""
+"""A robot in the virtual mass's place: its derived parameters, and the check that its driver measures contacts."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _arms(params: Params) -> Arms | None:
 
 
 class RobotFollower(Follower):
-    """A robot follows: simulated, or a driver's."""
+    """A follower robot, simulated or with a driver."""
 
     seen = (in_leaders_units,)
     on_link = (in_leaders_units, spring_on_link)
@@ -115,29 +115,29 @@ ROBOT = RobotFollower()
 
 
 def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
-    """Raise InvalidParameter for what does not fit a follower."""
+    """Raise InvalidParameter for a parameter that does not fit a follower."""
     robot, is_posed, is_real = params.follower, scene.units == POSE, is_real_robot(params)
     held, given = ROBOT.is_held(params, spec), f"in the scene {params.scene}, with pspm or zoh"
     law = f"with the coupling {params.coupling}"
 
-    def unless(applies: bool, name: str, allowed: str) -> Refusal:
+    def refusal(applies: bool, name: str, allowed: str) -> Refusal:
         return Refusal(applies, f"follower.{name}", getattr(robot, name), allowed)
 
     refuse((
-        unless(robot.servo == "sampled" and spec.follower is None, "servo",
-               f"continuous {law}: it is not known how it holds a force there"),
-        unless(scene.moves_proxy and not held, "servo", f"sampled {given}"),
-        unless(is_posed and not held, "servo", f"sampled {given}: a tool is moved by a held force"),
-        unless(robot.resolution_m > 0.0 and not held, "resolution_m", "0 with a continuous servo"),
-        unless(robot.feedback == "force" and not held, "feedback", "position or planes with a continuous servo"),
-        unless(robot.feedback == "planes" and not spec.staged(params), "feedback",
+        refusal(robot.servo == "sampled" and spec.follower is None, "servo",
+               f"continuous {law}: this coupling cannot hold a force between ticks"),
+        refusal(scene.moves_proxy and not held, "servo", f"sampled {given}"),
+        refusal(is_posed and not held, "servo", f"sampled {given}: a tool is moved by a held force"),
+        refusal(robot.resolution_m > 0.0 and not held, "resolution_m", "0 with a continuous servo"),
+        refusal(robot.feedback == "force" and not held, "feedback", "position or planes with a continuous servo"),
+        refusal(robot.feedback == "planes" and not spec.staged(params), "feedback",
                "position or force: without the stages of rendering hapnet no planes are sent"),
-        unless(robot.fixtures and not is_real, "fixtures", "no with a robot that meets the scene itself"),
-        unless(is_real and not held, "robot", f"simulated {law} and a continuous servo: a driver holds its force"),
-        unless(is_real and robot.feedback == "planes", "feedback",
-               "position or force with a robot whose surroundings nobody knows"),
-        unless(is_real and robot.feedback == "force" and is_posed, "feedback",
-               f"position in the scene {params.scene}: no driver says which torque its tool meets"),
+        refusal(robot.fixtures and not is_real, "fixtures", "no with a simulated robot, which meets the scene itself"),
+        refusal(is_real and not held, "robot", f"simulated {law} and a continuous servo: a driver holds its force"),
+        refusal(is_real and robot.feedback == "planes", "feedback",
+               "position or force with a real robot, whose surroundings are not known"),
+        refusal(is_real and robot.feedback == "force" and is_posed, "feedback",
+               f"position in the scene {params.scene}: drivers measure no torque on their tool"),
     ))  # fmt: skip
     if is_real and robot.feedback == "force":
         require_contact_force(robot.robot)
@@ -172,7 +172,7 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
         body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
         if body is None:
             body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
-        engine = isinstance(body, EngineMass)  # it knows its own damping
+        engine = isinstance(body, EngineMass)  # it has its own damping
         return Robot(
             body,
             scene.contacts,
@@ -200,9 +200,9 @@ def frame_of(params: Params, units: str, dof: int) -> Frame:
 
 
 def held_warnings(servo: DeviceParams, dof: int) -> list[str]:
-    """`hapnet.couplings.held_torque.check` of a robot's servo, in the words of its parameters."""
-    found = held_torque.check(servo, "measured", dof)
-    return [one.replace("device.", "world.").replace("this device", "this robot") for one in found]
+    """The warnings of `hapnet.couplings.held_torque.check` on a robot's servo, with the names of its parameters."""
+    warnings = held_torque.check(servo, "measured", dof)
+    return [warning.replace("device.", "world.").replace("this device", "this robot") for warning in warnings]
 
 
 def _times(factor: float, value: ArrayLike) -> Any:
@@ -212,8 +212,8 @@ def _times(factor: float, value: ArrayLike) -> Any:
 def require_contact_force(hardware: str, device: UserDevice | None = None) -> None:
     """Raise InvalidParameter if this driver measures no contact force.
 
-    device : the open driver, of which a reading must have a force; None: it is not open yet. Then only its class can be
-    asked, and nothing is known of a function that makes drivers, or of a driver on the other host.
+    device : the open driver, whose reading must have a force; None: it is not open yet. Then only its class is checked;
+    a function that makes drivers, or a driver on the other host, passes.
     """
     if device is not None:
         measured = _measures(device)
@@ -235,9 +235,9 @@ def _measures(device: UserDevice) -> bool:
 
 
 def _may_measure(hardware: str) -> bool:
-    made = load_class(hardware)
-    made = made.func if isinstance(made, partial) else made
-    return not isinstance(made, type) or getattr(made, "contact_force", None) not in (None, Driver.contact_force)
+    driver = load_class(hardware)
+    driver = driver.func if isinstance(driver, partial) else driver
+    return not isinstance(driver, type) or getattr(driver, "contact_force", None) not in (None, Driver.contact_force)
 
 
 def _named(hardware: str) -> bool:

@@ -1,14 +1,14 @@
 """Franka Research 3, by the maker's own binding `pylibfranka`: torques at 1 kHz through the Franka Control Interface.
 
-The tool's force F becomes joint torques. To them come those that hold what the scene has no axis for:
+The tool's force F becomes joint torques. To these are added torques that hold the axes that the scene does not have:
 
     tau = J' F + tau_h        tau_h : of the wrist's spring, of dampers, against Coriolis' forces
 
-Gravity and the motors' friction are the robot's own part. `franka_torques.py` has the arithmetic and the account:
-what the torques did that the robot reports, less what tau_h did, is the work of the force that `acted` returns.
+The robot itself compensates gravity and the motors' friction. `franka_torques.py` has the arithmetic and the account:
+the work of the reported torques, less the work of tau_h, is the work of the force that `acted` returns.
 
 Sources: libfranka's headers `robot.h`, `active_torque_control.h`, `robot_state.h`, `rate_limiting.h` (0.21), and the
-maker's page of limits (frankarobotics.github.io/docs/robot_specifications.html). franka.md beside this file says more.
+maker's page of limits (frankarobotics.github.io/docs/robot_specifications.html). Its page is franka.md.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ from hapnet.ext.robots.franka_torques import (
 )
 
 EARLY_S = 0.3e-3
-"""The binding keeps Python's lock while it waits for a state. So the others may run until so long before the next."""
+"""The binding holds Python's lock while it waits for a state. So it is called only so long before the next [s]."""
 
 _RAMP_TICKS = 200
 _MASS_SHARE = 0.5
-"""The tool is felt as no lighter than this share of its apparent mass in the lightest direction where it begins."""
+"""The smallest mass to declare, as a share of the apparent mass in the lightest direction at the start."""
 
 _RANGES = {
     "force": (0.1, 100.0), "contact": (1.0, 200.0), "reach": (0.01, 0.855), "speed": (0.05, 1.7), "wrist": (0.0, 100.0),
     "elbow": (0.0, 10.0),
 }  # fmt: skip
 _OURS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Their x points away from the base, y to the left, z up; ours to the right, away from the user, up."""
+"""The robot's x points away from the base, y to the left, z up; hapnet's to the right, away from the user, up."""
 
 
 class Franka(Driver):
     """``franka:HOST``: an FR3 whose user looks along its base's x axis. Positions count from where the tool begins.
 
-    More than twenty attributes: what a driver declares, the maker's objects, and the newest state.
+    More than twenty attributes: a driver's declarations, the maker's objects, and the newest state.
 
     host : of the robot's Control. axes : which of the tool's axes the scene has, as in `Axes`; the others are held.
-    force : the largest at the tool [N]. contact : an external force above it ends the motion, by the robot's own reflex
-    [N]. reach : how far the tool may go from where it began, along each axis [m], and speed : how fast [m/s]; beyond
-    them there is no force any more. wrist : stiffness of the spring that holds how the tool is turned [Nm/rad].
-    elbow : damping of the elbow's motion [Nms/rad]. realtime : refuse a kernel without PREEMPT_RT, as the maker does.
+    force : the largest at the tool [N]. contact : the external force above which the robot's own reflex ends the motion
+    [N]. reach : how far the tool may move from its start along each axis [m], and speed : how fast [m/s]; beyond these
+    the force stops. wrist : stiffness of the spring that holds the tool's orientation [Nm/rad].
+    elbow : damping of the elbow's motion [Nms/rad]. realtime : refuse a kernel without PREEMPT_RT, as the library does.
     recover : clear the errors of the last motion first. clock : monotonic [s].
 
     Raises InvalidParameter: a value is not allowed. HapnetError: no library, no robot, or one that is not ready.
@@ -102,7 +102,7 @@ class Franka(Driver):
         self.workspace: float = reach
         self.greatest_speed: float | None = speed
         self.missed: int = 0
-        """States of the robot that nobody took, as this program was late."""
+        """The number of states of the robot that this program missed because it was late."""
         self._clock = clock
         self._contact, self._recover = contact, recover
         self._control: Any = None
@@ -127,7 +127,7 @@ class Franka(Driver):
             raise HapnetError(f"no robot at {host}: {_line(error)}") from error
         held = [0.0 if any(self._axes.take(tuple(row))) else 1.0 for row in np.eye(3)]
         self._make_torques = partial(Torques, held=_OURS.T @ np.diag(held) @ _OURS, wrist=wrist, elbow=elbow)
-        self.arm: ArmState = self._seen()
+        self.arm: ArmState = self._newest_state()
         self._torques = self._make_torques(self.arm)
         self._origin = self.arm.position
         mass = np.array(self._model.mass(self._state)).reshape(JOINTS, JOINTS)
@@ -141,9 +141,9 @@ class Franka(Driver):
         return "pylibfranka (Linux, Python 3.11 or 3.12): pip install 'hapnet-haptics[franka]'"
 
     def home(self) -> None:
-        """Set the thresholds of its reflexes. Nothing moves.
+        """Set the thresholds of the robot's reflexes. Nothing moves.
 
-        Raises HapnetError: it has an error, or its user stop is pressed: a person must end that first.
+        Raises HapnetError: the robot has an error, or its user stop is pressed; a person must clear that first.
         """
         modes = self._lib.RobotMode
         try:
@@ -172,7 +172,7 @@ class Franka(Driver):
     def read(self) -> tuple[Vector, Vector]:
         """Position [m] and velocity [m/s] of the tool in the robot's newest state; waits for it.
 
-        Raises HapnetError: the robot has ended the motion, and why; or no state has come for a second.
+        Raises HapnetError: the robot has ended the motion (with its reason), or no state has come for a second.
         """
         if self._failed:
             raise HapnetError(self._failed)
@@ -191,13 +191,13 @@ class Franka(Driver):
         now_s = self._clock()
         self._due_s = now_s + PERIOD_S - EARLY_S
         if since_s > 0.0:
-            # the clock counts states: a simulator makes too few, and each stands for more, up to the watchdog's time
+            # the clock counts states: a slow simulator makes fewer, so each counts as longer, up to the watchdog's time
             behind_s = now_s - self._counted_s - since_s
             self._interval_s = since_s + min(max(0.0, behind_s), LOST_IN_A_ROW * PERIOD_S)
             self._counted_s += self._interval_s
         else:
             self._interval_s, self._counted_s = None, now_s
-        self.arm = self._seen()
+        self.arm = self._newest_state()
         self._acted = None if self._control is None else self._taken(self._torques.acted(self.arm))
         x, v = self._taken(self.arm.position - self._origin), self._taken(self.arm.linear @ self.arm.dq)
         return x, v
@@ -222,35 +222,35 @@ class Franka(Driver):
 
     @property
     def account_J(self) -> TorqueBalance:
-        """The energy that the holding torques have taken in, and the part of it that no force was charged with yet."""
+        """The net energy that the holding torques took in, and the work not yet assigned to a force."""
         return self._torques.account
 
     def acted(self) -> Vector | None:
-        """The force with the work of the torques that the robot reports."""
+        """The force that did the work of the torques that the robot reports."""
         return self._acted
 
     def interval(self) -> float | None:
-        """By the robot's clock: states that had waited for this program are no fast motion."""
+        """The time by the robot's clock, so that delayed states are not mistaken for fast motion."""
         return self._interval_s
 
     def contact_force(self) -> Vector | None:
-        """The robot's own estimate of the external force, filtered; zeros near a singularity, as its maker says.
+        """The robot's own estimate of the external force, filtered; zeros near a singularity, according to its maker.
 
         `O_F_ext_hat_K` is positive where the robot pushes its surroundings (`robot_state.h`); here they push the robot.
-        None: more than `contact` along each axis. At that its reflex has ended the motion (`robot.h`).
+        None: more than `contact` along each axis, where its reflex ends the motion (`robot.h`).
         """
         force = -np.array(self._state.O_F_ext_hat_K[:3])
         return self._taken(force) if np.linalg.norm(force) <= np.sqrt(3.0) * self._contact else None
 
     def close(self) -> None:
-        """Take the torques to zero at the rate that the robot allows, and finish the motion; it then holds still."""
+        """Reduce the torques to zero at the permitted rate, and finish the motion; the robot then holds its posture."""
         control, self._control = self._control, None
         if control is None or self._failed:
             return
         with suppress(*self._errors):
             for _ in range(_RAMP_TICKS):
                 self._state, _ = control.readOnce()
-                torques = self._torques.fading(self._seen())
+                torques = self._torques.fading(self._newest_state())
                 control.writeOnce(self._lib.Torques(torques.tolist()))
                 if not torques.any():
                     break
@@ -258,19 +258,19 @@ class Franka(Driver):
             last.motion_finished = True
             control.writeOnce(last)
 
-    def _seen(self) -> ArmState:
+    def _newest_state(self) -> ArmState:
         return ArmState.of(self._state, self._model.zero_jacobian(self._state))
 
     def _taken(self, theirs: Any) -> Vector:
         return self._axes.take(tuple((_OURS @ theirs).tolist()))
 
     def _fail(self, error: Exception) -> HapnetError:
-        """The robot has ended the motion, or is not there any more. Only a person may let it move again."""
-        self._stopped = isinstance(error, self._lib.ControlException)  # then it has taken its torques away itself
+        """Raise HapnetError: the robot has ended the motion, or is not connected. Only a person may restart it."""
+        self._stopped = isinstance(error, self._lib.ControlException)  # then the robot itself has ended its torques
         what = "the robot has stopped" if self._stopped else "no answer of the robot"
         rate = self._state.control_command_success_rate
         self._failed = (
-            f"{what}: {_line(error)} ({self.missed} states missed, last success rate {rate:.2f}); look at the robot,"
+            f"{what}: {_line(error)} ({self.missed} states missed, last success rate {rate:.2f}); check the robot,"
             " make it ready in Desk, then start again"
         )
         return HapnetError(self._failed)
@@ -282,9 +282,9 @@ def _line(error: Exception) -> str:
 
 @contextmanager
 def _scheduled_as_before() -> Iterator[None]:
-    """The maker's library gives the calling thread the highest real-time priority, if it may, whatever is asked of it.
+    """Restore the thread's scheduling: the maker's library always sets the highest real-time priority, if permitted.
 
-    All that this thread starts would have it too. Who wants it says `--realtime`.
+    All threads and processes started from here would inherit it. `--realtime` is the option for it.
     """
     if sys.platform != "linux":
         yield

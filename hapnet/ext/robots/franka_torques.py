@@ -6,16 +6,16 @@
 * along axes that the scene does not have, the tool is held where it began (_held);
 * the wrist's spring has the potential K_w (1 - cos angle), with e = 1/2 sum of r_i x r_i0 over the columns r_i of the
   tool's rotation; w = W dq;
-* the elbow is damped, and goes back to where it began: n, of length 1, spans the null space of J and W, and
+* the elbow is damped, and pulled back to where it began: n, of length 1, spans the null space of J and W, and
   a = n' M dq / n' M n is the speed along it. Torques along M n do not accelerate the tool; the damper puts in -d a^2;
 * c compensates Coriolis' and centrifugal torques.
 
-The account. Between two readings the joints move by dq, the tool by dx, and a torque acts that the robot reports as
-tau_J_d: of the one reported before and the one reported after, the one that put out more. Its work is that of the force
-that `acted` returns plus that of tau_h. Dampers and springs with a potential give out no more than they took; c and the
-elbow's spring may. So tau_h has an account of its own: where it comes near -`LENT_J`, springs and c are left out, and
-what it lacks is charged to the force. Where the tool moves too little to say which force did a work, the rest is owed
-and counted in the next readings.
+The account. Between two readings the joints move by dq and the tool by dx. The robot reports the acting torque as
+tau_J_d; of the reports before and after the motion, the one that gave out more energy counts. Its work is that of the
+force that `acted` returns plus that of tau_h. Dampers and springs with a potential give out no more than they took in;
+c and the elbow's spring may. So tau_h has its own account: near -`LENT_J` springs and c are left out, and a deficit is
+charged to the force. If the tool moves too little to assign all the work to a force, the rest is owed and counted in
+the next readings.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ Array = NDArray[np.float64]
 JOINTS = 7
 PERIOD_S = 1e-3
 TORQUE_LIMIT: Array = np.array([87.0] * 4 + [12.0] * 3)
-"""Of each joint [Nm]."""
+"""The torque limit of each joint [Nm]."""
 
 LOST_IN_A_ROW = 20
-"""After so many cycles without a command the robot stops."""
+"""The number of cycles without a command after which the robot stops."""
 
 RATE = 990.0
 """Its torques change by at most 1000 Nm/s; states are floats of 32 bits, so a hundredth less."""
 
 LENT_J = 0.01
-"""What the holding torques may give out before they have taken it in."""
+"""The energy that the holding torques may give out before they took it in [J]."""
 
 HELD_STIFFNESS, HELD_DAMPING = 600.0, 60.0
 MOST_OWED_N = 2.0
-"""What is owed changes the force by at most so much."""
+"""The greatest correction of the force by owed work [N]."""
 
 ELBOW_PER_S = 5.0
-"""The elbow's spring k_e [Nm/rad] is so many times its damper [Nms/rad]."""
+"""The ratio of the elbow's spring k_e [Nm/rad] to its damper [Nms/rad]."""
 
 _WRIST_DAMPING_S = 0.08
 _SAME_NM = 1e-3
 _HOLDING = 0.6
-"""The share of the limit that holding may use."""
+"""The share of each joint's limit that the holding torque may use."""
 
 
 class ArmState(NamedTuple):
-    """One state: q [rad], dq [rad/s], the torque that the robot reports [Nm], the tool's position [m] and rotation, the
+    """A state: q [rad], dq [rad/s], the torque that the robot reports [Nm], the tool's position [m] and rotation, the
     Jacobians of its position and of its rotation."""
 
     q: Array
@@ -71,7 +71,7 @@ class ArmState(NamedTuple):
 
     @classmethod
     def of(cls, state: Any, jacobian: Any) -> ArmState:
-        """From libfranka's RobotState and its Jacobian of 6 x 7; both have their columns one after the other."""
+        """From libfranka's RobotState and its 6 x 7 Jacobian, both stored column by column."""
         pose = np.array(state.O_T_EE).reshape(4, 4).T
         both = np.array(jacobian).reshape(JOINTS, 6).T
         q, dq, torque = (np.array(one) for one in (state.q, state.dq, state.tau_J_d))
@@ -79,7 +79,7 @@ class ArmState(NamedTuple):
 
 
 class _Command(NamedTuple):
-    """torque [Nm] : that was sent, for a force [N] and with a holding torque [Nm]."""
+    """A command: the torque that was sent [Nm], its force [N] and its holding torque [Nm]."""
 
     torque: Array
     force: Array
@@ -87,8 +87,8 @@ class _Command(NamedTuple):
 
 
 class TorqueBalance(NamedTuple):
-    """held : what the holding torques have taken in less what they gave out [J]. owed : work of the torques that no
-    force has been charged with yet [J]."""
+    """held : the net energy that the holding torques took in [J]. owed : work of the torques not yet assigned to a
+    force [J]."""
 
     held: float
     owed: float
@@ -97,7 +97,7 @@ class TorqueBalance(NamedTuple):
 class Torques:
     """Torques for a force, with their account.
 
-    start : where the tool begins. held : projects on the axes that the scene does not have (3, 3). wrist [Nm/rad] and
+    start : where the tool begins. held : projection on the axes that the scene does not have (3, 3). wrist [Nm/rad] and
     elbow [Nms/rad] : see above.
     """
 
@@ -107,7 +107,7 @@ class Torques:
         self.force: Array = np.zeros(3)
         """The force that was sent last, after all limits [N]."""
         nothing = _Command(np.zeros(JOINTS), np.zeros(3), np.zeros(JOINTS))
-        self._open = deque([nothing], LOST_IN_A_ROW)  # what the robot may have: the command that it reported, and later
+        self._open = deque([nothing], LOST_IN_A_ROW)  # the command that the robot reported, and later ones
         self._held_J = self._owed_J = 0.0
 
     @property
@@ -115,7 +115,7 @@ class Torques:
         return TorqueBalance(self._held_J, self._owed_J)
 
     def of(self, arm: ArmState, force: Array, coriolis: Array, mass: Array) -> Array:
-        """The torques (7,) to send at `arm` for `force` (3,) [N]; mass : M, 7 x 7 one row after the other."""
+        """The torques (7,) to send in the state `arm` for `force` (3,) [N]; mass : M, 7 x 7 row by row."""
         push = arm.linear.T @ force
         hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
         most = share(push.tolist(), hold.tolist(), TORQUE_LIMIT.tolist())
@@ -125,14 +125,14 @@ class Torques:
         return torque
 
     def fading(self, arm: ArmState) -> Array:
-        """The torques to send at `arm` on the way to none."""
+        """The torques to send in the state `arm` while all torques are reduced to zero."""
         self.acted(arm)
         torque, _ = self._towards(np.zeros(JOINTS), arm.torque)
         self._open.append(_Command(torque, np.zeros(3), torque))
         return torque
 
     def _towards(self, wanted: Array, reported: Array) -> tuple[Array, float]:
-        """The torque on the way to `wanted`, and which part of it: no step is too large, whichever the robot has."""
+        """The torque towards `wanted`, within the step limit from each command that may be active, and its share."""
         sent, may = self._open[-1].torque, np.array([reported, *(one.torque for one in self._open)])
         step, most = wanted - sent, RATE * PERIOD_S
         room = np.where(step > 0.0, may.min(axis=0) + most - sent, sent - may.max(axis=0) + most)
@@ -154,7 +154,7 @@ class Torques:
         if self._held_J < -LENT_J:
             self._owed_J -= self._held_J + LENT_J
             self._held_J = -LENT_J
-        moved = moved - self._held @ moved  # no force is known to act along the others
+        moved = moved - self._held @ moved  # no force is rendered along the held axes
         acted, self._owed_J = paid(self._owed_J, tuple(force.tolist()), tuple(moved.tolist()), MOST_OWED_N)
         return np.array(acted)
 
@@ -176,5 +176,5 @@ class Torques:
 
 
 def _limited(torque: Array) -> Array:
-    """A holding torque, shortened to the share of each joint's limit that it may use."""
+    """A holding torque, scaled to the share of each joint's limit that it may use."""
     return torque * min(1.0, float(np.min(_HOLDING * TORQUE_LIMIT / np.maximum(np.abs(torque), 1e-12))))

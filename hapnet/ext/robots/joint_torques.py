@@ -1,4 +1,4 @@
-"""Parts that drivers of arms share: how much of a force their motors can give, and which force did a work."""
+"""Functions for drivers of arms: a force's share within the motors' limits, and the force that did a given work."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from hapnet.checks import Vector
 
 
 def share(torques: Iterable[float], loads: Iterable[float], limits: Iterable[float]) -> float:
-    """The largest multiple of `torques` up to 1 that motors with these limits can give beside the loads [Nm]."""
-    found = 1.0
+    """The largest factor up to 1 at which motors with these limits can add `torques` to the loads [Nm]."""
+    factor = 1.0
     for torque, load, limit in zip(torques, loads, limits, strict=True):
         if torque:
-            found = min(found, max(0.0, limit - math.copysign(1.0, torque) * load) / abs(torque))
-    return found
+            factor = min(factor, max(0.0, limit - math.copysign(1.0, torque) * load) / abs(torque))
+    return factor
 
 
 def paid(owed_J: float, force: Vector, moved: Vector, most_N: float) -> tuple[Vector, float]:
-    """The force nearest to `force` [N] that does `owed_J` more work on the way `moved` [m], and what is still owed [J].
+    """The force nearest to `force` [N] that does `owed_J` more work along `moved` [m], and the work still owed [J].
 
-    It changes by at most `most_N`; where the arm moves too little to say which force did a work, the rest is owed.
+    It differs by at most `most_N`; if the arm moves too little to assign all the work to a force, the rest stays owed.
     """
     if not (far := math.hypot(*moved)) > 0.0:
         return force, owed_J

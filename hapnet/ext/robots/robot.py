@@ -1,4 +1,4 @@
-"""The side of a real robot that follows: it stands still, or is released, when its leader lets go."""
+"""The side of a real follower robot: it stops, or is released, when its leader is released."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from hapnet.wire.signals import LEADS
 class RobotSide(RealDeviceSide):
     """A driver's robot in the world's place.
 
-    releases : whether it loses its force when its leader lets go. Else it holds its set-position. Other parameters as
-        for `RealDeviceSide`.
+    releases : whether its force ends when its leader is released. Else it holds its set-position. Other parameters
+        as for `RealDeviceSide`.
     """
 
     def __init__(self, *given: Any, releases: bool = False, **named: Any) -> None:
@@ -27,7 +27,7 @@ class RobotSide(RealDeviceSide):
         self._probe = None
 
     def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
-        """As a device's. If somebody asks for it, the robot stands still, as `follower.on_stop` says."""
+        """As for a device. If the stop was requested, the robot stops as `follower.on_stop` sets."""
         if not asked:
             self._stands_still = False
             if self.stopped is not None and self.stopped.asked:
@@ -58,7 +58,7 @@ class RobotSide(RealDeviceSide):
         self._release()
 
     def _release(self) -> None:
-        """Tell the servo, if there is one, whether it may render a force."""
+        """Pass on to the servo, if it runs, whether it may render a force."""
         if self.endpoint.started and isinstance(self.servo, FollowerServo):
             self.servo.released = self._released
 

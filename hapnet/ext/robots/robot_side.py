@@ -1,4 +1,4 @@
-"""The side of a real robot that follows: a driver, with the follower's servo, in the world's place."""
+"""Build the side of a real follower robot: a driver with the follower's servo, in the world's place."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from hapnet.units import within
 
 
 def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> RobotSide:
-    """The robot with its servo, for an endpoint or its control half; it records as a world does.
+    """The robot with its servo, for an endpoint or its control half; its samples are those of a world.
 
-    Raises InvalidParameter, HapnetError: there is no such driver, it cannot be opened, or it does not fit.
+    Raises InvalidParameter, HapnetError: there is no such driver, it cannot be opened, or it does not fit the run.
     """
     params = setup.params
     robot = params.follower
@@ -46,7 +46,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
 def _following(
     device: UserDevice, servo: DeviceParams, setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
 ) -> RobotSide:
-    """The side of a robot that is open. servo : the parameters of its servo."""
+    """Build the side from an open driver. servo : the parameters of its servo."""
     params = setup.params
     robot = params.follower
     if robot.fixtures:
@@ -67,7 +67,7 @@ def _following(
     if setup.coupling.limited:
         for common, params_in in ((False, leads.params), (True, choosing(leads.params, *setup.follower.seen))):
             for warning in held_warnings(servo_of(params_in), setup.dof):
-                if warning.startswith("world.ceiling_J") == common:  # joules are the leader's, all else is its own
+                if warning.startswith("world.ceiling_J") == common:  # joules are in the leader's units
                     write(Event(clock(), "warning", warning, "warning"))
 
     def hold(position: Vector, empty: bool) -> DeviceCoupling:
@@ -98,7 +98,7 @@ def _following(
 
 
 def _as_world(sample: Sample, step_s: float, felt: Vector) -> Sample:
-    """A sample of the robot as one of a world. felt : its measured contact force [N], 0 where nobody measures it."""
+    """Convert a sample of the robot to a world's. felt : its measured contact force [N]; 0 if it is not measured."""
     if not isinstance(sample, DeviceSample):
         return sample
     nothing = (0.0,) * len(sample.position_m)

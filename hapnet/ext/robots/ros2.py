@@ -1,7 +1,7 @@
 """A device or a robot behind topics of ROS 2, over rmw_zenoh and without ROS. Its page is ros2.md beside it.
 
-`read` waits for the next message of the state's topic: so there is one command for each state, and the account counts
-each force between the two positions that it acted between.
+`read` waits for the next message on the state's topic. So there is one command for each state, and the account counts
+each force over the interval between two positions in which it acted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ POSE, WRENCH, JOINTS = (
 )
 
 NOISE = 1e-4
-"""Of positions at the times of their receipt, from peak to peak [m] or [rad]: a velocity is fitted within it."""
+"""Peak-to-peak noise of positions at the times of their receipt [m] or [rad], for the fit of a velocity."""
 
 _START_S = 10.0
 _NS = 1e-9
@@ -37,27 +37,27 @@ _NS = 1e-9
 
 @dataclass(slots=True)
 class _Newest:
-    """The newest turn of the handle, force that acted, and force of the surroundings with its time [ns]."""
+    """The newest orientation, the force that acted, and the force of the surroundings with its time [ns]."""
 
     quaternion: Vector | None = None
     acted: Vector | None = None
     touched: tuple[Vector, int] | None = None
     frame: str = ""
-    """Of the pose."""
+    """The frame_id of the pose."""
 
 
 class Ros2(Driver):
     """Positions come from one topic, forces go to another: ``ros2:/arm/current_pose,command=/arm/target_wrench``.
 
     state : topic of the positions, PoseStamped; with `joints`, JointState. command : topic on which the forces go out,
-    WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic that says which
-    force the actuators made, of the command's type; empty: nobody knows. contact : topic that says with which force its
-    surroundings push the robot, likewise; a wrench in the pose's frame. joints : names with + between them, the scene's
-    axes; empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz]. router : of ROS 2. domain :
+    WrenchStamped or JointState (its efforts); empty: none, a device without force. measured : topic of the
+    force that the actuators made, of the command's type; empty: not known. contact : topic of the force of the
+    surroundings on the robot, likewise; a wrench in the pose's frame. joints : names joined by +, the scene's axes;
+    empty: a pose. axes : of a pose, as in `Axes`. rate : of the states [Hz]. router : of ROS 2. domain :
     ROS_DOMAIN_ID. frame : the command's frame_id. contact_rate : of the topic `contact` [Hz]; 0: as `rate`.
 
     Raises InvalidParameter: an option is not allowed. MissingLibrary: the extra `ros2` is not installed. HapnetError:
-    there is no router, or nothing comes on the state's topic.
+    there is no router, or no message comes on the state's topic.
     """
 
     about = "a device or robot behind ROS 2 topics (rmw_zenoh), without ROS"
@@ -114,7 +114,7 @@ class Ros2(Driver):
             if topic:
                 self._node.subscribe(topic, JOINTS if names else WRENCH, inbox.take)
         if contact:
-            self._first(self._contacts, contact)  # that one always counts; no later one does, if the topic is slower
+            self._first(self._contacts, contact)  # the first message is always used, later ones only in time
             why = f", or slower than {1.0 / contact_s:g} Hz: contact_rate"
             self._newest.touched = self._first(self._contacts, contact, why)
 
@@ -123,17 +123,17 @@ class Ros2(Driver):
         return f"{' and '.join(missing().split())}, of the extra `ros2`" if missing() else ""
 
     def read(self) -> tuple[Vector, Vector]:
-        if (found := self._states.next(self._wait_s)) is None:
-            for one in self._velocity:
-                one.restart()
+        if (newest := self._states.next(self._wait_s)) is None:
+            for velocity in self._velocity:
+                velocity.restart()
             unused = self._states.unused
             raise DeviceSilent(f"nothing new on {self._state}" + (f" ({unused} so far)" if unused else ""))
-        (x, self._newest.quaternion), came_ns = found
+        (x, self._newest.quaternion), came_ns = newest
         at_s = came_ns * _NS
         force = self._measured.next()
         self._newest.acted = None if force is None else force[0]
         self._newest.touched = self._contacts.next() or self._newest.touched
-        return x, tuple([one.update(at_s, at_s, axis) for one, axis in zip(self._velocity, x, strict=True)])
+        return x, tuple([velocity.update(at_s, at_s, axis) for velocity, axis in zip(self._velocity, x, strict=True)])
 
     def apply(self, force: Vector) -> Vector | None:
         if not self._command:
@@ -166,7 +166,7 @@ class Ros2(Driver):
         self._node.close()
 
     def _first(self, inbox: Inbox[T], topic: str, why: str = "") -> tuple[T, int]:
-        """The next value on this topic, at the start. Raises HapnetError: none comes, and `why` that may be."""
+        """The next value on this topic, at the start. Raises HapnetError: none comes. why : a reason, for it."""
         if (found := inbox.next(_START_S)) is None:
             self.close()
             but = f" but {inbox.unused}" if inbox.unused else ""
@@ -174,7 +174,7 @@ class Ros2(Driver):
         return found
 
     def _position(self, data: bytes) -> tuple[Vector, Vector | None]:
-        """Position and orientation in a message; of joints only the first."""
+        """Position and orientation in a message; joints have no orientation."""
         if self._axes is None:
             return self._of_joints(data, "position"), None
         stamped = self._node.types.decode(POSE, data)
@@ -192,7 +192,7 @@ class Ros2(Driver):
         return self._axes.take(_finite(force.x, force.y, force.z))
 
     def _contact(self, data: bytes) -> Vector:
-        """As `_force`; of a wrench in the frame of a sensor that turns nobody knows where it points."""
+        """As `_force`, but refuse a wrench in another frame than the pose's, whose direction is not known."""
         if self._axes is not None:
             frame = self._node.types.decode(WRENCH, data).header.frame_id
             if frame != self._newest.frame:

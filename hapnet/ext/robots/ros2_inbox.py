@@ -1,8 +1,8 @@
-"""The newest message of a topic of ROS, and which messages nobody may act on; the clock is an argument.
+"""The newest message of a ROS topic, without late, bad and foreign messages; the clock is an argument.
 
-A message acts only if it came in time. After a stall a network, or a process that was stopped, delivers what had been
-held up, all at once. So after a silence messages are dropped until two are half a period apart: then they are live.
-Only the time of receipt counts, by this machine's monotonic clock, never the clock of whoever published it.
+A message is used only if it came in time. After a stall a network, or a process that was stopped, delivers all delayed
+messages at once. So after a silence messages are dropped until two are half a period apart: then they are current.
+Only the time of receipt counts, by this machine's monotonic clock, never the publisher's clock.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from hapnet.transport.ros2 import Attachment
 T = TypeVar("T")
 
 LARGEST = 65536
-"""No message is longer [bytes]."""
+"""The longest message [bytes]."""
 
 PERIODS = 3
-"""So many periods without a message are a silence."""
+"""The number of periods without a message that count as a silence."""
 
 
 class Inbox(Generic[T]):
     """The messages that came on one topic: one thread calls `take`, another `next`.
 
-    decode : makes a value of a message's bytes, or raises BadMessage. period_s : between two messages [s].
+    decode : converts a message's bytes to a value, or raises BadMessage. period_s : between two messages [s].
     clock : monotonic [ns].
 
     Attributes
     ----------
-    lost : messages that never came, by their numbers. bad : that were not what they should be. late : that were held
-    up, or came again, or after a later one. foreign : of a second publisher, while the first one is heard.
+    lost : number of messages that never came, by their sequence numbers. bad : of invalid messages. late : of delayed,
+    repeated or overtaken messages. foreign : of messages of a second publisher, while the first is active.
     """
 
     def __init__(self, decode: Callable[[bytes], T], period_s: float, clock: Callable[[], int]) -> None:
@@ -48,7 +48,7 @@ class Inbox(Generic[T]):
         self._newest: tuple[T, int] | None = None
 
     def take(self, data: bytes, attachment: bytes) -> None:
-        """A message came."""
+        """Take a message from the network."""
         now_ns = self._clock()
         try:
             number, _, publisher = Attachment.decode(attachment)
@@ -79,7 +79,7 @@ class Inbox(Generic[T]):
             self._came.notify()
 
     def next(self, wait_s: float = 0.0) -> tuple[T, int] | None:
-        """The newest value that was not taken yet, and when it came [ns], waiting at most `wait_s`; None: none is."""
+        """The newest value not taken yet, and its time of receipt [ns], waiting at most `wait_s`; None: none came."""
         until_ns = self._clock() + round(wait_s * 1e9)
         with self._came:
             while True:
@@ -87,10 +87,10 @@ class Inbox(Generic[T]):
                 newest, self._newest = self._newest, None
                 if newest is None or self._clock() - newest[1] <= self._silence_ns:
                     return newest
-                self.late += 1  # this process stood still
+                self.late += 1  # this process was stopped
 
     @property
     def unused(self) -> str:
-        """The messages that were not used, as text; empty: none."""
+        """The counts of messages that were not used, as text; empty: all were used."""
         counts = {"lost": self.lost, "bad": self.bad, "late": self.late, "of another publisher": self.foreign}
         return ", ".join(f"{count} {name}" for name, count in counts.items() if count)

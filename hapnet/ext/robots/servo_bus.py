@@ -1,7 +1,7 @@
-"""A servo bus on a serial port: asks several servos at once, and never waits longer than it may.
+"""A servo bus on a serial port: reads several servos at once, within a time limit.
 
 It does not use the makers' SDKs. Both wait in a busy loop for 34 ms and more for a servo that does not answer, which is
-longer than a haptic servo may be away, and drop the answers of all after it: servo_bus.md has what was measured.
+longer than a haptic servo may stall, and drop the answers of all later servos: servo_bus.md has the measurements.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from hapnet.ext.robots.bus_packets import Packets, Reply
 
 BITS_A_BYTE = 10
 _LATENCY_S = 1e-3
-"""What USB, kernel and a servo may add to the bytes' own time."""
+"""The latency of USB, kernel and servo, added to the bytes' own time [s]."""
 
 _TRIES, _ANSWER_S = 25, 0.02
 
 
 def transfer_s(count: int, baud: int) -> float:
-    """How long so many bytes take [s]."""
+    """The time that so many bytes take on the wire [s]."""
     return count * BITS_A_BYTE / baud
 
 
 class ServoBus:
-    """The servos at the port `path`, which speak like `packets`. baud : bits a second.
+    """The servos at the port `path`. packets : their protocol. baud : bits a second.
 
     Attributes
     ----------
-    asked, answered : answers that were due so far, and those that came whole.
+    asked, answered : the number of answers due so far, and of answers received complete.
 
-    Raises InvalidParameter: the port cannot be opened. HapnetError: its adapter holds bytes for long.
+    Raises InvalidParameter: the port cannot be opened. HapnetError: its adapter delays bytes.
     """
 
     def __init__(self, path: str, baud: int, packets: Packets) -> None:
@@ -41,12 +41,12 @@ class ServoBus:
         self.asked = self.answered = 0
 
     def sync_read(self, address: int, size: int, servos: Sequence[int], budget_s: float) -> dict[int, Reply]:
-        """The servos' answers; those that are missing are asked again, as long as the budget [s] allows.
+        """The servos' answers; servos without an answer are asked again, as long as the budget [s] allows.
 
-        Raises DeviceSilent: the port has gone.
+        Raises DeviceSilent: the port is closed.
         """
         until = time.monotonic() + budget_s
-        while self.port.read(1e-6):  # an answer that came too late belongs to another question
+        while self.port.read(1e-6):  # drop late answers to an earlier request
             pass
         self.packets.forget()
         found: dict[int, Reply] = {}
@@ -70,12 +70,12 @@ class ServoBus:
         self.port.write(self.packets.sync_write(address, values))
 
     def glance(self, servo: int, address: int, size: int, budget_s: float) -> Reply | None:
-        """A few bytes of one servo's table, asked once; None: it did not answer in time. Raises DeviceSilent."""
+        """A few bytes of one servo's table, requested once; None: no answer in time. Raises DeviceSilent."""
         self.port.write(self.packets.read(servo, address, size))
         return self._answers((servo,), size, budget_s).get(servo)
 
     def read(self, servo: int, address: int, size: int) -> bytes:
-        """The same, before there is a servo to keep waiting: asked again and again.
+        """A few bytes of one servo's table, requested repeatedly; for the start, before control runs.
 
         Raises HapnetError: no answer.
         """
@@ -93,10 +93,10 @@ class ServoBus:
                 return reply.data
             if reply is not None:
                 raise HapnetError(f"servo {servo} at {self.port.path} refuses a packet: error {reply.error:#04x}")
-        raise HapnetError(f"no servo {servo} answers at {self.port.path}: has it power, and {self.baud} bits a second?")
+        raise HapnetError(f"no answer of servo {servo} at {self.port.path}: check its power and baud ({self.baud})")
 
     def _answers(self, servos: Sequence[int], size: int, seconds: float) -> dict[int, Reply]:
-        """As they come; they come in order, so nobody is waited for after the last one."""
+        """Collect answers until that of the last servo, as they come in order, or until the time is over."""
         until = time.monotonic() + seconds
         found: dict[int, Reply] = {}
         while servos[-1] not in found and (left := until - time.monotonic()) > 0.0:

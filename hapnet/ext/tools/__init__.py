@@ -1,1 +1,1 @@
-"""Tools: a handle that turns as well as moves, and its contacts."""
+"""Rigid tools with six degrees of freedom, and their contacts."""

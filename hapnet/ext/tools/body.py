@@ -10,13 +10,13 @@ where W is the angular velocity in the body's axes, in which I is diagonal, and 
 
     (W1 . I W1 - W0 . I W0)/2 = T sum f_j . (w x Pm_j) = f . (x1 - x0)
 
-so a step makes and loses no energy whatever the force f (12,) is, and a free body keeps its angular momentum R I W
+so a step neither makes nor loses energy for any force f (12,), and a free body keeps its angular momentum R I W
 (Simo, Wong, Int. J. Numer. Meth. Engng 31, 1991). A spring K and a damper B along the coordinates act at the middle:
 ``f = push - K (xm - y) - B (x1 - x0)/T``. So do planes that touch points of the body: a point moves as the coordinates
 do, ``p = c + sum a_j P_j/l``, so a plane's law of its depth (`hapnet.plant.worlds.coupled`) is one of the coordinates.
 
-The point c is the centre of mass, and the arms lie along the principal axes. Newton's method finds u and w; a step in
-which it does not end is for the caller to halve.
+The point c is the centre of mass, and the arms lie along the principal axes. Newton's method finds u and w; if it does
+not converge, the caller should halve the step.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from hapnet.plant.worlds.coupled import eliminate, force as push_of
 from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
 MOST = 128
-"""The most planes in a step."""
+"""The greatest number of planes in a step."""
 
 ROUNDS = 60
-"""Most rounds of a step; 3 to 5 are usual."""
+"""The greatest number of Newton rounds in a step; 3 to 5 are usual."""
 
 GROWTHS = 6
-"""A step whose rounds change more than the ones before so often is not found."""
+"""The number of rounds with a growing change after which a step counts as not found."""
 
 _NONE = 3e-16
 """Changes below this share of the velocities are rounding."""
 
 _SLOW = 1e-6
-"""A velocity that is as good as none [m/s]."""
+"""A negligible velocity [m/s]."""
 
 _SMALL = 1e-9
-"""Changes below this share of the velocities shrink until rounding ends that: then the step is found."""
+"""Below this share of the velocities changes should shrink; when rounding stops that, the step is found."""
 
 
 class Touched(Record):
@@ -68,7 +68,7 @@ class Touched(Record):
 
 
 class RigidBody(Record):
-    """A rigid body: its state, and what a step finds.
+    """A rigid body: its state, and the results of a step.
 
     mass : m [kg]. inertia : I about the arms' axes [kg m^2]. arm_m : l. x : the coordinates [m]. stiffness [N/m],
     damping [Ns/m] : K and B of the spring that holds it, along the point's coordinates; arms_... : along the arms'.
@@ -110,7 +110,7 @@ class RigidBody(Record):
 
     @property
     def kinetic(self) -> float:
-        """[J]"""
+        """Its kinetic energy [J]."""
         return kinetic(self)
 
     @property
@@ -119,7 +119,7 @@ class RigidBody(Record):
         return momentum(self)
 
     def hold(self, stiffness: float, damping: float, arms_stiffness: float, arms_damping: float) -> None:
-        """Hold it by this spring from now on, as the attributes."""
+        """Set the spring and damper that hold it, as for the attributes."""
         self.stiffness, self.damping = stiffness, damping
         self.arms_stiffness, self.arms_damping = arms_stiffness, arms_damping
 
@@ -135,7 +135,7 @@ def kinetic(body: RigidBody) -> float:
 
 @equation
 def momentum(body: RigidBody) -> tuple[float, float, float]:
-    """R I W."""
+    """The angular momentum R I W."""
     about, spin = body.inertia, body.spin
     return in_world(body.x, body.arm_m, (about[0] * spin[0], about[1] * spin[1], about[2] * spin[2]))
 
@@ -171,7 +171,7 @@ def turn(body: RigidBody, dt: float, w: Reals) -> None:
         p, q, r = arm(x, length, j)
         along = a0 * p + a1 * q + a2 * r
         i = 3 + 3 * j
-        # Pm - P, so that a body which does not turn stays where it is to the bit
+        # add Pm - P, so that a body that does not turn keeps its arms bit for bit
         d0 = share * ((a1 * r - a2 * q) + a0 * along - (a0 * a0 + a1 * a1 + a2 * a2) * p)
         d1 = share * ((a2 * p - a0 * r) + a1 * along - (a0 * a0 + a1 * a1 + a2 * a2) * q)
         d2 = share * ((a0 * q - a1 * p) + a2 * along - (a0 * a0 + a1 * a1 + a2 * a2) * r)
@@ -181,7 +181,7 @@ def turn(body: RigidBody, dt: float, w: Reals) -> None:
 
 @equation
 def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> bool:
-    """Move the body by a step of `dt` [s]; false: it was not found, and the body is where it was.
+    """Move the body by a step of `dt` [s]; false: no step was found, and the body has not moved.
 
     push : constant force (12,) [N]. y : set-position (12,) of the spring that holds it [m].
     """
@@ -214,7 +214,7 @@ def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> 
 
 @equation
 def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> None:
-    """Compute the residual of the equations of u and w, and how it changes with both, for `eliminate`."""
+    """Compute the residual of the equations of u and w, and its Jacobian, for `eliminate`."""
     x, u, w, rows, middle, reach = body.x, body.mean, body.w, body.rows, body.middle, body.arm_m
     gain, half, stiffness, damping = 2.0 / dt, 0.5 * dt, body.stiffness, body.damping
     for i in range(DOF):
@@ -269,7 +269,7 @@ def _spin_on(body: RigidBody) -> None:
 
 @equation
 def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
-    """The part of a plane in `_balance`."""
+    """Add the part of a plane to `_balance`."""
     rows, u, w, n = body.rows, body.mean, body.w, planes.normals[k]
     r, half = in_world(body.middle, body.arm_m, planes.places[k]), 0.5 * dt
     turned, moved = cross(r, n), cross(w, r)
@@ -310,7 +310,7 @@ def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
 
 @equation
 def _arrive(body: RigidBody, dt: float) -> None:
-    """The state at the step's end."""
+    """Set the state at the step's end."""
     x, u, w = body.x, body.mean, body.w
     turn(body, dt, w)
     _spin_on(body)

@@ -1,11 +1,11 @@
-"""Contact of a rigid tool with rigid solids: the secant planes of `rigid_contacts`, one for each point that touches.
+"""Contact of a rigid tool with rigid solids: the secant planes of `rigid_contacts`, one for each touching point.
 
-Points are those of the tool at solids, and those of solids' edges at the tool (`edges.py`).
+The points are points of the tool that touch solids, and points of solids' edges that touch the tool (`edges.py`).
 
 A point p of the tool is linear in the pose's coordinates, so its plane is a plane there too, and the anchored energy of
-`hapnet.ext.solids.rigid_contacts` holds as it stands: at an onset the depths are set to the true ones, whose energy
-the planes' energy and a small reservoir E_c must pay for, else all are scaled; what dampers and friction dissipate
-refills E_c.
+`hapnet.ext.solids.rigid_contacts` applies unchanged: at an onset the depths are set to the true ones, if the
+planes' energy and a small reservoir E_c can pay for them, else all are scaled; energy that dampers and friction
+dissipate refills E_c.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from hapnet.records.record import zero
 from hapnet.records.vectors import added, dot
 
 CORRECTIONS = 4
-"""The most rounds in which secants are corrected; 1 is usual."""
+"""The greatest number of rounds that correct the secants; 1 is usual."""
 
 
 Met = tuple[Vector, Secant, Vector]
-"""A point of the tool, a solid near it, and where the point is at the step's start [m]."""
+"""A point of the tool, a solid near it, and the point's place at the step's start [m]."""
 
 
 class BodyState:
-    """Where a body is, so that it can begin again."""
+    """A saved state of a body, to repeat a step from."""
 
     def __init__(self, body: RigidBody) -> None:
         self.v = list(body.v)
@@ -55,7 +55,7 @@ class BodyState:
 class ToolContacts(Surroundings):
     """The surroundings of a tool; they keep the state of one contact, so they belong to one tool.
 
-    tool, solids : what touches what. arm_m : the length of the pose's arms [m].
+    tool, solids : may touch each other. arm_m : the length of the pose's arms [m].
     """
 
     dof: int = AXES
@@ -67,15 +67,15 @@ class ToolContacts(Surroundings):
             (point, secant)
             for point in tool.points
             for solid in self.solids
-            if not (tool.closed and isinstance(solid.shape, Sphere))  # it meets faces, edges and corners as one
+            if not (tool.closed and isinstance(solid.shape, Sphere))  # such a ball is a single point
             for secant in secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction)
         ]
         self._edges = edge_points(tool, self.solids, arm_m)
         self._rubs = any(solid.friction for solid in self.solids)
         self.energy_J: float = 0.0
-        """e + E_c after the last step."""
+        """The energy e + E_c after the last step [J]."""
         self.scale: float = 1.0
-        """s of the last onset; 1: its depths were the true ones."""
+        """The scale s of the depths at the last onset; 1: the true depths."""
         self.at: Vector = (0.0,) * AXES
         """The tool's pose after the last step (12,) [m]."""
 
@@ -86,7 +86,7 @@ class ToolContacts(Surroundings):
             raise InvalidParameter("start", tuple(position), allowed)
 
     def _pairs(self, position: Sequence[float]) -> list[Met]:
-        """All that may touch, with the tool at `position` (12,) [m]."""
+        """All pairs of a point and a solid that may touch, with the tool at `position` (12,) [m]."""
         points = [(point, secant, place(position, point, self.arm_m)) for point, secant in self._secants]
         return points + [(point, edge, x) for edge in self._edges for point, x in [edge.begin(position)]]
 
@@ -96,18 +96,18 @@ class ToolContacts(Surroundings):
         raise NotImplementedError("a tool is moved by its own mass")
 
     def stored_J(self, position: Sequence[float]) -> float:
-        """Energy in the planes' springs and in the reservoir after the last step, wherever that ended."""
+        """Energy in the planes' springs and in the reservoir after the last step, for any `position` [J]."""
         return self.energy_J
 
     def penetration(self, position: Sequence[float]) -> float:
-        found = 0.0
+        depth = 0.0
         for _, secant, x in self._pairs(position):
             if not secant.farther_than(0.0, x):
-                found = max(found, -secant.near(x).distance_m)
-        return found
+                depth = max(depth, -secant.near(x).distance_m)
+        return depth
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
-        """The deepest planes, in the pose's coordinates: as they act on a body that stays rigid."""
+        """The deepest planes, in the pose's coordinates, as they act on a rigid body."""
         made = []
         for distance, point, normal, secant in self.within(position, reach_m)[:MOST_PLANES]:
             r = in_world(position, self.arm_m, point)
@@ -132,7 +132,7 @@ class ToolContacts(Surroundings):
     def move(self, body: RigidBody, dt: float, ybar: Vector, push: Vector) -> tuple[Vector, float] | None:
         """Move the body by a step of `dt` [s] on the spring that holds it to `ybar`, under `push`, among the solids.
 
-        Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: the step was not found, and
+        Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: no step was found, and
         nothing has changed.
         """
         state, planes = BodyState(body), self._planes
@@ -145,7 +145,7 @@ class ToolContacts(Surroundings):
             self.energy_J = min(self.energy_J, ANCHOR_CEILING_J)
             return _STILL, 0.0
         self._anchor(met)
-        for left in range(CORRECTIONS, -1, -1):  # a step is the last that is done, with the planes that count
+        for left in range(CORRECTIONS, -1, -1):  # the last step stands, with its planes
             if not self._step(body, state, dt, ybar, push, met):
                 state.restore(body)
                 return None
@@ -171,9 +171,7 @@ class ToolContacts(Surroundings):
         return tuple(force), work
 
     def _meet(self, body: RigidBody, start: list[Met], met: list[Met]) -> bool:
-        """Find the planes that the displacement meets for the first time; return whether there are any. Is there
-        any?
-        """
+        """Append to `met` the planes that the displacement meets for the first time; return whether there are any."""
         before, known = len(met), {id(secant) for _, secant, _ in met}
         for point, secant, x in start:
             if id(secant) in known or len(met) == MOST:
@@ -184,7 +182,7 @@ class ToolContacts(Surroundings):
         return len(met) > before
 
     def _anchor(self, met: list[Met]) -> None:
-        """Scale the depths down if the energy for them is not there."""
+        """Scale the depths down if the energy does not suffice for them."""
         true_J = added(onset_J(secant) for _, secant, _ in met)
         self.scale = 1.0
         if true_J > self.energy_J:
@@ -194,7 +192,7 @@ class ToolContacts(Surroundings):
                     secant.depth *= self.scale
 
     def _step(self, body: RigidBody, state: BodyState, dt: float, ybar: Vector, push: Vector, met: list[Met]) -> bool:
-        """The step against these planes, first without friction, then with it."""
+        """Do the step against these planes, first without friction, then with it."""
         planes = self._planes
         planes.count = len(met)
         for k, (point, secant, _) in enumerate(met):
@@ -244,7 +242,7 @@ def rigid_plane(
     x: Sequence[float], arm_m: float, r: Sequence[float], normal: Vector, distance: float, stiffness: float,
     damping: float, speed: float = 0.0,
 ) -> Plane:  # fmt: skip
-    """A plane in the coordinates of a pose, as it acts on a body that stays rigid.
+    """A plane in the coordinates of a pose, as it acts on a rigid body.
 
     It touches the body at r (3,) from the pose's point, with the unit `normal` n (3,) into the solid, `distance` [m]
     away. Its gradient there is ``(n, a_j n/l)``; only the part along rigid motions does work:

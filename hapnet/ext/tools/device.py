@@ -1,6 +1,6 @@
 """A handle of six degrees of freedom in a simulated hand: a device of the twelve coordinates of a pose.
 
-`TurningHand` is a hand that turns what it holds: another hand's motion, with an orientation beside it.
+`TurningHand` is a hand that also turns: another hand's motion, with an orientation added.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hapnet.records.record import Reals, Record, equation, zero
 from hapnet.records.vectors import copy
 
 MOST_PARTS = 1024
-"""A step that is not found is cut into so many parts at most."""
+"""The greatest number of parts into which a step is cut if it is not found at once."""
 
 
 class Handle(Record):
@@ -37,8 +37,8 @@ class Handle(Record):
 
     Attributes
     ----------
-    held : the force that is held (12,) [N]. hand_force : mean in the last step (12,) [N], without that of its mass.
-    unsettled : steps that were not found, in which the handle rested where it was.
+    held : the force that is held (12,) [N]. hand_force : mean in the last step (12,) [N], without its mass's.
+    unsettled : number of steps that were not found, in which the handle did not move.
     """
 
     body: RigidBody
@@ -61,7 +61,7 @@ class Handle(Record):
 
 @equation
 def tick(handle: Handle, path: Sequence[Reals]) -> float:
-    """One tick, while the hand's reference goes from path[0] to path[1] [m]. Returns the hand's work [J]."""
+    """Do a tick, while the hand's reference goes from path[0] to path[1] [m]. Returns the hand's work [J]."""
     body, h, K, B, work = handle.body, handle.h, handle.hand_stiffness, handle.hand_damping, 0.0
     for done in range(handle.steps):
         share = (done + 0.5) / handle.steps
@@ -82,7 +82,7 @@ def tick(handle: Handle, path: Sequence[Reals]) -> float:
 
 @equation
 def _go_on(handle: Handle, h: float) -> None:
-    """Move the handle by a step of `h` [s], in parts if it is not found at once, and the hand's work in it."""
+    """Move the handle by a step of `h` [s], in parts if it is not found at once. Returns the hand's work [J]."""
     body, left, part, K, B = handle.body, h, h, handle.hand_stiffness, handle.hand_damping
     handle.hand_work = 0.0
     while left > 0.25 * part:
@@ -102,7 +102,7 @@ def _go_on(handle: Handle, h: float) -> None:
 
 @equation
 def _rest(body: RigidBody) -> None:
-    """The body stops where it is: a step that cannot be found costs its motion, which never makes energy."""
+    """Stop the body where it is, after a step that cannot be found: this takes energy and never makes any."""
     for i in range(3):
         body.velocity[i] = body.spin[i] = 0.0
     for i in range(AXES):
@@ -136,7 +136,7 @@ class SimulatedHandle(SimulatedDevice):
         made.hand_share = hand.mass / whole
         made.hand_stiffness, made.hand_damping = hand.stiffness, hand.damping
         self.compiled: Callable[[Vector, Vector], float] | None = None
-        """Makes the ticks of `handle` in place of Python, for the hand's reference at a tick's begin and end."""
+        """A compiled tick of `handle`, for the hand's reference at its begin and end; None: Python runs the ticks."""
 
     @property
     def kinetic(self) -> float:
@@ -156,7 +156,7 @@ class SimulatedHandle(SimulatedDevice):
     def couple(
         self, stiffness: ArrayLike, damping: ArrayLike, set_position: Vector, spring_limit: float | None = None
     ) -> None:
-        """Refused: a handle's force is held from tick to tick."""
+        """Refuse: a handle's force is held from tick to tick."""
         raise InvalidParameter("device.servo", "continuous", "sampled with a pose")
 
     def _tick(self, begin: Vector, end: Vector) -> float:
@@ -167,15 +167,15 @@ class SimulatedHandle(SimulatedDevice):
         return work
 
     def _run(self, begin: Vector, end: Vector) -> float:
-        """A tick of the handle's record. Returns the hand's work in it [J]."""
+        """Do a tick of the handle's record. Returns the hand's work in it [J]."""
         return tick(self.handle, (begin, end)) if self.compiled is None else self.compiled(begin, end)
 
 
 RATES = (1.0, 0.73, 0.59)
-"""Of the three components of the rotation, in units of the frequency: no multiples of each other."""
+"""Frequencies of the three components of the rotation, relative to `turn_hz`: no multiples of each other."""
 
 _START_S = 1.0
-"""The hand begins to turn over so long a time."""
+"""The time in which the turning grows to its amplitude [s]."""
 
 
 class TurningHand(WrappedHand):
@@ -183,7 +183,7 @@ class TurningHand(WrappedHand):
 
     Its impedance along the pose's coordinates is that of `hand`, so K_h turns with ``2 K_h l^2`` Nm/rad.
 
-    hand : of three axes; one that a mouse leads does not turn. turn_rad : amplitude of each component of the rotation
+    hand : of three axes; a hand led by a mouse does not turn. turn_rad : amplitude of each component of the rotation
         vector [rad]. turn_hz : the frequency of the first. arm_m : l [m].
     """
 
@@ -212,7 +212,7 @@ _OF_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.d
 
 
 def for_all_coordinates(params: Params) -> Choice:
-    """Of a pose two numbers, in N/m and in Nm/rad (or Ns/m and Nms/rad), are one for each of its twelve coordinates."""
+    """Expand a pose's two numbers, in N/m and Nm/rad (or Ns/m and Nms/rad), to one for each of its coordinates."""
     found: dict[str, object] = {}
     for name in _OF_SPRINGS:
         value = params.get(name)

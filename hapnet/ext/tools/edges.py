@@ -1,9 +1,9 @@
 """The parts of solids that touch a tool's faces: points of their edges, and balls.
 
-Points of a tool at the distances of solids do not see an edge that lies between them. So it is done both ways, as with
-vertices and faces of two meshes: points that rest, at the distance of the tool's own box or cylinder. Where such a
-point lies on the tool, the tool's surface there moves into it along its normal. So in a step it is a plane at a point
-of the body as any other, and the energy of `hapnet.ext.tools.contacts` holds for it as it stands.
+Tests of a tool's points against solids miss a solid's edge that lies between these points. So contacts are found both
+ways, as with vertices and faces of two meshes: points at rest are tested against the tool's own box or cylinder, too.
+Where such a point lies on the tool, the tool's surface there moves into it along its normal. So in a step it is a plane
+at a point of the body like any other, and the energy of `hapnet.ext.tools.contacts` applies unchanged.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from hapnet.mechanics.curvature import across
 from hapnet.mechanics.pose import arm, in_world
 
 AROUND = 24
-"""Points of a circle: it lies at most 0.9 % of its radius beside them."""
+"""The number of points of a circle; they differ from it by at most 0.9 % of its radius."""
 
 _SPACING_M, _MOST = 0.005, 8
-"""Points of a straight edge are so far apart, or so many."""
+"""The distance of the points of a straight edge [m], and the greatest number of its parts."""
 
 
 class EdgePoint(Secant):
@@ -43,38 +43,38 @@ class EdgePoint(Secant):
         self._begun = Near(0.0, at)
 
     def begin(self, pose: Sequence[float]) -> tuple[Vector, Vector]:
-        """The tool's point that may touch, in its axes and where it is.
+        """The tool's point that may touch, in the tool's axes and in the world.
 
-        pose : of the tool (12,) [m]; what it becomes counts until the next call.
+        pose : of the tool (12,) [m], as a list whose later changes count until the next call.
         """
         self._pose = pose
         local = _in_body(pose, self._arm_m, self._at)
         distance, out = self._tool.near(local)
         share = distance if self._ball_m else 0.0
         self._point = (local[0] - share * out[0], local[1] - share * out[1], local[2] - share * out[2])
-        self._x, self._begun = place(pose, self._point, self._arm_m), self._seen(distance, out)
+        self._x, self._begun = place(pose, self._point, self._arm_m), self._in_world(distance, out)
         return self._point, self._x
 
     def near(self, x: Vector) -> Near:
-        """With the tool's point at `x` [m]: as it began there, or as the tool is turned now, moved there."""
+        """The distance with the tool's point at `x` [m], for the tool's orientation at the start or now."""
         if x == self._x:
             return self._begun
         here = place(self._pose, self._point, self._arm_m)
         a, b, c = self._at
         at = (a + here[0] - x[0], b + here[1] - x[1], c + here[2] - x[2])
-        return self._seen(*self._tool.near(_in_body(self._pose, self._arm_m, at)))
+        return self._in_world(*self._tool.near(_in_body(self._pose, self._arm_m, at)))
 
-    def _seen(self, distance: float, out: Vector) -> Near:
+    def _in_world(self, distance: float, out: Vector) -> Near:
         u, v, w = in_world(self._pose, self._arm_m, out)
         return Near(distance - self._ball_m, (-u, -v, -w))
 
     def farther_than(self, reach: float, x: Vector) -> bool:
-        """As it is known where it began; elsewhere nothing is known, as the tool turns."""
+        """Whether it is known to be farther than `reach`: only in its place at the start, as the tool turns later."""
         return x == self._x and self._begun.distance_m > reach
 
 
 def edge_points(tool: Tool, solids: Sequence[Solid], arm_m: float) -> list[EdgePoint]:
-    """Those of the solids, for a tool whose faces touch."""
+    """The edge points of the solids, for a tool with faces that touch."""
     form = tool.form
     if form is None:
         return []
@@ -84,7 +84,7 @@ def edge_points(tool: Tool, solids: Sequence[Solid], arm_m: float) -> list[EdgeP
 
 
 def points_of(shape: Shape) -> list[Vector]:
-    """Points of the edges of a shape [m]: of a box, a cylinder, the mouth of a hole. Others are taken to have none."""
+    """Points of the edges of a shape [m]: of a box, a cylinder, the mouth of a hole. Other shapes have none here."""
     if type(shape) is Cuboid:
         return _of_a_box(tuple(shape.centre), tuple(shape.size))
     if type(shape) is Cylinder:
@@ -111,7 +111,7 @@ def _circle(middle: Sequence[float], normal: Sequence[float], radius: float) -> 
 
 
 def _of_a_box(centre: Vector, size: Vector) -> list[Vector]:
-    """Its corners, and points between them."""
+    """The corners of a box, and points between them."""
     found: dict[Vector, None] = {}
     for axis, length in enumerate(size):
         parts = min(_MOST, ceil(length / _SPACING_M))
@@ -123,7 +123,7 @@ def _of_a_box(centre: Vector, size: Vector) -> list[Vector]:
 
 
 def _in_body(pose: Sequence[float], arm_m: float, at: Vector) -> Vector:
-    """Where a place `at` (3,) [m] is in the body's axes: ``R' (at - c)``."""
+    """The place `at` (3,) [m] in the body's axes: ``R' (at - c)``."""
     a, b, c = at[0] - pose[0], at[1] - pose[1], at[2] - pose[2]
     rods = [arm(pose, arm_m, j) for j in range(3)]
     return tuple([(a * rod[0] + b * rod[1] + c * rod[2]) / arm_m for rod in rods])

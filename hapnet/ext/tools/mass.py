@@ -14,7 +14,7 @@ from hapnet.mechanics.pose import AXES, nearest
 from hapnet.records.vectors import added, inner
 
 HALVINGS = 12
-"""A step is cut in half at most so often: then it turns by less than Newton's method asks for."""
+"""The greatest number of times that a step is halved: its turn is then small enough for Newton's method."""
 
 
 class ToolMass(Mass):
@@ -41,7 +41,7 @@ class ToolMass(Mass):
         self._hold(*self._own)
 
     def _hold(self, K: float, B: float, K_arms: float, B_arms: float) -> None:
-        """A spring and a damper for the steps from now on."""
+        """Set the spring and the damper for the next steps."""
         self._K, self._B = (K,) * 3 + (K_arms,) * 9, (B,) * 3 + (B_arms,) * 9
         self.body.hold(K, B, K_arms, B_arms)
 
@@ -71,35 +71,35 @@ class ToolMass(Mass):
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings) -> Step:
         self._hold(*self._own)
-        return self._made(dt, set_position, (0.0,) * AXES)
+        return self._step(dt, set_position, (0.0,) * AXES)
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
-        """The push is held along the coordinates: its torque turns with the tool."""
+        """Step under a push that is held along the coordinates: its torque turns with the tool."""
         self._hold(0.0, drag, 0.0, drag)
-        return self._made(dt, self.position, push)
+        return self._step(dt, self.position, push)
 
-    def _made(self, dt: float, ybar: Vector, push: Vector) -> Step:
-        """A step on the spring and damper that hold it, to `ybar`, and under `push`."""
+    def _step(self, dt: float, ybar: Vector, push: Vector) -> Step:
+        """Step with the spring and damper that hold the tool to `ybar`, and under `push`."""
         begun, before = self.position, self._potential(ybar)
         force, work, lost, pull = self._advance(dt, ybar, push, HALVINGS)
         moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
         velocity = tuple([part / dt for part in moved])
-        force = doing(work, force, moved)  # of a step that was cut: the mean force that does the same work
+        force = doing(work, force, moved)  # if the step was cut: the mean force that does the same work
         pull = doing(inner(push, moved) + before - self._potential(ybar) - lost, pull, moved)
         self.contacts.at = end = self.position
         return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
 
     def _potential(self, ybar: Vector) -> float:
-        """phi [J]."""
+        """The spring's energy phi [J]."""
         return 0.5 * added([k * (x - y) * (x - y) for k, x, y in zip(self._K, self.body.x, ybar, strict=True)])
 
     def _advance(self, dt: float, ybar: Vector, push: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
-        """Force of the solids (12,) [N] and its work [J], what the damper dissipated [J], and the coupling's force."""
+        """Step; returns the solids' force (12,) [N] and work [J], the damper's loss [J], and the coupling's force."""
         body = self.body
         found = self.contacts.move(body, dt, ybar, push)
         if found is None:
             if not halvings:
-                raise HapnetError(f"a step of {dt:g} s of the tool was not found")
+                raise HapnetError(f"no step of {dt:g} s was found for the tool")
             first = self._advance(0.5 * dt, ybar, push, halvings - 1)
             second = self._advance(0.5 * dt, ybar, push, halvings - 1)
             f, pull = (
@@ -115,7 +115,7 @@ class ToolMass(Mass):
 
 
 def _pair(name: str, value: ArrayLike) -> tuple[float, float]:
-    """The number of the point's coordinates, and that of the arms'."""
+    """The number for the point's coordinates, and the number for the arms'."""
     given = np.asarray(value, dtype=float)
     if given.shape != (AXES,):
         number = _number(name, value)

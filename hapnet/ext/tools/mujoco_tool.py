@@ -1,8 +1,8 @@
-"""A rigid tool in a MuJoCo model: a free body that only the virtual coupling moves, and what it touches.
+"""A rigid tool in a MuJoCo model: a free body, moved by the virtual coupling and by its contacts.
 
 The engine integrates it. Its coordinates are those of a pose (`hapnet.mechanics.pose`), counted from where it begins,
-and the coupling's force along them becomes force and torque at its centre. What `hapnet.ext.engines.engine_account`
-charges is that force times the way of the coordinates, whatever the engine did.
+and the coupling's force along them becomes force and torque at its centre. `hapnet.ext.engines.engine_account` charges
+that force times the displacement of the coordinates, whatever the engine did.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hapnet.mechanics.pose import ARM_M, AXES, DOF, coordinates, wrench
 from hapnet.units import POSE
 
 _MARGIN_M = 0.03
-"""Of the tool: the engine lists what is nearer than this."""
+"""The contact margin of the tool: the engine lists contacts that are nearer than this [m]."""
 
 _LIFT_M = 0.001
 
@@ -38,7 +38,7 @@ def mujoco_tool_world(text: str, scene: str, tool: Tool, min_s: float, max_s: fl
 
 
 class MujocoToolEngine(MujocoEngine):
-    """The model that `scene` names, with a tool in the hand. It begins upright at ``?at=``, or where it is free above.
+    """The model that `scene` names, with a tool in the hand. It begins upright at ``?at=``, or at a free place above.
 
     Raises InvalidParameter.
     """
@@ -79,29 +79,29 @@ class MujocoToolEngine(MujocoEngine):
         return (*moved.tolist(), *np.cross(spin, self._arms()).ravel().tolist())
 
     def inverse_mass(self) -> Array:
-        """Of a rigid body along the coordinates: it moves as its six degrees of freedom do."""
+        """The inverse mass of a rigid body along the coordinates, from its six degrees of freedom."""
         body = self.found.body
         turn = self._data.ximat[body].reshape(3, 3)
         lightness = (turn / self._model.body_inertia[body]) @ turn.T
         crossed = [np.cross(np.eye(3), arm).T for arm in self._arms()]  # w -> w x P
         spread = np.concatenate(crossed)
-        found = np.zeros((AXES, AXES))
-        found[:3, :3] = np.eye(3) / self._model.body_mass[body]
-        found[3:, 3:] = spread @ lightness @ spread.T
-        return found
+        matrix = np.zeros((AXES, AXES))
+        matrix[:3, :3] = np.eye(3) / self._model.body_mass[body]
+        matrix[3:, 3:] = spread @ lightness @ spread.T
+        return matrix
 
     def contact_force(self) -> Vector | None:
-        """Not known along the coordinates."""
+        """None: it is not known along the coordinates."""
         return None
 
     def depth(self) -> float:
-        """How deep the tool is in what it touches [m]."""
+        """The depth of the tool in the bodies that it touches [m]."""
         contacts, count = self._data.contact, self._data.ncon
         mine = (contacts.geom[:count] == self._first_geom).any(axis=1)
         return max(0.0, -float(contacts.dist[:count][mine].min())) if mine.any() else 0.0
 
     def place(self, position: Vector) -> bool:
-        """It stays where it is."""
+        """Do nothing: the tool stays where it is."""
         return position == self.position()
 
     def _apply(self, force: Vector) -> None:
@@ -115,13 +115,13 @@ class MujocoToolEngine(MujocoEngine):
 
 
 class ToolPlanes(SpherePlanes):
-    """The planes where the tool touches, or nearly does: the engine's own contacts with it."""
+    """The planes of the engine's own contacts with the tool, touching or nearly."""
 
     def __init__(self, found: MujocoModel, *, everything: bool = False) -> None:
         super().__init__(found, AXES, everything=everything)
 
     def around(self, position: Vector, reach_m: float) -> tuple[Plane, ...] | None:
-        """At most four, the deepest first. None: it touches what no plane describes."""
+        """At most four planes, the deepest first. None: the tool touches a body that no plane describes."""
         data, planes = self._found.data, list[tuple[float, Plane]]()
         centre = data.xpos[self._found.body]
         for i in range(data.ncon):

@@ -1,11 +1,11 @@
-"""A device of three axes that says how its handle is turned, as a device of a pose's twelve coordinates.
+"""A device of three axes with a measured orientation, as a device of a pose's twelve coordinates.
 
 Most such devices give no torque. Then the force along the arms' coordinates is cut before it reaches the device, and
-the account counts what is left: the world's answer to a turn is seen, and not felt. A driver with a method
-``apply_wrench(force, torque)`` gives both.
+the account counts the rest: the world's response to a turn is visible, and not felt. A driver with a method
+``apply_wrench(force, torque)`` renders both.
 
-A torque that a device holds along the world's axes works as much as the force along the coordinates that it is counted
-as, up to the square of the angle of a tick over 6: 4e-6 of the work at 5 rad/s.
+A device holds a torque along the world's axes, and it is counted as a force along the coordinates. The work differs by
+the square of a tick's angle over 6: by 4e-6 of it at 5 rad/s.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates, coordinates, w
 from hapnet.units import POSE
 
 _FARTHEST = 2.5
-"""The ends of the arms lie within so many times their length from home; twice is the diameter of what they reach."""
+"""The workspace of the arms' ends, in arm lengths; they reach at most 2 from home."""
 
 
 class Posed:
-    """The driver `device` of three axes, as one of twelve. What it has besides goes through.
+    """The driver `device` of three axes, as a driver of twelve; all other attributes are passed through.
 
     clock : monotonic [s]. arm_m : the length of the pose's arms [m].
 
-    Raises InvalidParameter: the driver does not say how the handle is turned.
+    Raises InvalidParameter: the driver does not report the handle's orientation.
     """
 
     dof: int = AXES
     units: str = POSE
     contact_force: None = None
-    """Hides the driver's, which says no torque."""
+    """Hides the driver's contact force, which has no torque."""
 
     def __init__(
         self, device: Any, name: str, clock: Callable[[], float] = time.monotonic, arm_m: float = ARM_M
@@ -55,11 +55,11 @@ class Posed:
         return getattr(self._device, name)
 
     def read(self) -> tuple[Vector, Vector]:
-        """The pose's coordinates [m] and their velocity [m/s]: that of the arms is a quotient of differences."""
+        """The pose's coordinates [m] and their velocity [m/s], for the arms by a difference quotient."""
         (position, velocity), now = self._device.read(), self._clock()
         quaternion = self._device.orientation()
         if quaternion is None:
-            raise HapnetError("it does not say how its handle is turned")
+            raise HapnetError("it does not report how its handle is turned")
         x = coordinates(position, quaternion, self._arm_m)
         turned: Vector = (0.0,) * (AXES - 3)
         if self._x and (span := self._interval() or now - self._at_s) > 0.0:
@@ -73,7 +73,7 @@ class Posed:
         return span
 
     def apply(self, force: Vector) -> Vector | None:
-        """Hold this force (12,) [N] along the coordinates; returns the one that is really applied, if it is known."""
+        """Hold this force (12,) [N] along the coordinates; returns the force really applied, if it is known."""
         if not self.gives_torque:
             applied = self._device.apply(force[:3])
             return None if applied is None else (*applied, *(0.0,) * (AXES - 3))
@@ -87,7 +87,7 @@ class Posed:
         return along_coordinates(self._x, push, torque, self._arm_m)
 
     def orientation(self) -> None:
-        """Not sent beside the stream: the pose has it."""
+        """None: it is not sent as a signal, as the pose contains it."""
         return
 
     def acted(self) -> Vector | None:

@@ -1,7 +1,7 @@
 """Worlds of a rigid tool with six degrees of freedom, from text: ``tool:peg?radius=5mm + hole?radius=5.2mm``.
 
-The first part is the tool and its size, the others are solids, in the words of `hapnet.ext.solids.rigid`. A tool
-alone is free.
+The first part is the tool and its size, the others are solids, in the syntax of `hapnet.ext.solids.rigid`. A tool
+without solids moves freely.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from hapnet.units import POSE
 
 KIND = "tool"
 FIRST_WORDS = (KIND,)
-"""Of texts that describe such a world."""
+"""The first words of texts that describe such a world."""
 
 _HALVINGS = 12
 
@@ -45,13 +45,13 @@ TOOLS: dict[str, tuple[Callable[[Properties], Tool], str]] = {
     "peg": (lambda given: peg(given.length("radius", 0.005), given.length("length", 0.03)), "radius=5mm, length=30mm"),
     "stick": (lambda given: stick(given.length("length", 0.08)), "length=80mm"),
 }
-"""The tools by name: how each is made, and the help on its properties."""
+"""The tools by name: the function that makes the tool, and the help on its properties."""
 OFFERED = tuple((f"{KIND}:{name}", words) for name, (_, words) in TOOLS.items())
 """The worlds that need no file, each with the help on its properties."""
 
 
 class ToolScene(WorldDefaults):
-    """A world in which the proxy is a rigid tool, among solids that rest. It is used for one run.
+    """A world in which the proxy is a rigid tool, among solids at rest. An object serves one run.
 
     name : in summaries and figures. tool : it starts at home. solids : may be none. min_s, max_s : range of the step
     time T_k [s], which is drawn uniformly. arm_m : the length of the pose's arms [m].
@@ -93,7 +93,7 @@ class ToolScene(WorldDefaults):
         return ToolPicture(self.contacts)
 
     def towards(self, position: Vector) -> Vector:
-        """The pose nearest to `position`, or the farthest one on the way there from the start that is free."""
+        """The pose nearest to `position`, or else the farthest free pose on the way there from the start."""
         low, high, path = 0.0, 1.0, position
         if self._is_free(found := nearest(position, self.arm_m)):
             return found
@@ -116,7 +116,7 @@ def tool_scene(
     step_min_s: float = STEP_MIN_S,
     step_max_s: float = STEP_MAX_S,
 ) -> World:
-    """The world that `text` describes (see above); `stiffness` and `damping` are those of solids that name none."""
+    """The world that `text` describes (see above); `stiffness` and `damping` are the defaults of solids."""
     if dof not in (DOF, AXES):
         raise InvalidParameter("dof", dof, f"{DOF} with a tool: it turns")
     first, *others = parts_in(text)
@@ -153,9 +153,9 @@ def tool_of(spec: str) -> Tool:
 
 
 def seen_by_the_hand(scene: World) -> Scene:
-    """The scene as a hand that moves a point knows it: a wall where the point would meet the first solid.
+    """The scene for a generated hand that moves a point: a wall where the point would meet the first solid.
 
-    Of an engine's world it knows nothing, and presses down.
+    For an engine's world it is a floor, as the solids are not known.
     """
     if not isinstance(scene, ToolScene):
         return Scene(scene.name, 3, (Wall((0.0, 0.0, -1.0), 1.0, WALL_STIFFNESS),))
@@ -167,7 +167,7 @@ def seen_by_the_hand(scene: World) -> Scene:
 
 
 def builder(text: str) -> Callable[..., World] | None:
-    """A function that makes the world that `text` describes; None: it describes none with a tool."""
+    """A function that makes the world that `text` describes; None: the text describes no world with a tool."""
     kinds = [kind_of(part)[0] for part in parts_in(text)]
     if KIND in kinds[1:]:
         raise InvalidParameter("scene", text, "the tool first, as in tool:peg + plane")
@@ -178,7 +178,7 @@ TOOL: Color = (234, 88, 12, 230)
 
 
 class ToolPicture(StillDefaults):
-    """The solids at rest, and the tool where the last step left it."""
+    """A picture of the solids at rest, and of the tool after the last step."""
 
     def __init__(self, contacts: ToolContacts) -> None:
         self._contacts = contacts
@@ -195,7 +195,7 @@ class ToolPicture(StillDefaults):
         return np.array([[*place, *quaternion]])
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """Where the tool is inside solids."""
+        """The places where the tool is inside solids."""
         if not any(force) or len(position) != self._contacts.dof:
             return []
         found = []

@@ -1,4 +1,4 @@
-"""A rigid tool: points of its surface that touch solids, its mass and inertia, and how it is drawn."""
+"""A rigid tool: points of its surface that touch solids, its inertia, and its shape in pictures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.solids.shapes import Cuboid, Cylinder, Shape
 
 MOST_POINTS = 128
-"""Of a tool."""
+"""The greatest number of points of a tool."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class Tool:
     """A rigid tool. The pose's point is its centre of mass, and its principal axes are the pose's arms.
 
     points : of its surface, (N, 3) [m] from the centre: only these touch. size : of the box that is drawn [m].
-    round : it is a cylinder along z instead. closed : edges of solids touch the faces of this box or cylinder, too.
+    round : whether it is a cylinder along z instead. closed : whether solids' edges touch its faces, too.
     inertia : about its axes (3,) [kg m^2]; None: that of a box of this size with the world's virtual mass, but at least
-        what that mass has at the ends of the pose's arms.
+        that of this mass at the ends of the pose's arms.
 
     Raises InvalidParameter.
     """
@@ -45,7 +45,7 @@ class Tool:
 
     @property
     def form(self) -> Shape | None:
-        """Its surface, in its axes; None: only its points touch."""
+        """The tool's surface, in its axes; None: only its points touch."""
         if not self.closed:
             return None
         width, _, length = self.size
@@ -78,7 +78,7 @@ def stick(length: float) -> Tool:
 
 
 def place(x: Sequence[float], point: Sequence[float], arm_m: float, *, home: bool = True) -> Vector:
-    """``c + sum a_j P_j/l`` of a place `point` in the body's axes [m]; `home` off: of velocities x."""
+    """``c + sum a_j P_j/l`` of a place `point` in the body's axes [m]; if `home` is false, x are velocities."""
     a, b, c = (part / arm_m for part in point)
     p, q, r = point if home else (0.0, 0.0, 0.0)
     return (

@@ -180,7 +180,7 @@ def test_undo_is_exact() -> None:
 def test_without_its_energy_it_gives_back_no_more_than_it_got() -> None:
     """A bead that is thrown by hand gives its kinetic energy back; one that was thrown by nobody gives nothing."""
     world, mass = made(thrown := Bare())
-    assert any("does not say its energy" in line for line in world.warnings)
+    assert any("does not report its energy" in line for line in world.warnings)
     thrown.v = 1.0
     world.account.look()
     works = np.cumsum([-mass.step(0.001, (0.0,)).work_J for _ in range(50)])

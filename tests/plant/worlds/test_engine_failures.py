@@ -23,7 +23,7 @@ FAILS = {
     "Forgets": "restore() does not bring back the position",
     "TwoAxes": "velocity() gave (0.0, 0.0), not 1 numbers",
     "OneNumber": "energy_J() gave 0.0, not 2 numbers",
-    "Speeds": "slow() may take kinetic energy and nothing else",
+    "Speeds": "slow() may reduce kinetic energy and nothing else",
     "Words": "substep() gave ('a lot',), not 1 numbers",
     "Standing": "its substep_s is 0.0; allowed: 1e-05 s or more",
     "SilentPump": "its velocity is [",

@@ -93,7 +93,7 @@ def test_actuators_are_commanded_by_the_scenes_name_and_by_signals(tmp_path: Pat
     ("query", "words"),
     [
         ("?key=down", "key= a keyframe of the model (up, 1)"),
-        ("?ctrl=1,2", "ctrl= 1 numbers with commas, one an actuator (pull)"),
+        ("?ctrl=1,2", "ctrl= 1 numbers with commas, one for each actuator (pull)"),
         ("?ctrl=nan", "mujoco:FILE.xml"),
     ],
 )
