@@ -30,7 +30,7 @@ async def run(role: Literal["world", "device"], endpoint: str, link: str) -> Non
     summary = await RealtimeSide(prepare(params), role, zenoh).run(stop, 3.0)  # seconds from pairing; 0: no end
     own, sends = summary[role], summary["links"]["down" if role == "world" else "up"]
     if summary["duration_s"] is None or own is None or sends is None:
-        sys.exit(f"{role}: nobody came")
+        sys.exit(f"{role}: no peer came")
     half = own["ledger"]
     print(
         f"{role}: {summary['duration_s']:.1f} s, emulated delay {sends['delay_p50_ms'] or 0.0:.1f} ms, "

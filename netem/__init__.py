@@ -6,7 +6,7 @@ link.send(now_ns, item, size=64)
 for due_ns, item in link.poll(now_ns): ...
 link.next_due_ns
 
-`LinkProfile` describes what a link does. `Link` does it without clock or I/O, and `netem.aio.AsyncLink` on an
+`LinkProfile` describes a link's effects. `Link` applies them without clock or I/O, and `netem.aio.AsyncLink` on an
 asyncio loop. `Timeline` changes a link while it runs, and `expect` computes the statistics to expect.
 """
 

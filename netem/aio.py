@@ -140,7 +140,7 @@ class _LoopTimer:
 class AsyncLink(Generic[T]):
     """A `Link` on an asyncio loop: it passes each item to `deliver` when it is due, in the order of release.
 
-    link : the link to run; nobody else may poll it.
+    link : the link to run; no other code may poll it.
     deliver : called on the loop with each item. It may send. Its exceptions go to the loop's exception handler.
     clock : returns ns and advances as ``time.monotonic_ns`` does.
     loop : None: the running loop.
@@ -184,7 +184,7 @@ class AsyncLink(Generic[T]):
 
     @contextmanager
     def faults(self, timeline: Timeline | str) -> Iterator[None]:
-        """Change the link by a timeline that starts now; at the end of the block it is as it was before.
+        """Change the link by a timeline that starts now; the end of the block restores its profile.
 
         Raises ProfileError: the timeline's text is malformed.
         """

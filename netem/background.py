@@ -27,9 +27,9 @@ class BackgroundRelay:
             ...
 
     to : ``HOST:PORT`` or ``[IPV6]:PORT`` of the target.
-    up, down : words or a profile's name, from clients to target and back; None: `down` is as `up`.
-    protocol : what is relayed. listen : where clients send to; port 0: any free one.
-    seed : of both links, whose streams are independent.
+    up, down : words or a profile's name, from clients to target and back; None: `down` is the same as `up`.
+    protocol : the protocol to relay. listen : the address for clients; port 0: any free one.
+    seed : the seed of both links, whose streams are independent.
 
     Its methods may be called from any thread while it runs.
 
@@ -69,7 +69,7 @@ class BackgroundRelay:
 
     @property
     def address(self) -> SocketAddress:
-        """Where it listens, as the socket module has it."""
+        """The address where it listens, in the form of the socket module."""
         return self._relay.address
 
     @property
@@ -78,14 +78,14 @@ class BackgroundRelay:
         return self._on_loop(lambda: self._relay.stats)
 
     def change(self, up: str | None = None, down: str | None = None) -> None:
-        """Use other words from now on, without losing what is in flight; None: leave that direction as it is."""
+        """Use other words from now on, without losing messages in flight; None: leave that direction unchanged."""
         pairs = [(self._relay.up, up), (self._relay.down, down)]
         changes = [(link, LinkProfile.named(words)) for link, words in pairs if words is not None]
         self._on_loop(lambda: [link.change(profile) for link, profile in changes])
 
     @contextmanager
     def faults(self, timeline: Timeline | str) -> Iterator[None]:
-        """Change both directions by a timeline that starts now; at the end of the block they are as before."""
+        """Change both directions by a timeline that starts now; the end of the block restores their profiles."""
         timeline = Timeline.parse(timeline) if isinstance(timeline, str) else timeline
         block = ExitStack()
         self._on_loop(

@@ -159,7 +159,7 @@ class Forwarding:
         """A table."""
         each = [count / self.seconds for count in self.arrived]
         return [
-            f"UDP relay, {_PACKET} B in both directions at once for {self.seconds:.1f} s, {self.rate} per second asked",
+            f"UDP relay, {_PACKET} B in both directions at once for {self.seconds:.1f} s, {self.rate} per second",
             f"  {'sent up, down':32}{self.offered[0]:12}{self.offered[1]:12}",
             f"  {'arrived':32}{self.arrived[0]:12}{self.arrived[1]:12}",
             f"  {'arrived per second':32}{each[0]:12,.0f}{each[1]:12,.0f}",

@@ -91,9 +91,9 @@ class Effects:
     resend: Resend = None
 
     def compose(self, words: list[str] | None) -> LinkProfile:
-        """These options, and what is given as text or as a profile's name.
+        """Return the profile of these options and the words, which may be a profile's name.
 
-        Raises NetemError: one is not valid, or something is given twice.
+        Raises NetemError: an option is not valid, or a setting is given twice.
         """
         text, profile, *effects = " ".join(words) if words else None, *astuple(self)
         if text is not None and (text in PRESETS or text in ALIASES) and profile is None:
@@ -115,12 +115,12 @@ class Relaying:
     json_to: JsonTo = None
 
     def directions(self, both: LinkProfile) -> tuple[LinkProfile, LinkProfile]:
-        """The profiles of uplink and downlink; NetemError if one is not valid."""
+        """Return the profiles of uplink and downlink. Raises NetemError: a profile is not valid."""
         return _direction("up", self.up, both), _direction("down", self.down, both)
 
 
 class Mode(StrEnum):
-    """How a Zenoh session takes part in its network."""
+    """The role of a Zenoh session in its network."""
 
     PEER = "peer"
     CLIENT = "client"
@@ -373,13 +373,13 @@ def main(argv: list[str] | None = None) -> int:
         if format_message is None:
             raise
         context = getattr(error, "ctx", None)
-        asked = "netem" if context is None else context.command_path
-        return output.fail(f"{format_message().rstrip('.')}; see {asked} --help")
+        command = "netem" if context is None else context.command_path
+        return output.fail(f"{format_message().rstrip('.')}; see {command} --help")
     return code if isinstance(code, int) else 0
 
 
 def _complete() -> int:
-    """Answer a shell that asks for completions or its script, as the environment says. Print nothing else."""
+    """Print the completions or the script that a shell requests by the environment, and nothing else."""
     warnings.simplefilter("ignore")
     with suppress(Exception):
         app(args=[], prog_name="netem", standalone_mode=False)

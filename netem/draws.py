@@ -26,14 +26,14 @@ _FIELDS = {
 _STREAM_KEYS = {name: (0x6E6574656D, index) for index, name in enumerate((*_FIELDS, "bit", "csv", "resend"))}
 
 _OTHERS = (0x6E6574656D, 0x6F74686572)
-"""The same for a further impairment, before the letters of its word."""
+"""The start of the key of a further impairment's stream, before the letters of its word."""
 
 
 class Fates(NamedTuple):
     """The draws of several messages, one element per message.
 
-    lost : is it lost at its first offer? ahead : may it be sent ahead? delay_ns : its delay. luck : the draw in [0, 1)
-    that decides how many of its resends are lost.
+    lost : whether it is lost at its first offer. ahead : whether it may be sent ahead. delay_ns : its delay.
+    luck : the draw in [0, 1) that decides how many of its resends are lost.
     """
 
     lost: NDArray[np.bool_]
@@ -53,7 +53,7 @@ class Draws:
         self.each = chain.from_iterable(block.tolist() for block in blocks)
 
     def many(self, taken: int, count: int) -> NDArray[Any]:
-        """The next `count` draws; `taken` messages already have theirs."""
+        """The next `count` draws; `taken` messages already have their draws."""
         parts = []
         while count:
             left = (self._before - taken) % models.BLOCK  # draws left in the current block
@@ -68,8 +68,8 @@ class Streams:
 
     Attributes
     ----------
-    others : what the further impairments do to a message. twice : those of them that say which are offered twice.
-    next : for the next message: is it lost, is it corrupted, may it be sent ahead, its delay [ns], its luck (see
+    others : the further impairments' actions on a message. twice : their decisions which messages are offered twice.
+    next : for the next message: whether it is lost, corrupted, and may be sent ahead, its delay [ns], its luck (see
         `Fates`). next_bit : which bit of a corrupted message is flipped, in [0, 1). next_chance : the draw in [0, 1)
         that is compared with the loss of a trace of conditions. next_slot : the time to the next slot [ns], if the
         profile has slots.
@@ -103,9 +103,9 @@ class Streams:
             self.next_chance = Draws(models.fractions(self._generators["csv"]), 0).each.__next__
         self._profile = profile
         if previous is None or profile.others != previous.others:
-            self.others = tuple([one.acting(self._of(one.word())) for one in profile.others])
-            asked = [one.twice(self._of(one.word())) for one in profile.others]
-            self.twice = tuple([one for one in asked if one is not None])
+            self.others = tuple([each.acting(self._of(each.word())) for each in profile.others])
+            decisions = [each.twice(self._of(each.word())) for each in profile.others]
+            self.twice = tuple([each for each in decisions if each is not None])
         new = {effect for effect in _FIELDS if _changed(effect, profile, previous)}
         if previous is None or (profile.resend is None) != (previous.resend is None):
             new.add("resend")
@@ -118,13 +118,13 @@ class Streams:
         return new
 
     def _of(self, word: str) -> Generator:
-        """The generator of a further impairment: it goes on where the impairment gets other parameters."""
+        """The generator of a further impairment, which goes on when the impairment's parameters change."""
         if word not in self._generators:
             self._generators[word] = _generator(self._seed, self._profile_seed, (*_OTHERS, *word.encode()))
         return self._generators[word]
 
     def many(self, taken: int, count: int) -> Fates:
-        """The draws of the next `count` messages; `taken` messages already have theirs."""
+        """The draws of the next `count` messages; `taken` messages already have their draws."""
         return Fates(*(self._draws[effect].many(taken, count) for effect in ("loss", "reorder", "delay", "resend")))
 
     def put_back(self, fates: Fates) -> None:

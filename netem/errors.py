@@ -12,7 +12,7 @@ class NetemError(ValueError):
 def unknown(what: str, value: object, known: Iterable[str]) -> str:
     """``unknown profile '4gg'; did you mean 4g?``; empty if no name in `known` is nearly `value`.
 
-    what : what it should name, with where it stands before a colon: ``"spec.toml: parameter"``.
+    what : the kind of name, after its place and a colon if there is one: ``"spec.toml: parameter"``.
     """
     from difflib import get_close_matches  # only an error needs it
 
@@ -27,10 +27,10 @@ def unknown(what: str, value: object, known: Iterable[str]) -> str:
 class ProfileError(NetemError):
     """A value in a link profile is not allowed.
 
-    word : the word of the profile, as its user knows it (``"delay"``, ``"loss gemodel"``).
+    word : the word of the profile, as its user writes it (``"delay"``, ``"loss gemodel"``).
     value : the value given.
-    allowed : a text that says what is allowed.
-    known : the names that are allowed, where the value is a name: the message has those that are nearly the same.
+    allowed : a text that describes the allowed values.
+    known : the allowed names, if the value is a name: the message has the most similar of them.
     """
 
     def __init__(self, word: str, value: object, allowed: str, known: Iterable[str] = ()) -> None:

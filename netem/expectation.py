@@ -18,7 +18,7 @@ from netem.profile import LinkProfile
 class Expectation:
     """Long-run figures; the names are those that `LinkStats` uses for the achieved ones.
 
-    `loss`, `recovered` and `sent_ahead` are shares of the messages offered, `duplicated` that of the copies in them;
+    `loss`, `recovered` and `sent_ahead` are shares of the messages offered, `duplicated` is the share of copies;
     `resent` is the number of resends per message offered. `mean_loss_burst` is None without loss, or if it depends on
     the traffic's pace (``csv``) or on an impairment of `netem.impairments`. `sent_ahead` neglects that losses weaken a
     correlation beyond a gap. The delays are those of the words `delay`, `csv`, `resend` and `reorder`, and of
@@ -49,10 +49,10 @@ def expect(profile: LinkProfile) -> Expectation:
     shares, lost = _fates(profile)
     number = np.arange(len(shares))
     resent, recovered = float(shares @ number) + lost * (len(shares) - 1), float(shares[1:].sum())
-    added = [one.expected() for one in profile.others]
+    added = [each.expected() for each in profile.others]
     for loses, _, _ in added:
         shares, lost = shares * (1.0 - loses), lost + float(shares.sum()) * loses
-    copies = sum(one.copies for one in profile.others)
+    copies = sum(each.copies for each in profile.others)
     arrived = float(shares.sum())
     ahead = _ahead(profile)
     delays = models.delay_quantiles(profile) * 1e-6
@@ -107,7 +107,7 @@ def _fates(profile: LinkProfile) -> tuple[NDArray[np.float64], float]:
 
 
 def _fates_at(profile: LinkProfile, chance: float) -> tuple[list[float], float]:
-    """As `_fates`, if a trace loses a message with the probability `chance`."""
+    """The result of `_fates`, if a trace loses a message with the probability `chance`."""
     loss = 0.0 if profile.loss is None else share_and_run(profile.loss)[0]
     lost = loss + chance - loss * chance
     shares, before = [1.0 - lost], 1.0

@@ -14,9 +14,9 @@ _KEPT = 16
 
 
 def read_once(read: Callable[Concatenate[str, P], T]) -> Callable[Concatenate[str, P], T]:
-    """`read`, whose first argument is a file's name: what it returned is kept as long as the file does not change.
+    """Cache `read`, whose first argument is a file's name: a result is kept as long as the file does not change.
 
-    What it returns must not be changed by anybody. Its errors are not kept.
+    No caller may change a result. Errors are not kept.
     """
 
     def of_version(_: tuple[int, ...], path: str, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -26,10 +26,10 @@ def read_once(read: Callable[Concatenate[str, P], T]) -> Callable[Concatenate[st
 
     def read_unless_kept(path: str, /, *args: P.args, **kwargs: P.kwargs) -> T:
         try:
-            found = os.stat(path)
+            status = os.stat(path)
         except (OSError, ValueError):
-            return read(path, *args, **kwargs)  # which says what is wrong
-        return kept((found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size), path, *args, **kwargs)
+            return read(path, *args, **kwargs)  # which raises the right error
+        return kept((status.st_dev, status.st_ino, status.st_mtime_ns, status.st_size), path, *args, **kwargs)
 
     update_wrapper(read_unless_kept, read)
     return read_unless_kept

@@ -1,4 +1,4 @@
-"""The base of a link's further impairments: the words, the parameters, and what happens to a message."""
+"""The base of a link's further impairments: the words, the parameters, and the action on a message."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:  # a profile needs no numpy
     from numpy.random import Generator
 
 Acting = Callable[[int, int], int | None]
-"""Asked once for each message that reaches it, with the time [ns] and the message's size in bytes (0: not known).
+"""Called once for each message that reaches it, with the time [ns] and the message's size in bytes (0: not known).
 
-The delay that it adds [ns], 0 or above; None: the message is lost.
+It returns the delay that it adds [ns], 0 or above; None: the message is lost.
 """
 
 
 Twice = Callable[[], bool]
-"""Asked once for each message, before all else: is it offered twice?"""
+"""Called once for each message, before all effects; it returns whether the message is offered twice."""
 
 
 class Impairment(ABC):
-    """An impairment with its parameters, as a profile has it: a frozen dataclass, so that profiles compare."""
+    """An impairment in a profile, with its parameters: a frozen dataclass, so that profiles can be compared."""
 
     @classmethod
     def word(cls) -> str:
@@ -33,25 +33,25 @@ class Impairment(ABC):
     @classmethod
     @abstractmethod
     def read(cls, words: Words) -> Self:
-        """From what stands behind its word. Raises ProfileError."""
+        """Read the values after its word. Raises ProfileError."""
 
     @abstractmethod
     def __str__(self) -> str:
-        """Its word and what stands behind: what `read` reads."""
+        """Its word, and the values that `read` reads."""
 
     @abstractmethod
     def acting(self, rng: Generator) -> Acting:
         """Return its action on messages, with draws of its own."""
 
     def twice(self, rng: Generator) -> Twice | None:
-        """Which messages it offers twice, with the same draws as `acting`; None: it never does."""
+        """Return its decision which messages are offered twice, with the same draws as `acting`; None: none are."""
         return None
 
     @property
     def copies(self) -> float:
-        """In the long run: the share of messages that it offers twice."""
+        """The long-run share of messages that it offers twice."""
         return 0.0
 
     @abstractmethod
     def expected(self) -> tuple[float, float, float]:
-        """In the long run: the share that it loses, and mean and standard deviation of the delay that it adds [ns]."""
+        """The long-run share of messages that it loses, and mean and standard deviation of the delay it adds [ns]."""

@@ -18,11 +18,11 @@ class RateLine:
         self.rate_bit_s, self.overhead = profile.rate_bit_s, profile.overhead
         self.cell_size, self.cell_overhead = profile.cell_size, profile.cell_overhead
         self.free_ns = free_ns
-        self.size = -1  # of the last message: many have the same, so its time is kept
+        self.size = -1  # of the last message; its time is kept, as many messages have the same size
         self.takes_ns = 0
 
     def release_ns(self, ready_ns: int, size: int) -> int:
-        """When a message of `size` bytes has crossed the line, if it is ready at `ready_ns`, behind all others."""
+        """The time at which a message of `size` bytes, ready at `ready_ns`, has crossed the line after all others."""
         return release_ns(self, ready_ns, size)
 
 

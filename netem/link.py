@@ -1,4 +1,4 @@
-"""One direction of a link, without clock or I/O: items go in, and come out if and when the profile lets them.
+"""One direction of a link, without clock or I/O: items go in, and come out when the profile's effects release them.
 
 The order of effects is tc-netem's: loss (and `netem.impairments`), corruption, limit, reordering, delay, rate, slot.
 
@@ -59,17 +59,17 @@ class Link(Generic[T]):
 
     Attributes
     ----------
-    Only `netem.offering` uses these, and a caller that simulates many links at once: it takes a link's state and writes
-    it back.
+    Only `netem.offering` uses these, and a caller that simulates many links at once, which reads a link's state and
+    writes it back.
 
-    counters : the counts so far. streams : the draws. queue : messages in flight, a heap. line : with a rate or a
-    trace (`lined`). is_up : else it loses all messages offered to it.
-    resends : see `netem.resend`. in_order_ns : with ordered resends, nothing comes through before this time, and
-    last_due_ns : nothing arrives before this one.
+    counters : the counts so far. streams : the draws. queue : messages in flight, a heap. line : the line of a rate or
+    a trace (`lined`). is_up : if False, the link loses all messages offered to it.
+    resends : see `netem.resend`. in_order_ns : with ordered resends, no message passes the loss before this time.
+    last_due_ns : with ordered resends, no message arrives before this time.
     since_reorder : number of messages offered since the last one that was sent ahead.
-    gate : with slots; ready : due messages. later : messages that reach the line later than they were offered, if
-    there may be any (`beside`): (when, number, item, sent, size, delay). acts : whether there are further impairments.
-    has_traces : whether traces change the draws' results. limit, gap : of the profile.
+    gate : the gate of slots; ready : due messages. later : messages that reach the line later than they were offered,
+    if there may be any (`beside`): (when, number, item, sent, size, delay). acts : whether there are further
+    impairments. has_traces : whether traces change the draws' results. limit, gap : those of the profile.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Link(Generic[T]):
         self.gate: SlotGate[T] | None = None
         self.is_up = True
         self._flip = flip
-        self._conditions: tuple[ConditionTrace, int] | None = None  # and when it started
+        self._conditions: tuple[ConditionTrace, int] | None = None  # the trace and its start
         self._pending_delays = self.counters.delays.pending
         self._awaits_start = False
         self._configure(profile, _LONG_AGO, _LONG_AGO)
@@ -103,7 +103,7 @@ class Link(Generic[T]):
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next [ns]; None if nothing is in flight.
+        """The time to poll next [ns]; None if nothing is in flight.
 
         With slots, or with unordered resends on a line, a poll at that time may release nothing yet.
         """
@@ -124,7 +124,7 @@ class Link(Generic[T]):
     def passes(self) -> bool:
         """`send` and `poll` in one call, for a link without any effect and with nothing in flight.
 
-        True: a message counts as offered and delivered; deliver it. False: nothing has happened; use `send`.
+        True: the message is counted as offered and delivered; deliver it. False: nothing was counted; use `send`.
         """
         if len(self._pending_delays) >= DelayHistogram.PENDING:
             self.counters.delays.fold()
@@ -139,12 +139,12 @@ class Link(Generic[T]):
             size = _size_of(item, size)
         if self.streams.twice:
             self._copy(now_ns, item, size)
-        if len(self._pending_delays) >= DelayHistogram.PENDING:  # here and not in `poll`, where due messages would wait
+        if len(self._pending_delays) >= DelayHistogram.PENDING:  # not in `poll`, where due messages would wait for it
             self.counters.delays.fold()
         offer(self, now_ns, item, size or 0)
 
     def _copy(self, now_ns: int, item: T, size: int | None) -> None:
-        """Offer the item once more if an impairment says so; it is itself offered next."""
+        """Offer a copy of the item if an impairment requires it; the item itself is offered next."""
         twice, self.streams.twice = self.streams.twice, ()  # a copy is not copied again
         for again in [one() for one in twice]:
             if again:
@@ -155,7 +155,7 @@ class Link(Generic[T]):
     def under_conditions(
         self, now_ns: int, lost: bool, corrupt: bool, ahead: bool, delay_ns: int, luck: float
     ) -> tuple[bool, bool, bool, int, float]:
-        """A message's draws, with what a trace of conditions adds."""
+        """A message's draws, with the delay and loss that a trace of conditions adds."""
         if self._awaits_start:
             self._start_traces(None, now_ns, _LONG_AGO)
         if self._conditions is not None:
@@ -166,7 +166,7 @@ class Link(Generic[T]):
         return lost, corrupt, ahead, delay_ns, luck
 
     def taken_under_conditions(self, now_ns: int, luck: float) -> tuple[int, bool]:
-        """As `netem.resend.taken`, with a trace of conditions if there is one."""
+        """The result of `netem.resend.taken`, with a trace of conditions if there is one."""
         if self._conditions is None:
             return taken(self.resends, luck)
         conditions, start_ns = self._conditions
@@ -183,7 +183,7 @@ class Link(Generic[T]):
         return self._flip(item, lambda data: models.flip_bit(data, bit))
 
     def is_full(self, now_ns: int) -> bool:
-        """Whether as many messages are in flight as may be, when all that are due have left."""
+        """Whether the limit of messages in flight is reached, after all due messages have left."""
         self._settle(now_ns)
         return len(self.queue) + len(self.later) >= self.limit
 
@@ -200,7 +200,7 @@ class Link(Generic[T]):
         if now_ns - out[0][0] > counters.late_max_ns:
             counters.late_max_ns = now_ns - out[0][0]
         self.ready.clear()
-        if len(pending) >= 16 * DelayHistogram.PENDING:  # a link that is only polled, while nobody sends
+        if len(pending) >= 16 * DelayHistogram.PENDING:  # the link is only polled, while no message is sent
             counters.delays.fold()
         return out
 
@@ -220,7 +220,7 @@ class Link(Generic[T]):
         self._start_traces(previous, now_ns, free_ns)
 
     def down(self) -> None:
-        """From now on lose every item offered; items in flight still arrive."""
+        """Lose every item offered from now on; items in flight still arrive."""
         self.is_up = False
 
     def up(self) -> None:

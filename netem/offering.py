@@ -1,8 +1,8 @@
 """The path of a message that is offered to a link: the effects in their order, as functions of the link's state.
 
-They use a link's attributes, numbers and one another only. So hapnet compiles them as they stand, for links whose
-messages are records, where it simulates thousands of runs. What only a link of any items can do, the functions at the
-end ask the link for; compiled code has others in their place.
+They use only a link's attributes, numbers and one another. So hapnet compiles them unchanged, for links whose messages
+are records, where it simulates thousands of runs. The functions at the end call methods of a link of any items;
+compiled code has other functions in their place.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def offer(link: Link[Any], now_ns: int, item: Any, size: int) -> None:
 
 
 def passes(link: Link[Any]) -> bool:
-    """Offer and deliver a message at once, if the link has no effect and nothing is in flight. False: nothing has
-    happened."""
+    """Offer and deliver a message at once, if the link has no effect and nothing is in flight. False: nothing was
+    counted."""
     if not (link.transparent and link.is_up) or is_under_way(link):
         return False
     link.counters.offered = link.counters.newest = link.counters.offered + 1
@@ -71,7 +71,7 @@ def passes(link: Link[Any]) -> bool:
 
 
 def leave(link: Link[Any], due_ns: int, order: int, offered_ns: int) -> None:
-    """The message with this number leaves the link."""
+    """Let the message with the number `order` leave the link."""
     arrive(link.counters, order)
     count_delay(link, due_ns - offered_ns)
 
@@ -92,7 +92,7 @@ def arrive(counters: Counters, order: int) -> None:
         counters.reordered += 1
 
 
-# -- what compiled code does otherwise --------------------------------------------------------------------------------
+# -- functions that compiled code replaces ----------------------------------------------------------------------------
 
 
 def is_under_way(link: Link[Any]) -> bool:
@@ -101,23 +101,23 @@ def is_under_way(link: Link[Any]) -> bool:
 
 
 def count_delay(link: Link[Any], delay_ns: int) -> None:
-    """Count how long a delivered message took."""
+    """Count the delay of a delivered message."""
     link.counters.delays.pending.append(delay_ns)
 
 
 def draw(link: Link[Any], now_ns: int) -> tuple[bool, bool, bool, int, float]:
-    """The message's draws: is it lost, corrupted, may it be sent ahead, its delay [ns], its luck."""
+    """The message's draws: whether it is lost, corrupted, and may be sent ahead, its delay [ns], its luck."""
     drawn = link.streams.next()
     return link.under_conditions(now_ns, *drawn) if link.has_traces else drawn
 
 
 def again(link: Link[Any], resends: Resends, now_ns: int, luck: float) -> tuple[int, bool]:
-    """How many resends a lost message takes, and whether it is lost for good."""
+    """The number of resends of a lost message, and whether it is lost for good."""
     return link.taken_under_conditions(now_ns, luck) if link.has_traces else taken(resends, luck)
 
 
 def act(link: Link[Any], now_ns: int, size: int, lost: bool, delay_ns: int) -> tuple[bool, int]:
-    """Apply further impairments; return whether it is lost, and its delay [ns]."""
+    """Apply further impairments; return whether the message is lost, and its delay [ns]."""
     for acting in link.streams.others:
         more = None if lost else acting(now_ns, size)
         lost, delay_ns = more is None, delay_ns + (more or 0)
@@ -130,26 +130,26 @@ def corrupted(link: Link[Any], item: Any) -> Any:
 
 
 def is_full(link: Link[Any], now_ns: int) -> bool:
-    """Whether as many messages are in flight as may be."""
+    """Whether the limit of messages in flight is reached."""
     return (link.gate is not None or len(link.queue) >= link.limit or bool(link.later)) and link.is_full(now_ns)
 
 
 def cross(link: Link[Any], ready_ns: int, size: int) -> int:
-    """When it has crossed the line [ns]."""
+    """The time at which a message has crossed the line [ns]."""
     line = link.line
     assert line is not None, "a link that has a line"
     return line.release_ns(ready_ns, size)
 
 
 def put(link: Link[Any], due_ns: int, order: int, item: Any, now_ns: int, size: int) -> None:
-    """It is in flight until then."""
+    """Put a message in flight until `due_ns`."""
     heappush(link.queue, (due_ns, order, item, now_ns, size))
     if link.gate is not None:
         link.gate.look(link.queue, now_ns)
 
 
 def put_ahead(link: Link[Any], now_ns: int, order: int, item: Any) -> None:
-    """It leaves at once."""
+    """Let a message leave at once, ahead of all others."""
     entry = (now_ns, order, item, now_ns, 0)
     if link.gate is not None:
         link.ready.append(entry)
@@ -158,5 +158,5 @@ def put_ahead(link: Link[Any], now_ns: int, order: int, item: Any) -> None:
 
 
 def put_beside(link: Link[Any], offered_ns: int, order: int, item: Any, now_ns: int, size: int, delay_ns: int) -> None:
-    """It reaches the line later than it was offered."""
+    """Store a message that reaches the line later than it was offered."""
     heappush(link.later, (offered_ns, order, item, now_ns, size, delay_ns))

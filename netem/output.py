@@ -1,4 +1,4 @@
-"""The output of the `netem` command: JSON, one line for what is wrong, and nothing to a reader that has left."""
+"""The output of the `netem` command: JSON, errors in one line, and nothing to a reader that has left."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from netem.errors import NetemError
 
 
 def unread() -> int:
-    """The reader of the output has closed it: the exit code is that of SIGPIPE, and nothing is said."""
+    """Return the exit code of SIGPIPE, silently, after the reader of the output has closed it."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 141
 
 
 def fail(message: str) -> int:
-    """Say in one line what is wrong; returns the exit code."""
+    """Print an error in one line; returns the exit code."""
     sys.stderr.write(f"netem: {' '.join(message.split())}\n")
     return 2
 

@@ -23,14 +23,14 @@ _DELAY, _LOSS = "#08306b", "#e6550d"
 def figure(survey: Survey, interval_ns: int) -> Figure:
     """The first messages' delays and losses over time, and the histogram of all delays."""
     with rc_context(_STYLE):  # type: ignore[arg-type]  # matplotlib types its keys as literals
-        made = Figure(figsize=(8.5, 3.6), dpi=150, layout="constrained")
-        FigureCanvasAgg(made)
-        time, histogram = made.subplots(1, 2, width_ratios=(4, 3))
+        drawn = Figure(figsize=(8.5, 3.6), dpi=150, layout="constrained")
+        FigureCanvasAgg(drawn)
+        time, histogram = drawn.subplots(1, 2, width_ratios=(4, 3))
         _over_time(time, survey, interval_ns)
         _histogram(histogram, survey)
         words = "\n".join(textwrap.wrap(survey.stats.profile or "(nothing)", 100))
-        made.suptitle(words, fontsize=9)
-    return made
+        drawn.suptitle(words, fontsize=9)
+    return drawn
 
 
 def save(survey: Survey, interval_ns: int, path: str) -> None:

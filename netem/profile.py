@@ -1,4 +1,4 @@
-"""Describes a link in the syntax of Linux's tc-netem: converts text to a frozen `LinkProfile` and back."""
+"""Describe a link in the syntax of Linux's tc-netem: convert text to a frozen `LinkProfile` and back."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class LinkProfile:
     The default does nothing. `parse` reads tc-netem's syntax and `str` writes it; ``parse(str(p)) == p``. `limit` is
     the most messages in flight, 1000 by default as in tc; the link counts those that it drops above that. A `trace`
     replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files. `others`
-    are of `netem.impairments`. More than twenty attributes: all that a profile's words can say.
+    are of `netem.impairments`. More than twenty attributes: one for each setting that a profile can have.
 
     Raises ProfileError: a value is out of range, or two values exclude each other; also from `parse` and `replace`.
     """

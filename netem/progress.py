@@ -15,7 +15,7 @@ class Progress:
     """Shows a command's progress during the ``with`` block; nothing if it takes less than a second.
 
     out : where to write.
-    doing : says what the command does.
+    doing : what the command does, in words.
     expected_s : expected duration, if known [s].
     """
 
@@ -35,7 +35,7 @@ class Progress:
         self._thread.join()
 
     def at(self, share: float) -> None:
-        """Set the share that is done, 0 to 1, if the command knows it."""
+        """Set the share that is done, 0 to 1, if it is known."""
         self._share = share
 
     def line(self, lasted_s: float) -> str:

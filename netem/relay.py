@@ -35,7 +35,7 @@ _BATCH = 256  # most datagrams read in a row before the loop runs its timers
 _SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # linux/sock_diag.h: the ninth of nine 32-bit counters (since Linux 4.12)
 
 SocketAddress = tuple[Any, ...]
-"""As the socket module has it: (host, port) or, for IPv6, (host, port, flow, scope)."""
+"""An address of the socket module: (host, port) or, for IPv6, (host, port, flow, scope)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class UdpRelay:
 
     listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; with port 0 it listens on any free port. Names are resolved once.
     up, down : the profiles from clients to target, and back.
-    seed : of both links, whose streams are independent.
+    seed : the seed of both links, whose streams are independent.
     max_clients : most clients at one time; datagrams of others are dropped and counted.
     idle_s : the socket of a client that sent and received nothing for this time is closed [s].
 
@@ -126,7 +126,7 @@ class UdpRelay:
 
     @property
     def address(self) -> SocketAddress:
-        """Where it listens."""
+        """The address where it listens."""
         address: SocketAddress = self._socket.getsockname()
         return address
 
@@ -170,7 +170,7 @@ class UdpRelay:
         for _ in range(_BATCH):
             try:
                 size, address = receive(view)
-            except OSError:  # usually nothing is left to read
+            except OSError:  # usually because nothing is left to read
                 break
             client = clients.get(address) or self._new_client(address)
             if client is None:
@@ -264,11 +264,11 @@ def _flip(datagram: _Datagram, corrupted: Callable[[bytes], bytes]) -> _Datagram
 
 
 def _udp_socket(family: int) -> socket.socket:
-    made = socket.socket(family, socket.SOCK_DGRAM)
-    made.setblocking(False)
+    sock = socket.socket(family, socket.SOCK_DGRAM)
+    sock.setblocking(False)
     for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-        made.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
-    return made
+        sock.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
+    return sock
 
 
 def resolve(name: str, text: str) -> tuple[int, SocketAddress]:
@@ -280,11 +280,11 @@ def resolve(name: str, text: str) -> tuple[int, SocketAddress]:
     if name == "to" and port == 0:
         raise NetemError(f"to: {text!r} is not allowed; allowed: a port from 1 to 65535")
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or "not a host's name"
         raise NetemError(f"{name}: cannot resolve {host!r}: {reason}") from None
-    return found[0][0], found[0][4]
+    return addresses[0][0], addresses[0][4]
 
 
 def socket_drops(of: socket.socket) -> int | None:

@@ -14,10 +14,10 @@ from netem.trace import ConditionTrace
 
 
 class Resends:
-    """Decides how many resends lost messages take.
+    """Decides how many resends each lost message takes.
 
     `luck` is one draw in [0, 1) per message: k resends in a row are lost iff it is below the probability of that. So
-    the fate of a resend does not depend on how many more are allowed.
+    whether a resend is lost does not depend on how many more are allowed.
     """
 
     def __init__(self, resend: Resend | None, loss: Loss | None) -> None:
@@ -28,7 +28,7 @@ class Resends:
         self.ascending = self._lost_again[::-1]
 
     def taken_under(self, luck: float, conditions: ConditionTrace, elapsed_ns: int) -> tuple[int, bool]:
-        """As `taken`, with a trace that adds its loss at each resend's time; `elapsed_ns` is the message's time."""
+        """The result of `taken` with a trace's loss added at each resend's time; `elapsed_ns` is the message's time."""
         chance, before = 1.0, 1.0
         for k, again in enumerate(self._lost_again, start=1):
             model = again / before if before else 0.0

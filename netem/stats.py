@@ -28,11 +28,11 @@ class LinkStats:
     (RFC 4737, section 3.3), whatever the cause. With ``reorder 5%`` and a long queue these are nearly all messages,
     because nearly all are overtaken; `sent_ahead` counts only the messages that `reorder` itself sent ahead. Delays are
     from the offer to the release by the profile, None before the first; the percentiles are read from bins 1.1 % wide.
-    `late_max_ms` is the longest time that a message stayed after its release because nobody polled. `netem.expect`
-    computes the figures to expect.
+    `late_max_ms` is the longest time that a message stayed after its release because the link was not polled.
+    `netem.expect` computes the figures to expect.
 
     `delay_histogram_ms` is ready to draw, as (edge, count): a bin reaches from the previous edge to its own, and holds
-    `count` delays. A count of 0 is a gap; so is the first entry, which only says where the first bin begins.
+    `count` delays. A count of 0 is a gap; so is the first entry, which only marks the begin of the first bin.
     """
 
     profile: str
@@ -78,11 +78,11 @@ class Delays(NamedTuple):
 
     total_ns: int
     total_square: int
-    """The sum of their squares [ns^2]."""
+    """The sum of the delays' squares [ns^2]."""
     min_ns: int
     most_ns: int
     counts: NDArray[np.int64]
-    """How many there are in each of the `BINS`; see `bin_of`."""
+    """The number of delays in each of the `BINS`; see `bin_of`."""
 
 
 def bin_of(delays_ns: ArrayLike) -> NDArray[np.intp]:
@@ -112,7 +112,7 @@ class DelayHistogram:
         delays.clear()
 
     def add(self, delays: Delays) -> None:
-        """Count these too."""
+        """Count these delays too."""
         self._min_ns = min(self._min_ns, delays.min_ns) if self._count else delays.min_ns
         self._most_ns = max(self._most_ns, delays.most_ns) if self._count else delays.most_ns
         self._total_ns += delays.total_ns
@@ -167,7 +167,7 @@ class Counters:
     """A link's counters; the names are those of `LinkStats`.
 
     newest : number of the newest message delivered. last_lost : number of the last message lost.
-    late_max_ns : see `LinkStats.late_max_ms`. delays : of the delivered messages.
+    late_max_ns : see `LinkStats.late_max_ms`. delays : those of the delivered messages.
     """
 
     __slots__ = (
@@ -211,5 +211,5 @@ class Counters:
 
 
 def _edge_ms(index: int) -> float:
-    """Where the bin begins [ms]; the first begins at 0, because smaller values count in it."""
+    """The begin of a bin [ms]; the first begins at 0, because smaller values count in it."""
     return _FLOOR_NS * 2.0 ** (index / _PER_OCTAVE) * 1e-6 if index else 0.0

@@ -1,4 +1,4 @@
-"""Sends a stream of messages through a link in virtual time, and evaluates losses and delays."""
+"""Send a stream of messages through a link in virtual time, and evaluate losses and delays."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run(
 
 
 def _note(arrived: list[tuple[int, int]], delays: NDArray[np.int64], interval_ns: int) -> None:
-    """Of a message that arrives twice the first counts."""
+    """The first arrival counts if a message arrives twice."""
     for due_ns, number in arrived:
         if delays[number] < 0:
             delays[number] = due_ns - number * interval_ns
@@ -92,8 +92,8 @@ def _evaluate(stats: LinkStats, delays: NDArray[np.int64], bins: int) -> Survey:
 
 
 def lines(profile: LinkProfile, result: Survey) -> list[str]:
-    """A survey for people: the figures asked for, those achieved, and the histogram of delays."""
-    stats, asked = result.stats, expect(profile)
+    """A survey for people: the expected and the achieved figures, and the histogram of delays."""
+    stats, expected = result.stats, expect(profile)
     out: list[str] = []
     out.append(f"profile    {stats.profile or '(nothing)'}")
     out.append(f"offered    {stats.offered}")
@@ -101,19 +101,19 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
     out.append(f"delivered  {stats.delivered} ({stats.delivered * share:.2f} %)")
     burst = "" if result.mean_loss_burst is None else f", bursts of {result.mean_loss_burst:.2f} on average"
     out.append(
-        f"lost       {stats.lost} ({stats.lost * share:.2f} %, asked {100 * asked.loss:.2f} %){burst}, "
+        f"lost       {stats.lost} ({stats.lost * share:.2f} %, expected {100 * expected.loss:.2f} %){burst}, "
         f"longest {result.max_loss}"
     )
     if profile.resend is not None:
         out.append(f"resent     {stats.resent} times, recovered {stats.recovered} ({stats.recovered * share:.2f} %)")
     if stats.duplicated:
-        asked_for = f"asked {100 * asked.duplicated:.2f} %"
-        out.append(f"duplicated {stats.duplicated} ({stats.duplicated * share:.2f} % of the offered, {asked_for})")
+        expectation = f"expected {100 * expected.duplicated:.2f} %"
+        out.append(f"duplicated {stats.duplicated} ({stats.duplicated * share:.2f} % of the offered, {expectation})")
     if stats.dropped_limit:
         out.append(
             f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}"
         )
-    ahead = f", {stats.sent_ahead} sent ahead (asked {100 * asked.sent_ahead:.2f} %)" if profile.reorder else ""
+    ahead = f", {stats.sent_ahead} sent ahead (expected {100 * expected.sent_ahead:.2f} %)" if profile.reorder else ""
     out.append(f"reordered  {stats.reordered} ({stats.reordered * share:.2f} %){ahead}")
     if stats.delivered:
         held = profile.resend is not None and profile.resend.ordered
@@ -123,7 +123,7 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
             f"p50 {stats.delay_p50_ms:.3f} ms, p99 {stats.delay_p99_ms:.3f} ms"
         )
         out.append(
-            f"           asked {asked.delay_mean_ms:.3f} ms and {asked.delay_std_ms:.3f} ms"
+            f"           expected {expected.delay_mean_ms:.3f} ms and {expected.delay_std_ms:.3f} ms"
             + (", without the delay that rate, trace, slot or ordered resends add" if queued else "")
         )
         out.append(f"           lag-1 correlation {result.delay_correlation or 0.0:.3f}")

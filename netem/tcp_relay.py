@@ -3,10 +3,10 @@
     clients  <->  [listen]  == up link ==>    [one connection a client]  <->  target
                             <== down link ==
 
-A stream must lose nothing, so the link's losses become waiting, as over a real line: each direction of a connection is
+A stream must lose nothing, so the link's losses become delays, as over a real line: each direction of a connection is
 cut into segments, which the other end acknowledges through the other link. A segment is sent again when three that
 were sent after it are acknowledged, or when its timer ends (RFC 6298, with Linux's minimum of 200 ms, doubled at
-each try). What arrives early waits for what is missing. There is no congestion control: a loss costs time, not rate.
+each try). Early segments wait for missing ones. There is no congestion control: a loss costs time, not rate.
 
 Clients share the two links, as they would share a line. A rate counts the payload: ``rate 1mbit 40`` adds the headers
 of TCP and IPv4, and lets acknowledgements take their part of the line.
@@ -51,7 +51,7 @@ class TcpRelayStats:
     """A snapshot of a relay.
 
     `up` and `down` are the links' statistics, in segments and acknowledgements. `clients` counts the connections now,
-    `clients_seen` all so far, `refused` those above the limit, `unreachable` those that the target did not take.
+    `clients_seen` all so far, `refused` those above the limit, `unreachable` those that the target did not accept.
     `sent_again` counts segments.
     """
 
@@ -73,7 +73,7 @@ class TcpRelay:
 
     listen, to : ``HOST:PORT`` or ``[IPV6]:PORT``; with port 0 it listens on any free port. Names are resolved once.
     up, down : the profiles from clients to target, and back.
-    seed : of both links, whose streams are independent.
+    seed : the seed of both links, whose streams are independent.
     max_clients : most connections at one time; further ones are closed at once and counted.
 
     Must be made on a running loop, and used on its thread, by ``async with TcpRelay(...) as relay`` or `open`, `close`.
@@ -120,7 +120,7 @@ class TcpRelay:
 
     @property
     def address(self) -> SocketAddress:
-        """Where it listens."""
+        """The address where it listens."""
         return self._address
 
     @property
@@ -137,7 +137,7 @@ class TcpRelay:
         )
 
     async def close(self) -> None:
-        """Stop, and reset what is still connected. `stats` stays. May be called again."""
+        """Stop, and reset open connections. `stats` stays. May be called again."""
         if self._server is not None:
             self._server.close()
         clients = list(self._clients)
@@ -158,11 +158,11 @@ class TcpRelay:
         client.add_done_callback(self._clients.discard)
 
     async def _serve(self, near: asyncio.StreamReader, to_near: asyncio.StreamWriter) -> None:
-        """One client, until both programs have gone."""
+        """Serve one client until both programs have ended."""
         up, down = _Stream(self.up, self.down, self._count_again), _Stream(self.down, self.up, self._count_again)
         writers = [to_near]
         try:
-            await up.send(b"")  # the target hears of a client as late as the link is slow
+            await up.send(b"")  # the target is connected after the link's delay
             await up.receive()
             try:
                 far, to_far = await asyncio.open_connection(*self._target, limit=WINDOW)
@@ -177,7 +177,7 @@ class TcpRelay:
                 for reader, stream, writer in ((near, up, to_far), (far, down, to_near)):
                     both.create_task(_read(reader, stream))
                     both.create_task(_write(writer, stream))
-        except* OSError:  # a program is gone while something was written to it: its other side gets a reset too
+        except* OSError:  # a program ended while data were written to it: its other side gets a reset too
             for writer in writers:
                 _reset(writer)
         finally:
@@ -191,11 +191,11 @@ class TcpRelay:
 
 
 _RESET: Final = None
-"""What a stream carries last when a program is gone without a word; b"" is its orderly end."""
+"""The last item of a stream whose program ended without closing it; b"" is the orderly end."""
 
 
 async def _read(reader: asyncio.StreamReader, stream: _Stream) -> None:
-    """Pass what a program sends into a stream, until its end."""
+    """Pass a program's data into a stream, until their end."""
     try:
         while data := await reader.read(SEGMENT):
             await stream.send(data)
@@ -205,7 +205,7 @@ async def _read(reader: asyncio.StreamReader, stream: _Stream) -> None:
 
 
 async def _write(writer: asyncio.StreamWriter, stream: _Stream) -> None:
-    """Pass what comes out of a stream to a program. If the program is gone, the connection is reset."""
+    """Pass a stream's data to a program. If the program has ended, the connection is reset."""
     while data := await stream.receive():
         writer.write(data)
         await writer.drain()
@@ -216,14 +216,14 @@ async def _write(writer: asyncio.StreamWriter, stream: _Stream) -> None:
 
 
 def _reset(writer: asyncio.StreamWriter) -> None:
-    """End a connection so that its program sees a reset, and no orderly end."""
+    """End a connection so that its program receives a reset, and no orderly end."""
     with suppress(OSError):
         writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     writer.transport.abort()
 
 
 _Arrival = Callable[[], None]
-"""What happens when something comes out of a link."""
+"""The function that is called with each item from a link."""
 
 
 def _arrive(arrival: _Arrival) -> None:
@@ -232,7 +232,7 @@ def _arrive(arrival: _Arrival) -> None:
 
 @dataclass(slots=True)
 class _Segment:
-    """`data`, when and as the how-manieth it was sent, and how often already."""
+    """`data`, when it was sent, its place in the order of sending, and how often it was sent already."""
 
     data: bytes | None
     sent_ns: int
@@ -241,9 +241,9 @@ class _Segment:
 
 
 class _Stream:
-    """One direction of a connection: everything that is sent is received once and in order, whatever the link loses.
+    """One direction of a connection: all data are received once and in order, whatever the link loses.
 
-    `link` carries the segments, `back` their acknowledgements. `count_again` is called when one is sent again.
+    `link` carries the segments, `back` their acknowledgements. `count_again` is called when a segment is sent again.
     """
 
     def __init__(self, link: AsyncLink[_Arrival], back: AsyncLink[_Arrival], count_again: Callable[[], None]) -> None:
@@ -255,7 +255,7 @@ class _Stream:
         self._early: dict[int, bytes | None] = {}
         self._received: deque[bytes | None] = deque()
         self._next = 0
-        self._mean_s = self._spread_s = 0.0  # of the round trips; 0: none yet
+        self._mean_s = self._spread_s = 0.0  # of the round trips; 0: none was measured
         self._timer: asyncio.TimerHandle | None = None
 
     async def send(self, data: bytes | None) -> None:
@@ -277,7 +277,7 @@ class _Stream:
         return data
 
     def close(self) -> None:
-        """Send nothing more."""
+        """Stop sending."""
         self._in_transit.clear()
         self._set_timer()
 
@@ -304,20 +304,20 @@ class _Stream:
         self._back.send(lambda: self._acknowledged(number, through, place), 0)
 
     def _acknowledged(self, number: int, through: int, place: int) -> None:
-        """Segment `number`, sent as the one at `place`, has arrived, and so have all below `through`."""
+        """Enter that segment `number`, sent at `place` in the order, has arrived, and all below `through`."""
         segment = self._in_transit.get(number)
         if segment is not None and segment.place == place:
             self._measure(1e-9 * (time.monotonic_ns() - segment.sent_ns))
-        for known in [one for one in self._in_transit if one < through or one == number]:
-            del self._in_transit[known]
-        lost = [(one, sent) for one, sent in self._in_transit.items() if sent.place + _LATER <= place]
-        for one, sent in lost:
-            self._again(one, sent)
+        for arrived in [each for each in self._in_transit if each < through or each == number]:
+            del self._in_transit[arrived]
+        lost = [(each, sent) for each, sent in self._in_transit.items() if sent.place + _LATER <= place]
+        for each, sent in lost:
+            self._again(each, sent)
         self._set_timer()
 
     def _again(self, number: int, segment: _Segment) -> None:
         self._count_again()
-        del self._in_transit[number]  # to the end of the order
+        del self._in_transit[number]  # it moves to the end of the order
         self._send(number, segment)
 
     def _measure(self, trip_s: float) -> None:
@@ -328,7 +328,7 @@ class _Stream:
             self._mean_s += (trip_s - self._mean_s) / 8
 
     def _set_timer(self) -> None:
-        """For the segment that was sent first of those in flight."""
+        """Set the timer for the segment in flight that was sent first."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

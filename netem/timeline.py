@@ -1,4 +1,4 @@
-"""A link that changes while it runs: ``at 5s: delay 200ms; at 8s: down; at 9s: up``."""
+"""Change a link while it runs: ``at 5s: delay 200ms; at 8s: down; at 9s: up``."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Timeline:
 
     @classmethod
     def read(cls, text_or_path: str) -> Timeline:
-        """Read a command's option: entries if it starts like one, else the name of a file."""
+        """Read a command's option: entries if it starts like an entry, else the name of a file."""
         return cls.parse(text_or_path) if _LIKE_ENTRIES.match(text_or_path) else cls.load(text_or_path)
 
 
@@ -116,7 +116,7 @@ class TimelinePlayer:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When the next change is due [ns]; None if none is left."""
+        """The time of the next change [ns]; None if none is left."""
         entries = self._timeline.entries
         if self._next < len(entries):
             return self._start_ns + entries[self._next].at_ns

@@ -94,7 +94,7 @@ class TraceLine:
         self._left = 0
 
     def release_ns(self, ready_ns: int, size: int) -> int:
-        """When a message of `size` bytes has crossed the line, if it is ready at `ready_ns`, behind all others."""
+        """The time at which a message of `size` bytes, ready at `ready_ns`, has crossed the line after all others."""
         if ready_ns >= self._last_ns:
             self._number = self._trace.first_after(ready_ns - self._start_ns)
             self._left = OPPORTUNITY_BYTES
@@ -164,7 +164,7 @@ class ConditionTrace:
 
     @classmethod
     def load(cls, path: str) -> ConditionTrace:
-        """Read such a file.
+        """Read a file of delay and loss over time.
 
         Raises ProfileError: the file cannot be read, or the heading or a line is malformed; it names the line.
         """

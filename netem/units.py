@@ -120,13 +120,13 @@ def check_path(word: str, path: str) -> None:
 def open_file(word: str, path: str, allowed: str = "") -> Iterator[TextIO]:
     """Open a text file for reading. A pipe or a device is refused, because reading it may never end.
 
-    Raises ProfileError: it cannot be read, or is not text. `allowed` says what else could have been given.
+    Raises ProfileError: it cannot be read, or is not text. allowed : what else is allowed in its place.
     """
     try:
-        found = os.stat(path)
-        if not stat.S_ISREG(found.st_mode):
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
             raise ProfileError(word, path, f"{allowed}a plain file, not a pipe, device or directory")
-        if found.st_size > LARGEST_FILE:
+        if status.st_size > LARGEST_FILE:
             raise ProfileError(word, path, f"{allowed}a file of {LARGEST_FILE >> 20} MB at most")
         with open(path, encoding="utf-8-sig", newline="") as file:
             yield file

@@ -1,4 +1,4 @@
-"""The text of `--version` for bug reports: what is installed, and the system. It imports none of the packages."""
+"""The text of `--version` for bug reports: installed versions, and the system. It imports none of the packages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PACKAGES = (
 
 def installed(package: str) -> str:
     """A distribution's version, or `ABSENT`."""
-    from importlib import metadata  # takes longer than all else that a side's start needs of this package
+    from importlib import metadata  # here, since it takes longer than the rest of this package's imports
 
     try:
         return metadata.version(package)

@@ -5,7 +5,7 @@
 
 Relayed through the link: puts and deletes under one key expression, each with its key, payload, encoding, attachment,
 timestamp, priority, congestion control and express flag. Liveliness tokens are relayed at once and without loss,
-because a token says that something exists. Not relayed: queries and their replies, whether somebody subscribes
+because a token states that something exists. Not relayed: queries and their replies, whether there are subscribers
 (`matching`), a publisher's reliability (everything is put as reliable), and the publisher (`source_info`).
 
 The relay makes no loops: each session receives samples from others in its network, but never those that the relay put
@@ -49,7 +49,7 @@ _SETTINGS: dict[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "connect/timeout_ms": 1000,
-    "connect/exit_on_failure": False,  # keeps trying in the background until the other side is there
+    "connect/exit_on_failure": False,  # keeps trying in the background until the other side runs
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
     "transport/shared_memory/enabled": False,
     "transport/unicast/open_timeout": 1000,
@@ -95,9 +95,9 @@ class ZenohRelay:
 
     listen, connect : Zenoh endpoints, such as ``tcp/127.0.0.1:17448``: one session listens, the other dials.
     up, down : the profiles from the listening side to the dialling side, and back.
-    seed : of both links, whose streams are independent.
+    seed : the seed of both links, whose streams are independent.
     key : the key expression to relay.
-    mode : of the dialling session; ``client`` if it dials a router.
+    mode : that of the dialling session; ``client`` if it dials a router.
 
     Raises NetemError: an endpoint or a key expression is malformed, or both endpoints are the same.
     """
@@ -153,7 +153,7 @@ class ZenohRelay:
         )
 
     async def open(self) -> None:
-        """Open both sessions and relay from now on, even if no other node is there yet.
+        """Open both sessions and relay from now on, even if no other node is connected yet.
 
         Raises NetemError: a session cannot be opened: the address is in use, or a client finds no router.
         """
@@ -219,7 +219,7 @@ class _Direction:
         self._arrived: list[_Message] = []
         self._lock = threading.Lock()
         self._waking = False
-        # A put may block if its publisher asked for that, so these puts have their own thread.
+        # A put may block if its publisher requested this, so these puts have their own thread.
         self._blocker = _Worker("zenoh-block")
         self._blocked = 0
 
@@ -315,7 +315,7 @@ class _Worker:
 
 
 def _call(method: Callable[[], None]) -> None:
-    """Call a method whose type zenoh's stubs leave out."""
+    """Call a method whose type is missing in zenoh's stubs."""
     method()
 
 

@@ -1,1 +1,1 @@
-"""Child processes: how they start, how they are watched, and how they end. Nobody else starts one."""
+"""Child processes: how they start, are watched, and end. No other package starts one."""

@@ -1,4 +1,4 @@
-"""Children that each run one function: all begin together, and none outlives the program that started them.
+"""Child processes that each run one function: all begin together, and none outlives the program that started them.
 
 `FrameWriter` sends messages from a child to its parent over a pipe, each after its length.
 """
@@ -22,7 +22,7 @@ from hapnet.errors import HapnetError
 from hapnet.processes.start import PIPE, Program, for_children, kill, started
 
 WaitForStart = Callable[[], None]
-"""A child's function calls it when it is ready; it returns when all children begin."""
+"""The function that a child calls when it is ready; it returns when all children begin."""
 
 READY_S = 60.0
 """How long a child may take until it is ready [s]."""
@@ -51,7 +51,7 @@ class Child:
         self._name = function.__name__
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_run, args=(theirs, function, args), daemon=True)
-        resource_tracker.ensure_running()  # if it started with the process, it would unblock SIGINT
+        resource_tracker.ensure_running()  # started together with the process, it would unblock SIGINT
         with for_children():
             self._process.start()
         theirs.close()
@@ -128,11 +128,11 @@ def _run(pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...]) 
 _LENGTH = Struct(">L")
 
 _MOST = 256
-"""So many messages wait for the parent; then the oldest is dropped."""
+"""The most messages that wait for the parent; beyond that the oldest is dropped."""
 
 
 class FrameWriter:
-    """Writes to the pipe `file` from a thread of its own, so that `put` never waits for who reads."""
+    """Writes to the pipe `file` from a thread of its own, so that `put` never waits for the reader."""
 
     def __init__(self, file: int) -> None:
         self._file = file
@@ -154,7 +154,7 @@ class FrameWriter:
                         data = self._frames.popleft()
                         pipe.write(_LENGTH.pack(len(data)) + data)
                     pipe.flush()
-                except OSError:  # nobody reads any more
+                except OSError:  # the reader has ended
                     return
 
 

@@ -27,13 +27,13 @@ from hapnet.processes.start import for_children, how_it_ended
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 Progress = Callable[[float], None]
-"""Called with the share that is done, 0 to 1."""
+"""Called with the fraction that is done, 0 to 1."""
 
 START_LIMIT = 3
-"""After so many processes in a row have died before they were ready, the pool gives up."""
+"""The pool gives up after this many processes in a row have died before they were ready."""
 _END_S = 2.0
 _WAIT_S = 0.2
-_SAY_EVERY_S = 0.1
+_PROGRESS_EVERY_S = 0.1
 
 
 class WorkerDied(HapnetError):
@@ -42,7 +42,7 @@ class WorkerDied(HapnetError):
 
 @dataclass(frozen=True)
 class EndedTask(Generic[Task, Result]):
-    """A task that has ended, with its result or the error: what it raised, or `WorkerDied`."""
+    """A task that has ended, with its result or its error, which is `WorkerDied` if the process ended."""
 
     task: Task
     result: Result | None
@@ -90,7 +90,7 @@ class WorkerPool(Generic[Task, Result]):
 
     @property
     def shares(self) -> float:
-        """Sum over the running tasks of the share that is done."""
+        """The sum of the fractions done of the running tasks."""
         return sum(worker.share for worker in self._workers)
 
     def submit(self, task: Task) -> None:
@@ -100,13 +100,13 @@ class WorkerPool(Generic[Task, Result]):
             worker.pipe.send(task)
 
     def wait(self, limit_s: float) -> list[EndedTask[Task, Result]]:
-        """The tasks that have ended since the last call; waits up to `limit_s` for a worker's message."""
+        """Return the tasks that have ended since the last call; waits up to `limit_s` for a worker's message."""
         ready = wait([worker.pipe for worker in self._workers], limit_s)
         outcomes = [self._receive(worker) for worker in list(self._workers) if worker.pipe in ready]
         return [outcome for outcome in outcomes if outcome is not None]
 
     def close(self) -> None:
-        """Kill the processes, whatever they are doing."""
+        """Kill the processes, even in the middle of a task."""
         for worker in self._workers:
             worker.process.kill()
             worker.pipe.close()
@@ -146,7 +146,7 @@ class WorkerPool(Generic[Task, Result]):
         ours: Any
         ours, theirs = self._context.Pipe()  # of another class on Windows
         process = self._context.Process(target=_serve, args=(theirs, self._work), daemon=True, name="hapnet-worker")
-        resource_tracker.ensure_running()  # started along with the first process, it would unblock Ctrl-C there
+        resource_tracker.ensure_running()  # started together with the first process, it would unblock Ctrl-C there
         with for_children(one_thread=True):
             process.start()
             theirs.close()  # only the child holds it now: when it dies, our end reads EOF
@@ -203,7 +203,7 @@ def usable_cores() -> int:
 
 
 def _serve(pipe: Connection, work: Callable[[Any, Progress], Any]) -> None:
-    """A worker's main loop; it ends when nobody reads its results. It ignores Ctrl-C, which is for the parent."""
+    """Run a worker's main loop until its pipe has no reader. It ignores Ctrl-C, which is for the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):
         pipe.send(("ready", None))
@@ -217,12 +217,12 @@ def _serve(pipe: Connection, work: Callable[[Any, Progress], Any]) -> None:
 
 
 def _reporter(pipe: Connection) -> Progress:
-    """A progress function that sends the share only from time to time, however often it is called."""
+    """A progress function that sends the fraction only from time to time, however often it is called."""
     last_s = 0.0
 
     def report(share: float) -> None:
         nonlocal last_s
-        if (now_s := time.monotonic()) - last_s >= _SAY_EVERY_S:
+        if (now_s := time.monotonic()) - last_s >= _PROGRESS_EVERY_S:
             last_s = now_s
             with suppress(OSError):
                 pipe.send(("share", share))

@@ -1,4 +1,4 @@
-"""Starts programs, and ends them."""
+"""Start programs, and end them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TimeoutExpired = subprocess.TimeoutExpired
 NOTHING, PIPE = subprocess.DEVNULL, subprocess.PIPE
 
 LOOKS, LOOK_S = 20, 0.5
-"""A process that stands still (SIGSTOP) for so many looks, so far apart [s], is asked to end. Looks are counted, as
-whoever looks may have been stopped too, and just been continued."""
+"""A process that is stopped (SIGSTOP) at this many looks in a row, this far apart [s], is ended. Looks are counted, not
+time, as the parent may have been stopped too, and just been continued."""
 
 NOT_ON = "was stopped by a signal, and did not go on"
-"""Why such a process is asked to end."""
+"""The reason for ending such a process."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -44,8 +44,8 @@ def started(
 ) -> Program:
     """Start a program; it leaves Ctrl-C to this process until it has a handler for it.
 
-    stdin, stdout, stderr : `NOTHING`, `PIPE`, or a file's number; None: as here. keeps : open files that it gets.
-    environment : variables besides those of this process. own_group : the terminal's Ctrl-C does not reach it.
+    stdin, stdout, stderr : `NOTHING`, `PIPE`, or a file's number; None: this process's. keeps : open files to inherit.
+    environment : additional variables. own_group : the terminal's Ctrl-C does not reach it.
 
     Raises OSError: it cannot be started.
     """
@@ -76,7 +76,7 @@ async def started_on_loop(
     environment: Mapping[str, str] | None = None,
     own_group: bool = False,
 ) -> ProgramOnLoop:
-    """As `started`, to be read by the event loop: the program's output and errors are pipes."""
+    """Start a program as `started` does, with its output and errors as pipes for the event loop."""
     with for_children():
         return await asyncio.create_subprocess_exec(
             *command, stdin=stdin, stdout=PIPE, stderr=PIPE, pass_fds=tuple(keeps),
@@ -85,9 +85,9 @@ async def started_on_loop(
 
 
 def end(program: Program, limit_s: float) -> str:
-    """End a program that has been asked to: after `limit_s` by SIGTERM, after that again by SIGKILL.
+    """End a program that was requested to end: after `limit_s` by SIGTERM, after as long again by SIGKILL.
 
-    Returns a text that says how it ended.
+    Returns in words how it ended.
     """
     for more in (program.terminate, program.kill, None):
         with suppress(TimeoutExpired):
@@ -105,7 +105,7 @@ def kill(program: Program) -> None:
 
 
 def how_it_ended(code: int | None) -> str:
-    """How a process ended, as text: by its exit code, or by a signal, which it may have handled. None: it runs."""
+    """Describe how a process ended: by its exit code, or by a signal, which it may have handled. None: it runs."""
     if code is None:
         return "does not answer"
     with suppress(ValueError):
@@ -114,9 +114,9 @@ def how_it_ended(code: int | None) -> str:
 
 
 def stands_still(pid: int) -> bool:
-    """Whether a signal has stopped this child. It is looked at only: whoever waits for its end still learns of that."""
+    """Whether a signal has stopped this child. The check does not consume its exit status."""
     still = False
-    if sys.platform == "linux":  # nothing stops a process of Windows, and macOS does not tell
+    if sys.platform == "linux":  # Windows has no stopped processes, and macOS does not report them
         with suppress(ChildProcessError):
             still = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return still
@@ -129,13 +129,13 @@ def standing_still(pid: int) -> str:
 
 
 class _Held(threading.local):
-    """Ctrl-C, held back from this thread while children start: from the first start's begin until the last one's end,
+    """Holds Ctrl-C back from this thread while children start: from the first start's begin until the last one's end,
     as starts of an event loop overlap, and end in any order."""
 
     starts = 0
 
     def begin(self) -> None:
-        """Hold it back, if that is not done yet."""
+        """Hold Ctrl-C back, if it is not held yet."""
         self.starts += 1
         if self.starts > 1:
             return
@@ -148,7 +148,7 @@ class _Held(threading.local):
             self.masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
     def end(self) -> None:
-        """Raise it, if it came, once nothing starts any more."""
+        """Raise Ctrl-C, if it came, once no child is starting any more."""
         self.starts -= 1
         if self.starts:
             return

@@ -1,4 +1,4 @@
-"""This process and its system: signals that ask it to end, its memory and garbage, the time that a thread ran."""
+"""This process and its system: signals to end it, its memory and garbage, the time that a thread ran."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-"""The terminal was closed; Windows has none."""
+"""The signal of a closed terminal; Windows has none."""
 
 ENDING: tuple[signal.Signals, ...] = tuple(filter(None, (signal.SIGINT, signal.SIGTERM, HANGUP)))
-"""Signals that ask a process to end."""
+"""Signals that request a process to end."""
 
 
 def handle_on_loop(number: signal.Signals, handler: Callable[..., object], *given: object) -> None:
@@ -31,9 +31,9 @@ def handle_on_loop(number: signal.Signals, handler: Callable[..., object], *give
 
 @contextmanager
 def handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[Callable[[int], None]]:
-    """Pass signals that ask this process to end to `handler` meanwhile, but for those that were ignored before (nohup).
+    """Pass signals to end this process to `handler` in this context, except signals ignored before (nohup).
 
-    It gives a function that lets a signal do what it did before.
+    It yields a function that restores a signal's previous handler.
     """
     kept = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
     before = {int(number): signal.signal(number, handler) for number in kept}
@@ -55,7 +55,7 @@ EVERY_S = 60.0
 async def give_back_freed() -> None:
     """Give freed memory back to the system once a minute, until cancelled.
 
-    A page that is drawn for hours would otherwise take some megabytes an hour more. Not for a process with a servo,
+    A page that is drawn for hours would otherwise take some megabytes more each hour. Not for a process with a servo,
     whose allocations would wait for some milliseconds.
     """
     while True:
@@ -66,8 +66,8 @@ async def give_back_freed() -> None:
 
 
 class ThreadTime:
-    """Reads that of the thread that calls it [ns], since the thread began; 0 where the system does not say (Linux does:
-    proc_pid_schedstat(5)). A look takes some microseconds and allocates nothing that stays."""
+    """Reads the time that the calling thread ran [ns], since it began; 0 if the system does not report it (Linux does:
+    proc_pid_schedstat(5)). A call takes some microseconds and keeps no memory."""
 
     def __init__(self) -> None:
         self._file, self._thread = -1, 0
@@ -87,7 +87,7 @@ class ThreadTime:
         return int(ran) + int(rest.partition(b" ")[0])
 
     def close(self) -> None:
-        """Look no more."""
+        """Close the file in /proc."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1

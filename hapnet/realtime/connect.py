@@ -94,25 +94,25 @@ def connect_device(
             async for event in device.events():
                 print(event.kind, event.text)
 
-    The block begins when the servo runs and the world can come; `wait_paired` waits for it. However the block is left,
-    even by an exception or a cancellation, the force is zero first; then the world is notified, the recording closed,
-    and no thread, task, socket or file remains. When it is left in order, it waits for energy in flight: 2 s
-    at most, and what the link takes. A cancellation does not wait for that.
+    The block begins when the servo runs and the world can connect; `wait_paired` waits for it. However the block is
+    left, even by an exception or a cancellation, the force is set to zero first; then the world is notified, the
+    recording closed, and no thread, task, socket or file remains. A block that ends normally waits for energy in
+    flight: at most 2 s plus the link's delay. A cancelled block does not.
 
     params : a `Params`, or changes to the defaults by dotted names, such as ``{"device.stiffness": 200}``.
     role : "follower": this device is a robot that follows a leader elsewhere, in the place of a virtual world. `device`
-        is then instead of the parameter `follower.robot`, and simulated by default.
-    device : instead of the parameter `hardware`: a driver's name with its options (``"serial:/dev/ttyACM0"``,
-        ``"simulated"``), a device (`hapnet.plant.device.Device`), or what makes one from ``dof``.
-    scene : instead of the parameter `scene`: its name, a world such as `Scene`, or what makes one. It must have as many
-        axes as the world's own.
-    connect, listen : endpoints to dial or to listen on, such as ``"tcp/192.168.0.2:17447"``. Neither: the two find each
-        other on this machine, and nobody else reaches them.
-    zenoh : instead of these, all settings of the connection, such as certificates.
+        then replaces the parameter `follower.robot`, and is simulated by default.
+    device : replaces the parameter `hardware`: a driver's name with its options (``"serial:/dev/ttyACM0"``,
+        ``"simulated"``), a device (`hapnet.plant.device.Device`), or a function that makes one from ``dof``.
+    scene : replaces the parameter `scene`: its name, a world such as `Scene`, or a function that makes one. It must
+        have as many axes as the scene on the world's side.
+    connect, listen : endpoints to dial or to listen on, such as ``"tcp/192.168.0.2:17447"``. If there are neither, the
+        two sides find each other on this machine, and are not reachable from elsewhere.
+    zenoh : replaces these by all settings of the connection, such as certificates.
     session, name : keep several pairs apart; the same on both sides.
-    duration_s : end by itself so long after pairing [s], in place of the parameter; 0: when the block is left.
-    record : where to record, a file's path.
-    seed : of the emulated link; None: a random one.
+    duration_s : end this long after pairing [s], in place of the parameter; 0: when the block is left.
+    record : the path of a file to record to.
+    seed : the seed of the emulated link; None: a random one.
     realtime : run the servo in a process of its own, with SCHED_FIFO and locked memory where that is allowed.
     once : end with the first peer; do not wait for another one.
 
@@ -152,7 +152,7 @@ def connect_world(
                 print(sample.position_m, sample.penetration_m)
 
     Parameters and errors are those of `connect_device`. `name` is the device's, for several devices on one network.
-    `seed` is that of the lengths of the steps too.
+    `seed` also seeds the lengths of the steps.
     """
     call = _Call(
         role="world", params=params, scene=scene, link=_Connection(connect, listen, zenoh, session, name),
@@ -175,7 +175,7 @@ async def _world(call: _Call) -> AsyncIterator[ConnectedWorld]:
 
 @asynccontextmanager
 async def _running(call: _Call) -> AsyncIterator[SideTask]:
-    """The side in its task, which is over when this is left."""
+    """Run the side in a task, which has ended when this context is left."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:
@@ -196,7 +196,7 @@ async def _running(call: _Call) -> AsyncIterator[SideTask]:
 
 
 class _Connection(NamedTuple):
-    """How a side reaches its peer; see `connect_device`."""
+    """The arguments by which a side reaches its peer; see `connect_device`."""
 
     connect: Endpoints
     listen: Endpoints
@@ -211,13 +211,13 @@ class _Connection(NamedTuple):
         _require("zenoh", self.zenoh, ZenohSettings | None, "a ZenohSettings, or None")
 
     def settings(self) -> ZenohSettings:
-        """Zenoh's settings. Raises InvalidParameter."""
+        """Return Zenoh's settings. Raises InvalidParameter."""
         connect, listen = _endpoints("connect", self.connect), _endpoints("listen", self.listen)
         if self.zenoh is None:
             return ZenohSettings(connect=connect, listen=listen, multicast_scouting=not (connect or listen))
         for name, given in (("connect", connect), ("listen", listen)):
             if given:
-                raise InvalidParameter(name, given, "not beside zenoh, which has it too")
+                raise InvalidParameter(name, given, f"{name} only without zenoh, or in zenoh")
         return self.zenoh
 
 
@@ -249,7 +249,7 @@ class _Call:
     def make(
         self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
     ) -> tuple[RealtimeSide, tuple[str, ...]]:
-        """The side, and what its user should be warned of. `names` : the names of what was given as an object."""
+        """Return the side, and warnings for its user. names : holds the names of parts that were given as objects."""
         try:
             return self._made(names, notify, watch)
         except InvalidParameter as error:
@@ -279,7 +279,7 @@ class _Call:
             changes[chosen] = _named(names, "device", self.device, device_class.allowed(), _is_device)
         if self.scene is not None:
             changes["scene"] = _named(
-                names, "scene", self.scene, "a scene's name, a world, or what makes one", is_world
+                names, "scene", self.scene, "a scene's name, a world, or a function that makes one", is_world
             )
         return (Params() if self.params is None else as_params(self.params)).set(changes)
 
@@ -293,9 +293,9 @@ def _endpoints(name: str, given: object) -> tuple[str, ...]:
     if isinstance(given, str):
         return (given,)
     if isinstance(given, Iterable):
-        found = tuple(given)
-        if all(isinstance(each, str) for each in found):
-            return found
+        endpoints = tuple(given)
+        if all(isinstance(each, str) for each in endpoints):
+            return endpoints
     raise InvalidParameter(name, given, "an endpoint such as tcp/192.168.0.2:17447, or several in a list")
 
 
@@ -304,7 +304,7 @@ def _is_device(part: object) -> bool:
 
 
 def _named(names: ExitStack, name: str, part: object, allowed: str, is_made: Callable[[object], bool]) -> str:
-    """The name by which parameters have `part`, which is a name, an object that is made already, or what makes one."""
+    """The name of `part` for parameters. part : a name, a ready object, or a function that makes one."""
     if isinstance(part, str):
         return part
     if is_made(part):
@@ -315,7 +315,7 @@ def _named(names: ExitStack, name: str, part: object, allowed: str, is_made: Cal
 
 
 class _Made:
-    """Stands for what makes a part that is made already."""
+    """A factory that returns a ready part."""
 
     def __init__(self, part: object) -> None:
         self._part = part

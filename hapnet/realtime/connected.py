@@ -1,4 +1,4 @@
-"""A side of a pair in an asyncio program: what it reports, and what can be changed while it runs."""
+"""A side of a pair in an asyncio program: its data and events, and the calls that change it while it runs."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SampleType = TypeVar("SampleType", DeviceSample, WorldSample)
 
 
 class SetPosition(NamedTuple):
-    """The set-positions of a side at one time: `target_m`, the newest from the peer, and `set_position_m`, what passive
-    set-position modulation made of it; the side's spring is tied to that [m]. `time_ns` : this machine's monotonic
+    """The set-positions of a side at one time: `target_m`, the newest from the peer, and `set_position_m`, the result
+    of passive set-position modulation, to which the side's spring is tied [m]. `time_ns` : this machine's monotonic
     clock."""
 
     time_ns: int
@@ -33,9 +33,9 @@ class SetPosition(NamedTuple):
 class ConnectedSide(Generic[SampleType]):
     """The common part of `ConnectedDevice` and `ConnectedWorld`. For the event loop that entered its block.
 
-    Nothing here makes the servo wait, but `summary`, for some 0.2 ms: what is read is a copy, and each stream has a
-    bounded queue of its own. After the side's end, or that of its block, what would change it raises `Ended`, or what
-    the side failed with.
+    Only `summary` makes the servo wait, for some 0.2 ms: all other reads return copies, and each stream has a bounded
+    queue of its own. After the side's end, or that of its block, calls that would change it raise `Ended`, or the error
+    with which the side failed.
     """
 
     def __init__(self, task: SideTask) -> None:
@@ -46,14 +46,14 @@ class ConnectedSide(Generic[SampleType]):
         """ "device" or "world"."""
         return self._task.side.role
 
-    # -- what it reports -----------------------------------------------------------------------------------------------
+    # -- its data and events -------------------------------------------------------------------------------------------
 
     async def wait_paired(self) -> None:
-        """Wait for the first peer; at once if there was one. Raises `Ended`, or what the side failed with before."""
+        """Wait for the first peer; return at once if there was one. Raises `Ended`, or the error of a failed side."""
         await self._task.paired()
 
     async def wait_ended(self) -> Summary:
-        """Wait until the side ends by itself; returns its summary. Raises what it failed with."""
+        """Wait until the side ends by itself; returns its summary. Raises the error with which it failed."""
         return await self._task.result()
 
     @property
@@ -64,13 +64,13 @@ class ConnectedSide(Generic[SampleType]):
     def events(self) -> Stream[SideEvent]:
         """All events, from the first one on (200 are kept); each call makes a stream of its own.
 
-        The last one is ``ended``. After it the stream ends, or raises what the side failed with.
+        The last event is ``ended``. After it the stream ends, or raises the error with which the side failed.
         """
         return self._task.events.stream(_same)
 
     @property
     def sample(self) -> SampleType | None:
-        """The newest sample; None before pairing. There are `Params.record_hz` a second; of a world, one a step."""
+        """The newest sample; None before pairing. A device makes `Params.record_hz` a second, a world one a step."""
         newest: SampleType | None = self._task.samples.newest
         return newest
 
@@ -88,10 +88,10 @@ class ConnectedSide(Generic[SampleType]):
         return self._task.samples.stream(_set_position)
 
     def summary(self) -> Summary:
-        """The summary so far, or of the whole run; the other side's part is what it reported, or None."""
+        """The summary so far, or of the whole run; the other side's part is the one it reported, or None."""
         return self._task.summary()
 
-    # -- what can be changed -------------------------------------------------------------------------------------------
+    # -- changes while it runs -----------------------------------------------------------------------------------------
 
     @property
     def link(self) -> LinkProfile:
@@ -99,7 +99,7 @@ class ConnectedSide(Generic[SampleType]):
         return self._task.side.profile
 
     def change_link(self, text: str) -> None:
-        """From now on send through this emulated link: tc-netem's syntax, or a profile's name.
+        """Send through another emulated link from now on: tc-netem's syntax, or a profile's name.
 
         Raises NetemError, InvalidParameter: there is no such link.
         """
@@ -107,7 +107,7 @@ class ConnectedSide(Generic[SampleType]):
         self._task.side.change_link(text)
 
     def report(self, name: str, value: Signal) -> None:
-        """Tell the other side a small value beside the stream.
+        """Send the other side a small value beside the stream.
 
         Raises InvalidParameter: it is no number, text, boolean, None or tuple of numbers, or there are too many.
         """
@@ -115,7 +115,7 @@ class ConnectedSide(Generic[SampleType]):
         self._task.side.report(name, value)
 
     tell = report
-    """Its former name, for one release more."""
+    """The former name of `report`, kept for one more release."""
 
     def pause(self, paused: bool = True) -> None:
         """Halt the simulated device or world, or let it continue. Servo, protocol and link keep running."""
@@ -123,7 +123,7 @@ class ConnectedSide(Generic[SampleType]):
         self._task.side.pause(paused)
 
     def stop_force(self, why: str) -> None:
-        """Let the device render no force any more, for good; either side may call it. `why` : for people."""
+        """End the device's force for good; either side may call it. why : the reason, for people."""
         self._task.require_running()
         self._task.side.stop_force(why)
 
@@ -137,7 +137,7 @@ class ConnectedSide(Generic[SampleType]):
 
 
 class ConnectedDevice(ConnectedSide[DeviceSample]):
-    """A device whose servo runs, as `connect_device` gives it."""
+    """A device whose servo runs, made by `connect_device`."""
 
     def lead(self, position: Sequence[float]) -> None:
         """Lead the simulated hand to `position` [m], shape (n,), if the parameter `operator` is ``mouse``.
@@ -149,7 +149,7 @@ class ConnectedDevice(ConnectedSide[DeviceSample]):
 
 
 class ConnectedWorld(ConnectedSide[WorldSample]):
-    """A world that steps, as `connect_world` gives it."""
+    """A world that steps, made by `connect_world`."""
 
 
 def _same(item: Any) -> Any:

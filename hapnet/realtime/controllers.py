@@ -23,7 +23,7 @@ from hapnet.summary.run import SidePart, device_summary, robot_summary, world_su
 from hapnet.wire.session import Session
 
 UNPAIRED_STEP_NS = 1_000_000
-"""How long a world that has no peer waits before it looks again."""
+"""How long a world without a peer waits before it checks again."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class ControlCallbacks:
     """The functions that control calls with its results, each on control's own thread; each returns at once.
 
     send : takes a position message for the link. write : takes a sample to record. fail : takes the error that ended
-    control. wake : says that there is surplus energy to collect but no message to send.
+    control. wake : called when there is surplus energy to collect but no message to send.
     """
 
     send: Callable[[bytes], None]
@@ -41,7 +41,7 @@ class ControlCallbacks:
 
 
 class Control(Protocol):
-    """A side's control, and the wire half that belongs to it."""
+    """A side's control, with its wire half."""
 
     wire: WireHalf
     unrecorded: int
@@ -49,7 +49,7 @@ class Control(Protocol):
 
     @property
     def origin_ns(self) -> int | None:
-        """When control started, on this machine's monotonic clock; None before."""
+        """The time at which control started, on this machine's monotonic clock; None before."""
 
     def start(self) -> str | None:
         """Begin to tick or step; returns one line on why real-time scheduling was refused, or None."""
@@ -61,7 +61,7 @@ class Control(Protocol):
         """Halt the simulated device or world, or let it continue."""
 
     def let_go(self, why: str) -> None:
-        """Let the device lead nothing, for this reason; empty: let it lead again."""
+        """Stop the device leading, for the reason `why`; if it is empty, let the device lead again."""
 
     def lead(self, position: Vector) -> None:
         """Lead a live hand to `position` [m], shape (n,)."""
@@ -70,14 +70,14 @@ class Control(Protocol):
         """Begin at `position` [m], shape (n,): a device with a live hand, or a world; before `start`."""
 
     def beat(self) -> None:
-        """The event loop goes on, so this side can be asked to end."""
+        """Enter that the event loop still runs, so that this side can be ended."""
 
     def part(self) -> SidePart:
         """This side's part of the summary so far, without the wire half's; complete once it has stopped."""
 
 
 class ThreadedDevice:
-    """The device with its servo in a thread; with `follows` a real robot's, in the world's place."""
+    """The device with its servo in a thread; with `follows`, a real robot in the world's place."""
 
     unrecorded = 0
 
@@ -127,7 +127,7 @@ class ThreadedDevice:
         return self._servo.start()
 
     def stop(self) -> None:
-        if not self._started:  # but the device was opened
+        if not self._started:  # the device was opened all the same
             self.side.stop()
         self._servo.stop()
         if self._servo.unsafe is not None:
@@ -148,7 +148,7 @@ class ThreadedDevice:
         self.side.place(position)
 
     def beat(self) -> None:
-        """Who waits for it is a process of its own."""
+        """Do nothing: only a servo in a process of its own needs it."""
 
     def part(self) -> SidePart:
         part = device_summary(self.side, self._coupling, servo_timing(self._servo, self.side))
@@ -210,7 +210,7 @@ class ThreadedWorld:
         self.side.place(position)
 
     def beat(self) -> None:
-        """A world holds nobody's hand."""
+        """Do nothing: a world has no force to end."""
 
     def part(self) -> SidePart:
         return world_summary(self.side, self._coupling)
@@ -232,7 +232,7 @@ def unsafe(now_ns: int, servo: Servo) -> Event:
 
 
 def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:
-    """How the servo kept its deadlines, for the summary."""
+    """The servo's timing figures, for the summary."""
     timing = servo.stats()
     return {
         "late_p50_us": timing.late_p50_us,

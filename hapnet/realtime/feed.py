@@ -1,4 +1,4 @@
-"""From a thread that must not wait to the tasks that read: each at its own pace, and what it missed is counted."""
+"""Pass items from a thread that must not wait to reading tasks, each at its own pace; missed items are counted."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Feed(Generic[T]):
     """Items that one thread gives, and any number of streams read.
 
     most : a stream that is further behind misses the oldest items.
-    keep : how many of the last items a new stream begins with.
-    missed : called on the event loop with the number of items that a stream has just found missing.
+    keep : the number of last items with which a new stream begins.
+    missed : called on the event loop with the number of items that a stream has just missed.
 
     Attributes
     ----------
@@ -46,16 +46,16 @@ class Feed(Generic[T]):
                 stream.put(numbered)
 
     def stream(self, pick: Callable[[T], U]) -> Stream[U]:
-        """A new stream of what `pick` takes from each item; on the event loop."""
-        made = Stream(self, pick)
+        """Return a new stream of the results of `pick` for each item; on the event loop."""
+        stream = Stream(self, pick)
         alive = [reference for reference in self._streams if reference() is not None]
-        self._streams = (*alive, weakref.ref(made))
-        kept = list(self._kept)  # after that: an item that is given meanwhile comes twice rather than not at all
-        made.begin(kept, kept[0][0] if kept else 0 if self._kept.maxlen else self._given)
-        return made
+        self._streams = (*alive, weakref.ref(stream))
+        kept = list(self._kept)  # after the stream is added: an item given meanwhile comes twice rather than not at all
+        stream.begin(kept, kept[0][0] if kept else 0 if self._kept.maxlen else self._given)
+        return stream
 
     def end(self, failure: BaseException | None) -> None:
-        """There are no more items: streams end, or raise `failure`; on the event loop."""
+        """End all streams after the last item, or let them raise `failure`; on the event loop."""
         self.ended, self.failure = True, failure
         for reference in self._streams:
             if (stream := reference()) is not None:
@@ -63,13 +63,13 @@ class Feed(Generic[T]):
 
 
 class Stream(AsyncIterator[U]):
-    """Items as an async iterator, for one task at a time. It ends with the side, and raises what the side failed with.
+    """Items as an async iterator, for one task at a time. It ends with the side, and raises the error of a failed side.
 
-    A reader that is cancelled while it waits loses nothing.
+    A reader that is cancelled while it waits loses no item.
 
     Attributes
     ----------
-    missed : how many items came and went while nobody read.
+    missed : the number of items that were dropped before they were read.
     """
 
     def __init__(self, feed: Feed[Any], pick: Callable[[Any], U]) -> None:
@@ -79,15 +79,15 @@ class Stream(AsyncIterator[U]):
         self._next = 0  # the number of the next item
         self._loop = asyncio.get_running_loop()
         self._waiting: asyncio.Future[None] | None = None
-        self._called = False  # the loop was asked to wake the reader, and has not done so yet
+        self._called = False  # `wake` is scheduled on the loop and has not run yet
 
     def begin(self, kept: list[tuple[int, Any]], number: int) -> None:
-        """Put the items that were given before in front; some may have come by themselves. `number` : the first's."""
+        """Put earlier items in front; some may already have been put. number : that of the first item."""
         self._items.extendleft(reversed(kept))
         self._next = number
 
     def put(self, numbered: tuple[int, Any]) -> None:
-        """Add an item, from the giver's thread: two appends at most, and the loop is woken only if somebody waits."""
+        """Add an item, from the giver's thread: two appends at most, and the loop is woken only if a task waits."""
         self._items.append(numbered)
         if self._waiting is not None and not self._called:
             self._called = True
@@ -107,7 +107,7 @@ class Stream(AsyncIterator[U]):
         while True:
             await self._until_there_is_one()
             number, item = self._items.popleft()
-            if number >= self._next:  # an older one came before the stream began, or comes again
+            if number >= self._next:  # an older item was given before the stream began, or is a copy
                 break
         missed, self._next = number - self._next, number + 1
         if missed:
@@ -125,7 +125,7 @@ class Stream(AsyncIterator[U]):
                 raise RuntimeError("another task waits for this stream already: make one for each")
             self._waiting = self._loop.create_future()
             try:
-                if not self._items:  # or one came before it was seen that somebody waits
+                if not self._items:  # an item may have come before `_waiting` was set
                     await self._waiting
             finally:
                 self._waiting = None

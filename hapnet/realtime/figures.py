@@ -23,19 +23,19 @@ from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Role
 
 _ENERGY = ("sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ")
-"""What of an account may still change after control has stopped."""
+"""The values of an account that may still change after control has stopped."""
 
 
 class SideFigures:
-    """Reads the figures from a side's parts; on the event loop.
+    """Computes the figures from a side's parts; on the event loop.
 
-    setup, role, seed : of the side. names : of its session and its device, as in the key expressions.
+    setup, role, seed : the side's. names : the names of its session and its device, as in the key expressions.
     control, driver, transport, clock : the side's parts.
     utc_less_clock_ns : UTC less the clock's reading, as of the start [ns].
 
     Attributes
     ----------
-    stopped_ns : when control stopped; None while it runs. failed : why it did, if it failed.
+    stopped_ns : when control stopped; None while it runs. failed : why it stopped, if it failed.
     live : takes each of this side's samples.
     """
 
@@ -81,12 +81,12 @@ class SideFigures:
         return self._about | {"links": links, "origin_ns": origin_ns, "utc_origin_ns": utc_ns, "utc_clock": "system"}
 
     def dropped(self) -> dict[str, int]:
-        """How many messages were dropped, by kind. The caller holds the driver's lock."""
+        """The number of dropped messages, by kind. The caller holds the driver's lock."""
         flood = self._transport.rate_limiter.refused
         return dict(self._control.wire.session.dropped) | ({"flood": flood} if flood else {})
 
     def summary(self) -> Summary:
-        """The summary so far; the other side's part is what it reported, or None."""
+        """The summary so far; the other side's part is the one it reported, or None."""
         own = self._own()
         with self._driver.lock:
             accounts = self._control.wire.session.accounts
@@ -99,10 +99,10 @@ class SideFigures:
         )
 
     def account(self, *, final: bool) -> dict[str, Signal]:
-        """Return the account of its half that this side reports to its peer. final : control has stopped, and only
-        energy in flight moves.
+        """Return the account of this side's half, to be reported to its peer. final : control has stopped, and only
+        energy in flight changes.
         """
-        reported = values_of(self._own(), self._role)
+        values = values_of(self._own(), self._role)
         if not final:  # a servo's process reports its part at its end; its samples come
             live = {
                 "ledger.margin_J": self.live.margin_J,
@@ -111,10 +111,10 @@ class SideFigures:
             }
             if not jointly_passive(self._setup.params.coupling):
                 live["ledger.slack_J"] = self.live.slack_J
-            return {name: value for name, value in live.items() if value is not None} | reported
+            return {name: value for name, value in live.items() if value is not None} | values
         if self._final is None:
-            self._final = reported
-        self._final |= {name: reported[name] for name in _ENERGY if name in reported}
+            self._final = values
+        self._final |= {name: values[name] for name in _ENERGY if name in values}
         return self._final
 
     def _own(self) -> Summary:
@@ -124,7 +124,7 @@ class SideFigures:
         end_ns = self.stopped_ns or self._clock()
         part = self._control.part()
         part["ledger"]["margin_later_J"] = self.live.later_J(part["ledger"]["margin_end_J"])
-        with self._driver.lock:  # for which the servo waits: nothing that takes long
+        with self._driver.lock:  # the servo waits for it: no long work here
             own[self._role] = with_wire(part, self._control.wire.session, end_ns) | {
                 "dropped": self.dropped(), "declared_again": self._transport.declared_again, "failed": self.failed,
             }  # fmt: skip
@@ -142,7 +142,7 @@ class SideFigures:
         return summary
 
     def status(self, *, paused: bool, recording: str) -> Status:
-        """The status for those who watch. `recording` : the path of the running recording, or empty."""
+        """The status for viewers. recording : the path of the running recording, or empty."""
         session = self._control.wire.session
         with self._driver.lock:
             stats, paired = self._driver.port.link.stats, session.peer is not None

@@ -33,12 +33,12 @@ _COLLECT_EVERY = 20  # rounds
 
 
 class Housekeeping:
-    """Reports what a side waits for, watches its peer, and ends the side when it is time.
+    """Reports what a side waits for, monitors its peer, and ends the side when it is time.
 
     role : this side's. control, driver, transport, figures, reporter, clock : its parts.
-    accounts : reports its account. alone : what it does without its peer. diagnosis : finds out why nobody answers.
-    timeline : of its link, from pairing on.
-    refused : called with the time [ns]; returns a text with who was refused since the last call.
+    accounts : reports its account. alone : acts while it has no peer. diagnosis : finds out why there is no answer.
+    timeline : that of its link, from pairing on.
+    refused : called with the time [ns]; returns a text with the refusals since the last call.
     fail : ends the side with an error.
     """
 
@@ -74,7 +74,7 @@ class Housekeeping:
         collect : collects Python's garbage.
         """
         self._duration_s = duration_s
-        stopped = asyncio.ensure_future(stop.wait())  # one for all rounds: a new one each costs more than the rest
+        stopped = asyncio.ensure_future(stop.wait())  # one for all rounds: one each would cost more than the rest
         try:
             await self._rounds(stop, stopped, duration_s, collect)
         finally:
@@ -100,7 +100,7 @@ class Housekeeping:
             rounds += 1
             if rounds % _COLLECT_EVERY == 0:
                 collect()
-                self._look_around(origin_ns)
+                self._check_each_second(origin_ns)
             await asyncio.wait((stopped,), timeout=_PERIOD_S)
 
     def on_connection(self) -> None:
@@ -136,12 +136,12 @@ class Housekeeping:
             self._alone.happened(event, now_ns, left_s)
 
     def drain(self) -> None:
-        """Report control's notes, and write the samples, that came since the last call."""
+        """Report control's notes, and write its samples, since the last call."""
         self._reporter.report_notes()
         if self._control.origin_ns is not None:
             self._reporter.recordings.drain(self._clock(), self._figures.meta)
 
-    def _look_around(self, origin_ns: int | None) -> None:
+    def _check_each_second(self, origin_ns: int | None) -> None:
         """Run the checks of each second."""
         self.on_connection()  # when Zenoh reports a lost link, it may still count that link
         if origin_ns is not None:
@@ -151,7 +151,7 @@ class Housekeeping:
                 self._reporter.notify(notice)
 
     def _wait(self, now_ns: int) -> None:
-        """There is no peer yet: report what this side does and, if nobody is there at all, the possible cause."""
+        """Report what this side waits for and, if no node is connected, the possible cause."""
         transport = self._transport
         status, others = transport.status, transport.partners or transport.doubled
         if not transport.peers and (why := self._diagnosis.answer(now_ns)):
@@ -161,7 +161,7 @@ class Housekeeping:
         self._reporter.notifier.waiting(now_ns, status, transport.partners)
 
     def _is_final(self, event: Event) -> bool:
-        """Whether this event ends a device. The world does not fit, or it has another device and never takes this
+        """Whether this event ends a device: the world does not fit, or has another device and never accepts this
         one.
         """
         if self._role != "device" or not isinstance(event, Mismatch | PeerRefused):
@@ -169,6 +169,6 @@ class Housekeeping:
         return self._control.origin_ns is None or (isinstance(event, PeerRefused) and event.by_peer)
 
     def _end_unpaired(self, error: HapnetError) -> None:
-        """End the side, unless a world has taken it after all: anybody may send a refusal."""
+        """End the side, unless a world has paired with it after all: any node may send a refusal."""
         if self._control.wire.session.peer is None:
             self._fail(error)

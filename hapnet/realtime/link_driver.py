@@ -20,12 +20,12 @@ from netem.aio import DeadlineTimer
 class LinkDriver:
     """Drives a link port by the clock.
 
-    port : the side's. put : puts a message of a kind on the wire. clock : [ns].
+    port : the side's. put : puts a message of a kind on the wire. clock : returns the time [ns].
     period_ns : the servo's period; None if no servo sends.
 
     Attributes
     ----------
-    lock : must be held by anybody else who uses the port or its wire half.
+    lock : must be held by any other code that uses the port or its wire half.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class LinkDriver:
         self._granted_ns: int | None = None
 
     def open(self, loop: asyncio.AbstractEventLoop, due: Callable[[], None]) -> None:
-        """From the first `arm` on, call `due` on `loop` whenever it is time to `pump`."""
+        """Call `due` on `loop` whenever it is time to `pump`, from the first `arm` on."""
         self._loop = loop
         self._timer = DeadlineTimer(loop, due)
 
@@ -74,10 +74,10 @@ class LinkDriver:
             return (self.port.link.next_due_ns, self.port.wire.session.next_due_ns) != (None, None)
 
     def send(self, data: bytes) -> None:
-        """Offer control's message to the link and put on the wire what is not delayed; on control's own thread.
+        """Offer control's message to the link and put it on the wire if it is not delayed; on control's own thread.
 
-        The message is put first; all other work waits for that. Its stamp is now: a round trip is to be that of the
-        network, without what the tick or the step took before.
+        The message is put before all other work. It is stamped now, so that a round trip is that of the network,
+        without the computing time of the tick or the step.
         """
         now_ns = self._clock()
         data = stamped(data, now_ns)
@@ -101,7 +101,7 @@ class LinkDriver:
         return events
 
     def pump(self) -> Pumped:
-        """Put everything due on the wire, and set the timer for what is due next; on the loop."""
+        """Put everything due on the wire, and set the timer for the next due time; on the loop."""
         now_ns = self._clock()
         with self.lock:
             pumped = self.port.pump(now_ns)
@@ -125,10 +125,10 @@ class LinkDriver:
             self._loop.call_soon_threadsafe(self._timer.arm, due_ns)
 
     def _calm_ns(self, wire_ns: int | None) -> int | None:
-        """When the loop should serve the protocol, which is due at `wire_ns`: then, or a little later.
+        """Return when the loop should serve the protocol, which is due at `wire_ns`: then, or a little later.
 
-        The loop and a servo's message disturb each other if both come at once. They would do so again and again, since
-        what is sent with a tick is due again a whole number of periods later. So the loop runs between two ticks.
+        The loop and a servo's message delay each other if they coincide. They would coincide again and again, since
+        a message sent with a tick is due again a whole number of periods later. So the loop runs between two ticks.
         """
         if wire_ns == self._asked_ns:
             return self._granted_ns

@@ -1,4 +1,4 @@
-"""Decides which notices people get, and when: each thing once, and what strangers cause at a bounded rate."""
+"""Decide which notices are sent, and when: each event once, and events that strangers cause at a bounded rate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hapnet.side.notices import Notice, notice_of
 from hapnet.wire.events import Event, PeerRefused
 
 REPORT_EVERY_NS = 10_000_000_000
-"""What strangers can cause is reported once in this time [ns]; a new kind of dropped message is reported at once."""
+"""Events that strangers cause are reported once in this time [ns]; a new kind of dropped message at once."""
 
 MOST_REPORTED = 20
 """At most this many events of the session are reported in `REPORT_EVERY_NS`."""
@@ -21,13 +21,13 @@ ROUTINE = frozenset({"stale", "closed", "unpaired", "retired", "addressee"})
 """Kinds of dropped messages that delays, starts, ends and restarts cause: they are in the summary only."""
 
 PATIENCE_NS = 1_500_000_000
-"""A side that is there but has not answered for longer than this may have another peer [ns]."""
+"""A connected side that has not answered for longer than this may have another peer [ns]."""
 
 
 class Notifier:
     """Sends one side's notices; on the event loop.
 
-    role : this side's. on_silence : what it does when nothing arrives. notify : called with each notice.
+    role : this side's. on_silence : its action on a silence of the peer. notify : called with each notice.
     """
 
     def __init__(self, role: str, on_silence: str, notify: Callable[[Notice], None]) -> None:
@@ -48,11 +48,11 @@ class Notifier:
         self._notify(Notice(kind, text, now_ns, level))
 
     def waiting(self, now_ns: int, status: str, partners: int) -> None:
-        """This side has no peer. `status` says what the transport does, `partners` how many may become the peer."""
+        """Report that this side has no peer. status : the transport's. partners : the number of possible peers."""
         text = f"waiting for the {self._other}: {status}"
         if not partners:
             self._met_ns, self._refusal = None, ""
-        elif self._refusal and partners == 1:  # without its reason, which a stranger may vary
+        elif self._refusal and partners == 1:  # without the reason, which a stranger may vary
             text = f"waiting for the {self._other}: {self._refusal}"
         elif self._met_ns is None:
             self._met_ns = now_ns
@@ -78,7 +78,7 @@ class Notifier:
                 refuses = "does not prove its key"
             else:
                 refuses = "refuses this side" if isinstance(event, PeerRefused) else "was refused"
-            self._refusal = f"the one that is connected {refuses}"
+            self._refusal = f"the connected {self._other} {refuses}"
             if self._refused_ns is not None and now_ns - self._refused_ns < REPORT_EVERY_NS:
                 return None
             self._refused_ns = now_ns
@@ -93,12 +93,12 @@ class Notifier:
         return notice
 
     def dropped(self, now_ns: int, counts: Mapping[str, int], why: Mapping[str, str]) -> None:
-        """Report the dropped messages: how many so far, by kind, and why the last one of each kind was dropped."""
+        """Report the dropped messages. counts : how many so far, by kind. why : the last reason of each kind."""
         if (notice := self._drops.look(now_ns, counts, why)) is not None:
             self._notify(notice)
 
     def link(self, now_ns: int, *, up: bool) -> None:
-        """Report whether Zenoh is connected to anybody, when that has changed."""
+        """Report a change of whether Zenoh is connected to any node."""
         if not up and self._link_lost_ns is None:
             self._link_lost_ns = now_ns
             self._notify(Notice("link", f"the connection to the {self._other} is lost", now_ns, "warning"))
@@ -119,14 +119,14 @@ class Notifier:
 
 
 class Drops:
-    """Reports dropped messages at a bounded rate, so that whoever sends them cannot fill a log."""
+    """Reports dropped messages at a bounded rate, so that their sender cannot fill a log."""
 
     def __init__(self) -> None:
         self._reported: Counter[str] = Counter()
         self._reported_ns: int | None = None
 
     def look(self, now_ns: int, dropped: Mapping[str, int], why: Mapping[str, str]) -> Notice | None:
-        """The notice about the messages dropped since the last one. `why` : the reason of the last one of each kind."""
+        """Return a notice of the messages dropped since the last notice. why : the last reason of each kind."""
         new = {kind: count - self._reported[kind] for kind, count in dropped.items() if kind not in ROUTINE}
         new = {kind: count for kind, count in new.items() if count > 0}
         known = all(self._reported[kind] for kind in new)

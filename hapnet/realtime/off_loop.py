@@ -1,4 +1,4 @@
-"""Work that blocks, beside the event loop, and waiting that a cancellation does not cut short."""
+"""Blocking work beside the event loop, and waits that a cancellation does not cut short."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ T = TypeVar("T")
 async def off_loop(call: Callable[[], T]) -> T:
     """Return the result of `call`, run on a thread of its own that ends afterwards.
 
-    It is always waited for, or it would leave parts half started or half stopped. A cancellation meanwhile is raised
-    after it. (`asyncio.to_thread` leaves at once, keeps its threads, and queues behind the program's other work.)
+    The caller always waits for it, since otherwise parts could remain half started or half stopped. A cancellation
+    meanwhile is raised afterwards. (`asyncio.to_thread` leaves at once, keeps its threads, and queues behind the
+    program's other work.)
     """
     outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
 
@@ -33,12 +34,12 @@ async def off_loop(call: Callable[[], T]) -> T:
     try:
         await until_done(waiting)
     finally:
-        thread.join()  # it has nothing left to do
+        thread.join()  # its work is done
     return waiting.result()
 
 
 async def until_done(future: asyncio.Future[Any], cancelled: Callable[[], object] = lambda: None) -> None:
-    """Wait until `future` is done, however that ended. A cancellation meanwhile is raised after it.
+    """Wait until `future` is done, with a result or an error. A cancellation meanwhile is raised afterwards.
 
     cancelled : called at each cancellation.
     """
@@ -51,5 +52,5 @@ async def until_done(future: asyncio.Future[Any], cancelled: Callable[[], object
             cancelled()
     if cancellation is not None:
         if not future.cancelled():
-            future.exception()  # it counts as seen
+            future.exception()  # so that asyncio does not log it
         raise cancellation

@@ -18,7 +18,7 @@ from hapnet.wire.messages import Role
 from netem import LinkProfile
 
 MOST_SAMPLES = 100_000
-"""How many samples may wait to be written; any more are counted and dropped."""
+"""The most samples that wait to be written; further ones are counted and dropped."""
 
 
 class Recorder:
@@ -26,13 +26,13 @@ class Recorder:
 
     If the disk is full or the file cannot be written any more, the recording ends and the run goes on.
 
-    path : of the recording.
-    report : called with a text that says what is missing in it.
+    path : the recording's path.
+    report : called with a text about what is missing in it.
 
     Attributes
     ----------
-    broken : it ended too early.
-    missing : what `report` was called with last; None: nothing is missing.
+    broken : whether it ended too early.
+    missing : the last text passed to `report`; None: nothing is missing.
 
     Raises RecordingError: it cannot be written.
     """
@@ -58,7 +58,7 @@ class Recorder:
             self._unrecorded += 1
 
     def drain(self, now_ns: int, meta: Callable[[], dict[str, Any]]) -> None:
-        """Write the samples kept since the last call. `meta` gives the recording's description when it begins."""
+        """Write the samples kept since the last call. meta : returns the description, at the recording's begin."""
         if self.broken:
             return
         try:
@@ -78,20 +78,20 @@ class Recorder:
         if self._writer is None:
             return
         if unrecorded := unrecorded + self._unrecorded:
-            self._say(f"{unrecorded} samples are missing: they came faster than they could be written")
+            self._report_missing(f"{unrecorded} samples are missing: they came faster than they could be written")
         try:
             self._writer.close(summary)
         except RecordingError as error:
             self.broken = True
-            self._say(f"{error}; its end is missing")
+            self._report_missing(f"{error}; its end is missing")
 
     def _give_up(self, error: RecordingError) -> None:
         self.broken = True
         self._writer = None
         self._samples.clear()
-        self._say(f"{error}; the run goes on without a recording")
+        self._report_missing(f"{error}; the run goes on without a recording")
 
-    def _say(self, text: str) -> None:
+    def _report_missing(self, text: str) -> None:
         self.missing = text
         self._report(text)
 
@@ -99,11 +99,11 @@ class Recorder:
 class Recordings:
     """The recordings of a side, one after another. Between them, samples are dropped.
 
-    report : called with a text that says what is missing in a recording.
+    report : called with a text about what is missing in a recording.
 
     Attributes
     ----------
-    missing : what is missing in those that have ended, as texts.
+    missing : texts about what is missing in the ended recordings.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
@@ -111,7 +111,7 @@ class Recordings:
         self._report = report
         self._recorder: Recorder | None = None
         self._lost_before = 0
-        self._drawing: Drawing | None = None  # it comes once, and belongs into each recording
+        self._drawing: Drawing | None = None  # it comes once, and is part of each recording
 
     @property
     def path(self) -> Path | None:
@@ -120,7 +120,7 @@ class Recordings:
         return None if recorder is None or recorder.broken else recorder.path
 
     def begin(self, path: Path) -> None:
-        """From now on record at `path`. Raises RecordingError if that is not possible."""
+        """Record at `path` from now on. Raises RecordingError if that is not possible."""
         recorder = Recorder(path, self._report)
         if self._drawing is not None:
             recorder.keep(self._drawing)
@@ -141,7 +141,7 @@ class Recordings:
     def end(self, summary: Mapping[str, Any] | None, lost: int) -> None:
         """End the running recording, if there is one.
 
-        lost : samples that were lost before they came here, of all recordings so far.
+        lost : the number of samples that were lost before `keep`, of all recordings so far.
         """
         recorder, self._recorder = self._recorder, None
         if recorder is not None:
@@ -152,7 +152,7 @@ class Recordings:
 
 
 def measured_utc_less_clock_ns(clock: Callable[[], int], utc: Callable[[], int]) -> int:
-    """UTC less the clock's reading, to be taken once [ns]: of a few tries, the one that was interrupted least."""
+    """Measure UTC less the clock's reading [ns]; call it once. The least interrupted of a few tries counts."""
     tries = [(clock(), utc(), clock()) for _ in range(5)]
     before_ns, utc_ns, after_ns = min(tries, key=lambda one: one[2] - one[0])
     return utc_ns - (before_ns + after_ns) // 2
@@ -186,14 +186,14 @@ def _boot_id() -> str:
 
 
 def require_writable(path: Path) -> None:
-    """Raise RecordingError if no recording can be written at `path`. What this makes is gone again."""
+    """Raise RecordingError if no recording can be written at `path`. Files made for the check are deleted."""
     new = [each for each in path.parents if not each.exists()]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         existed = path.exists()
         path.open("ab").close()
         if not existed:
-            path.unlink()  # nothing is written before the sides have met
+            path.unlink()  # no data are written before pairing
         for directory in new:
             directory.rmdir()
     except OSError as error:

@@ -1,5 +1,5 @@
-"""A side's reports: notices to the person who runs it, samples to its recording, both to those who watch;
-and this side's half of the account to its peer.
+"""A side's reports: notices to its user, samples to its recording, both to viewers, and the account of its half to
+its peer.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _MOST_NOTES = 1000
 class Reporter:
     """A side's notices, recordings and telemetry. `keep` is for any thread, all else for the event loop.
 
-    role : this side's. on_silence : what it does when nothing arrives. clock : [ns].
-    notify : called with each notice. telemetry : publishes telemetry; None: nobody can watch.
-    watch : called with each sample or note from control, on its thread.
+    role : this side's. on_silence : its action on a silence of the peer. clock : returns the time [ns].
+    notify : called with each notice. telemetry : publishes telemetry; None: there is none.
+    watch : called with each sample or note from control, on control's thread.
 
     Attributes
     ----------
-    notifier : decides which notices are sent, and when. recordings : of this side.
+    notifier : decides which notices are sent, and when. recordings : this side's.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ AT_THE_END_NS = 50_000_000
 
 
 class AccountReporter:
-    """Of one side; on the event loop.
+    """Reports one side's account to its peer; on the event loop.
 
     figures, session, driver, clock : the side's parts.
     """
@@ -94,14 +94,14 @@ class AccountReporter:
         self._reported_ns: int | None = None
 
     def look(self) -> None:
-        """Tell it if it is time, or if the peer asks; call this regularly."""
+        """Report the account if it is due, or if the peer has requested it; call this regularly."""
         with self._driver.lock:
             paired, owes = self._session.peer is not None, self._session.accounts.owes
         if paired and (owes or self._is_due(EVERY_NS)):
             self._report(final=False)
 
     def end(self) -> bool:
-        """Tell it after control has stopped. Does the peer know it now? Call this again until it does."""
+        """Report the account after control has stopped; True once the peer has answered. Call this until then."""
         if self._is_due(AT_THE_END_NS):
             self._report(final=True)
         with self._driver.lock:

@@ -1,9 +1,9 @@
 """Real time: one side in this process, over Zenoh, through the emulated link.
 
 Three kinds of thread share a side. The control thread (the servo, or the world's stepper) owns the control half, and
-puts positions on the wire itself unless the link delays them. Zenoh's receiving thread decodes what arrives into the
-control half's slots. The event loop does the rest: delayed release, retransmission, housekeeping (housekeeping.py) and
-reports (reporter.py, figures.py). One lock guards what the threads share: the wire half and the link (link_driver.py).
+puts positions on the wire itself unless the link delays them. Zenoh's receiving thread decodes arriving messages into
+the control half's slots. The event loop does the rest: delayed release, retransmission, housekeeping (housekeeping.py)
+and reports (reporter.py, figures.py). One lock guards the shared data: the wire half and the link (link_driver.py).
 """
 
 from __future__ import annotations
@@ -57,22 +57,22 @@ from hapnet.wire.secret import Secret
 from netem import Link, LinkProfile
 
 _ORDINARY = (PositionReceived, SampleReceived, EnergyCredited)
-"""Events that come with the traffic; they are not reported."""
+"""Events of ordinary traffic, which are not reported."""
 
 
 class RealtimeSide:
     """One side, running.
 
     setup : checked parameters. role : "device" or "world".
-    zenoh : how to reach the other side. session, name : of the key expressions.
-    seed : of this side's link and the world's steps; None: a random one.
+    zenoh : how to reach the other side. session, name : parts of the key expressions.
+    seed : the seed of this side's link and the world's steps; None: a random one.
     record : path of the recording; None: none.
     realtime : run the device's servo in a process of its own, with SCHED_FIFO and locked memory where that is allowed.
     once : end with the first peer; do not wait for another one.
     notify : called with each notice, on the event loop.
     watch : called with each sample or note, on control's thread; it must return at once.
-    refused : called with the time [ns]; returns a text with who was refused since the last call.
-    page : called with each telemetry message of both sides, on any thread; it must return at once. None: nobody looks.
+    refused : called with the time [ns]; returns a text with the refusals since the last call.
+    page : called with each telemetry message of both sides, on any thread; it must return at once. None: no page.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class RealtimeSide:
         self._clock = clock = time.monotonic_ns
         seed = secrets.randbits(32) if seed is None else seed
         entropy = np.random.SeedSequence(seed).spawn(4)
-        early: list[Sample] = []  # what control reports while it is made
+        early: list[Sample] = []  # control's notes while it is made
         self._write: Callable[[Sample], None] = early.append
         callbacks = ControlCallbacks(self._send, self._keep, self._fail, lambda: self._link_driver.arm())
         incarnation = secrets.randbits(63) + 1
@@ -121,7 +121,7 @@ class RealtimeSide:
             warn=self._warn,
             also=() if page is None else (TELEMETRY,),
         )
-        # after all that may be refused: it opens the device
+        # last, after all checks: it opens the device
         self.control: Control = control_of(
             setup, role, incarnation, secret, callbacks, clock, entropy[2], realtime=realtime
         )
@@ -148,8 +148,8 @@ class RealtimeSide:
             measured_utc_less_clock_ns(clock, time.time_ns),
         )  # fmt: skip
         for sample in early:
-            self._keep_and_see(sample)
-        self._write = self._keep_and_see
+            self._keep_and_measure(sample)
+        self._write = self._keep_and_measure
         self._accounts = AccountReporter(self._figures, control.wire.session, self._link_driver, clock)
         self._diagnosis = ConnectionDiagnosis(zenoh, clock())
         self._housekeeping = Housekeeping(
@@ -175,12 +175,12 @@ class RealtimeSide:
     def _keep(self, sample: Sample) -> None:
         self._write(sample)
 
-    def _keep_and_see(self, sample: Sample) -> None:
+    def _keep_and_measure(self, sample: Sample) -> None:
         self._figures.live.see(sample)
         self._reporter.keep(sample)
 
     def _send(self, data: bytes) -> None:
-        """On control's thread."""
+        """Send control's message, on control's thread."""
         self._link_driver.send(data)
 
     def _put(self, page: Callable[[bytes], None] | None, for_watchers: Cipher | None, data: bytes) -> None:
@@ -188,24 +188,24 @@ class RealtimeSide:
             page(data)
         if self.wire.session.encrypts:
             if for_watchers is None:
-                return  # nobody else may read what the pair does
+                return  # the pair's data are secret
             data = for_watchers.encrypt(data)
         self._transport.put(TELEMETRY, data)
 
     def _on_message(self, page: Callable[[bytes], None] | None, kind: str, data: bytes, now_ns: int) -> None:
-        """On Zenoh's thread."""
+        """Process a message, on Zenoh's thread."""
         if kind != TELEMETRY:
             self._report(self._link_driver.receive(now_ns, data))
         elif page is not None:
             page(data)
 
     def _report(self, events: tuple[Event, ...]) -> None:
-        reported = [event for event in events if not isinstance(event, _ORDINARY)]
-        if reported:
-            self._loop.call_soon_threadsafe(self._housekeeping.on_events, reported, self._clock())
+        notable = [event for event in events if not isinstance(event, _ORDINARY)]
+        if notable:
+            self._loop.call_soon_threadsafe(self._housekeeping.on_events, notable, self._clock())
 
     def _warn(self, text: str) -> None:
-        """On any thread; the loop reports it."""
+        """Let the loop report a warning; from any thread."""
         self._reporter.keep(Note(self._clock(), "transport", text, "warning"))
 
     def _fail(self, error: BaseException) -> None:
@@ -218,10 +218,10 @@ class RealtimeSide:
     async def run(self, stop: asyncio.Event, duration_s: float, opened: Callable[[], object] = lambda: None) -> Summary:
         """Run until `duration_s` seconds after pairing (0: no end) or until `stop` is set; returns the side's summary.
 
-        opened : called when control runs and the other side can come.
+        opened : called when control runs and the other side can connect.
 
-        However this ends, there is no force any more then, and no thread, task, socket or file is left. Cancelled, it
-        ends as soon as that is so, without a word to the peer; to end in order, set `stop`.
+        At its end, even by an error, there is no force any more, and no thread, task, socket or file is left. If it is
+        cancelled, it ends as soon as that is so, without a bye to the peer; to end in order, set `stop`.
 
         Raises HapnetError: the peer does not fit, the transport cannot be opened, or the control thread failed.
         """
@@ -231,7 +231,7 @@ class RealtimeSide:
         try:
             with tuned_interpreter() as collect:
                 refused = await off_loop(self.control.start)
-                await self._open(stop)  # only now: when a peer is answered, control must be ready for it
+                await self._open(stop)  # only now: control must be ready before a peer is answered
                 if refused:
                     self._reporter.notifier.notify("realtime", refused, self._clock())
                 self._link_driver.arm()
@@ -241,12 +241,12 @@ class RealtimeSide:
                 await off_loop(self.control.stop)
                 self._figures.stopped_ns = self._clock()
             if self._failure is not None:
-                with suppress(Exception):  # the goodbye may need the part that has failed
+                with suppress(Exception):  # the bye may need the part that has failed
                     await self._part("it failed", linger=False)
                 raise self._failure
             await self._part(OVER, linger=True)
             if self._telemetry is not None:
-                self._telemetry.report_status()  # the final account, for who watches
+                self._telemetry.report_status()  # the final account, for viewers
         finally:
             if telemetry is not None:
                 telemetry.cancel()
@@ -271,7 +271,7 @@ class RealtimeSide:
             opening.cancel()
             stopped.cancel()
             if opening.done() and not opening.cancelled():
-                opening.exception()  # it counts as seen
+                opening.exception()  # so that asyncio does not log it
 
     def _close(self) -> None:
         """Stop control and close the transport, on a thread that may wait."""
@@ -282,11 +282,11 @@ class RealtimeSide:
             self._diagnosis.close()
 
     def summary(self) -> Summary:
-        """The summary so far; the other side's part is what it reported, or None."""
+        """The summary so far; the other side's part is the one it reported, or None."""
         return self._figures.summary()
 
     def interrupt(self, why: str) -> None:
-        """Note why this side is asked to end before its time; who does so also sets `stop`."""
+        """Store why this side is to end before its time; the caller also sets `stop`."""
         self._figures.failed = why
 
     def skip_settling(self) -> None:
@@ -294,7 +294,7 @@ class RealtimeSide:
         self._lingers = False
 
     def leave_at_once(self) -> None:
-        """Leave at once; the peer may not hear of it."""
+        """Leave at once; the peer may not be notified."""
         self._hurried = True
 
     @property
@@ -305,7 +305,7 @@ class RealtimeSide:
     # -- while it runs, on the event loop ----------------------------------------------------------------------------
 
     def change_link(self, text: str) -> None:
-        """From now on send through this link: tc-netem's syntax, or a profile's name.
+        """Send through another link from now on: tc-netem's syntax, or a profile's name.
 
         Raises NetemError, InvalidParameter: there is no such link.
         """
@@ -329,8 +329,8 @@ class RealtimeSide:
         self.control.lead(checks.vector("position", position, axes))
 
     def let_go(self, why: str) -> None:
-        """Let the device move alone from now on, for this reason: a robot that it leads stops, and the device has no
-        force. Empty: let it lead again, from where it then is; the robot stays where it is. Only of a device.
+        """Stop the device leading, for the reason `why`: a robot that it leads stops, and the device has no force. If
+        `why` is empty, it leads again, from where it then is; the robot stays where it is. For a device's side only.
 
         Raises InvalidParameter: this side has no device.
         """
@@ -363,15 +363,15 @@ class RealtimeSide:
         self._reporter.notify(Notice("signal", signal_text(name, value), self._clock()))
 
     tell = report
-    """Its former name, for one release more."""
+    """The former name of `report`, kept for one more release."""
 
     def stop_force(self, why: str) -> None:
-        """Let the device render no force any more, for good; either side may call it. `why` : for people."""
+        """End the device's force for good; either side may call it. why : the reason, for people."""
         with self._link_driver.lock:
             self.wire.stop_force(why)
         self._link_driver.arm()
         if self.role == "world":
-            self._reporter.notify(Notice("stop", f"the device is told to give no force: {why}", self._clock()))
+            self._reporter.notify(Notice("stop", f"the device's force is ended: {why}", self._clock()))
 
     def record(self, path: Path | None) -> None:
         """End the running recording, if there is one, and begin another at `path`; None: only end it.
@@ -387,13 +387,13 @@ class RealtimeSide:
                 recordings.keep(Note(self._clock(), link_events.KIND, link_events.text_of("down")))
 
     def _reported(self, summary: Summary) -> Summary | None:
-        """The summary for a recording's end. None: it lacks the part of a servo's process, which reports it at its end
-        only, and did not if it was killed; the samples then count.
+        """Return the summary for a recording's end. None: the part of a servo's process is missing, which reports it
+        only at its end, and not if it was killed; the samples then count.
         """
         return summary if has_account(summary[self.role]) else None
 
     async def _part(self, reason: str, *, linger: bool) -> None:
-        """After control has stopped, let the energy in flight be acknowledged, then say goodbye."""
+        """After control has stopped, wait until the energy in flight is acknowledged, then send the bye."""
         session, driver = self.wire.session, self._link_driver
         leaving = GracefulShutdown(
             session, driver, self._clock, self._pump, self._accounts.end,
@@ -402,7 +402,7 @@ class RealtimeSide:
         await leaving.run(reason, LINGER_S if linger else FAILED_LINGER_S, self.profile.delay_ns * NANO)
 
     def _pump(self) -> None:
-        """Send what is due, and report what has happened."""
+        """Send due messages, and report events."""
         _, events, changes = self._link_driver.pump()
         self._report(events)
         for at_ns, entry in changes:

@@ -1,14 +1,14 @@
 """The servo: one thread that calls ``tick`` once a period, on absolute deadlines.
 
 * Deadlines lie on the grid ``start + k period``; lateness never accumulates. After an overrun there is no burst: the
-  grid points that passed meanwhile are skipped and counted (`DeadlineGrid`).
-* The thread asks for a timer slack of 1 ns (Linux would add its default of 50 us to every sleep).
-* Whatever ends the thread, ``safe`` is called after the last tick: it sets the force to zero.
+  deadlines that passed meanwhile are skipped and counted (`DeadlineGrid`).
+* The thread requests a timer slack of 1 ns (Linux would add its default of 50 us to every sleep).
+* However the thread ends, ``safe`` is called after the last tick: it sets the force to zero.
 
-A process that runs a servo should do its work inside `tuned_interpreter`: a short switch interval, and no garbage
-collection inside ticks.
+A process that runs a servo should do its work inside `tuned_interpreter`, which sets a short switch interval and
+prevents garbage collection inside ticks.
 
-`Stepper` is the world's thread: a step begins when the time of the last one is over.
+`Stepper` is the world's thread: a step begins when the time of the last step is over.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FIFO_PRIORITY = 80
 """Above the kernel's threaded interrupts (50), below its watchdogs (99)."""
 
 COARSEST_S = 1e-4
-"""Before Python 3.13 the clock of Windows made steps of 15.6 ms (gh-88494)."""
+"""The coarsest clock for a servo. Before Python 3.13 that of Windows made steps of 15.6 ms (gh-88494)."""
 
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT_AND_FUTURE = 3
@@ -46,7 +46,7 @@ class DeadlineGrid:
     Attributes
     ----------
     deadline_ns : the next deadline.
-    skipped : how many deadlines were given up so far, because they passed before the tick before them had ended.
+    skipped : the number of deadlines so far that passed before the previous tick had ended.
 
     Raises InvalidParameter: the period is not positive.
     """
@@ -69,15 +69,15 @@ class DeadlineGrid:
 
 @dataclass(frozen=True, slots=True)
 class ServoStats:
-    """How the servo kept its deadlines.
+    """Statistics of how the servo kept its deadlines.
 
-    Lateness is from a deadline to the first call of tick after it (None before the first). Every deadline has one, also
-    those that were skipped, so the denominator of a share is `ticks` and `skipped` together.
+    Lateness is the time from a deadline to the first call of tick after it (None before the first). Every deadline has
+    one, also the skipped ones, so the denominator of a fraction is `ticks` and `skipped` together.
     """
 
     ticks: int
     skipped: int
-    """Deadlines that passed before the tick before them had ended."""
+    """Deadlines that passed before the previous tick had ended."""
     late_period: int
     """Deadlines that were late by a period or more."""
     late_p50_us: float | None
@@ -92,11 +92,11 @@ class Servo:
 
     period_ns : the period [ns].
     tick : called on the servo's thread with the clock's reading [ns]. An exception ends the servo.
-    safe : called on the servo's thread when it ends, for whatever reason: it must set the force to zero. An
+    safe : called on the servo's thread when it ends, for any reason: it must set the force to zero. An
         interpreter that exits stops its servos first.
     on_error : called with the exception that ended the servo, on its thread, after `safe`. It is kept in `error` too.
     paced : False: `tick` itself waits, for a device that sets the pace; it is called again as soon as it returns.
-    realtime : ask for SCHED_FIFO and locked memory; `start` returns the reason if they are refused.
+    realtime : request SCHED_FIFO and locked memory; `start` returns the reason if they are refused.
     clock, sleep : a monotonic clock [ns], and a function that sleeps a number of seconds on it.
 
     Raises InvalidParameter: the period is not positive.
@@ -131,11 +131,11 @@ class Servo:
 
     @property
     def running(self) -> bool:
-        """Whether the thread lives."""
+        """Whether the thread runs."""
         return self._thread.is_alive()
 
     def start(self) -> str | None:
-        """Start the thread, once; returns one line on why real-time scheduling was refused, or None if it was not."""
+        """Start the thread, once; returns one line on why real-time scheduling was refused, or None."""
         # An exiting interpreter kills a daemon thread at once, and waits for any other thread. So the servo is a
         # daemon, and atexit stops it in time for `safe`.
         atexit.register(self.stop)
@@ -160,7 +160,7 @@ class Servo:
         self._thread.join()
 
     def stats(self) -> ServoStats:
-        """How the deadlines were kept so far; from any thread."""
+        """Return the statistics so far; from any thread."""
         late = self._lateness
         p50, p99 = late.quantile(0.50), late.quantile(0.99)
         return ServoStats(
@@ -211,9 +211,9 @@ class Servo:
             grid.advance(clock())
 
     def _follow(self) -> None:
-        """Call a tick that waits by itself; it is late by what it takes longer than a period.
+        """Call a tick that waits by itself; it is late by the time that it takes beyond a period.
 
-        One that fails to wait may not take the processor from all others: a tick takes a tenth of a period at least.
+        A tick that fails to wait must not block the processor: each takes at least a tenth of a period.
         """
         clock, tick, period_ns = self._clock, self._tick, self._grid.period_ns
         before_ns = clock()
@@ -227,7 +227,7 @@ class Servo:
             before_ns = now_ns
 
     def _count(self, now_ns: int) -> int:
-        """Count the lateness of every deadline up to a tick at `now_ns`; returns how many these are."""
+        """Count the lateness of every deadline up to a tick at `now_ns`; returns the number of deadlines."""
         late_ns, period_ns = now_ns - self._waiting_ns, self._grid.period_ns
         deadlines = late_ns // period_ns + 1
         if deadlines == 1:
@@ -274,7 +274,7 @@ def require_fine_clock(resolution_s: float = time.get_clock_info("monotonic").re
 
 
 class _Tuning:
-    """How the interpreter was before the first of its users; they may come and go in any order."""
+    """The interpreter's settings before the first servo; servos may start and end in any order."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -298,7 +298,7 @@ class _Tuning:
                 return
             interval, automatic, frozen = self._before
             sys.setswitchinterval(interval)
-            if not frozen:  # a program's own frozen objects could not be told from those of here
+            if not frozen:  # unfreezing would also thaw objects that the program itself froze
                 gc.unfreeze()
             if automatic:
                 gc.enable()
@@ -309,14 +309,14 @@ _tuning = _Tuning()
 
 @contextlib.contextmanager
 def tuned_interpreter() -> Iterator[Callable[[], int]]:
-    """Inside this context the interpreter suits a servo; when the last one is left, everything is as before.
+    """Tune the interpreter for a servo inside this context; leaving the last such context restores the settings.
 
-    Threads take turns every `SWITCH_INTERVAL_S`. Objects that exist already are exempt from garbage collection; they
-    stay exempt where the program had some so before, as Python cannot tell these apart.
-    Automatic collection is off: it would run inside any thread that allocates, even the servo's, as long as it takes.
+    Threads switch every `SWITCH_INTERVAL_S`. Objects that exist already are exempt from garbage collection; they stay
+    exempt afterwards if the program had exempted some itself, as Python cannot distinguish the two.
+    Automatic collection is off: it would run inside any thread that allocates, even the servo's, for any time.
     Reference counting still frees everything that is not in a cycle. For cycles, the context yields a function to call
-    about once a second outside of ticks. It collects the young generations only, so its pause is bounded by
-    what was allocated since the last call, not by the size of the heap. It returns how many objects it found.
+    about once a second outside of ticks. It collects the young generations only, so its pause is bounded by the
+    allocations since the last call, not by the size of the heap. It returns the number of objects it found.
     """
     _tuning.enter()
     try:
@@ -332,7 +332,7 @@ _MAX_SLEEP_S = 0.1
 class Stepper:
     """A thread that calls ``step(now_ns)`` again and again: each call returns the next step's length [ns].
 
-    A late step is one longer step. The next one is counted from it, so there is never a burst.
+    A late step becomes a longer step. The next step's time begins at its end, so there is never a burst.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
-"""A servo's process: the device, its control half and nothing else. Started by servo_process.py.
+"""A servo's process, with only the device and its control half. Started by servo_process.py.
 
 No network, recording or display runs here, so nothing holds the interpreter's lock when a tick is due. If the parent
-is gone, for whatever reason, the next tick notices it, and the servo stops rendering force. While the parent stands
-still it renders none either (parent_watch.py).
+has ended, for any reason, the next tick detects it, and the servo stops rendering force. While the parent is stopped
+or hangs the servo renders none either (parent_watch.py).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class ServoChild:
         self._a_frame = max(1, min(_MOST_SAMPLES, round(params.record_hz / (params.telemetry_hz or 1.0))))
         self._unrecorded = 0
         self._unsent = 0
-        self._shuffled = 0.0  # energy that found the pipe full; it goes with the next message
+        self._shuffled = 0.0  # energy that did not fit into the full pipe; it is sent with the next message
         self._began = False
 
     def end(self) -> None:
@@ -89,7 +89,7 @@ class ServoChild:
         message = side.tick(now_ns)
         if message is not None or self._control.has_shuffled:
             surplus = self._shuffled + self._control.shuffled()
-            # one that stands still would later send all at once, long out of date: the room is for samples
+            # a parent that was stopped would later send all at once, long out of date: the room is for samples
             if not side.withheld and self._pipe.offer("position", surplus, message):
                 self._shuffled = 0.0
             else:
@@ -104,7 +104,7 @@ class ServoChild:
             self.collect()  # right after a tick, when most time is left
 
     def _take(self) -> None:
-        """Hand over what has come from the parent's wire half."""
+        """Pass frames from the parent's wire half to the control half."""
         control = self._control
         if os.getppid() != self._parent:  # a copy of the parent, made by a fork, may hold the pipe open
             self.servo.stop()
@@ -154,8 +154,8 @@ class ServoChild:
 
 
 def main(descriptor: int) -> int:
-    """Run the servo until the parent, at the other end of `descriptor`, hangs up or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    """Run the servo until the parent, at the other end of `descriptor`, hangs up or ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles it
     if sys.platform != "win32":
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     pipe = Pipe(socket.socket(fileno=descriptor))

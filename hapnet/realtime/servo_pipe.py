@@ -1,9 +1,9 @@
 """Frames between a servo's process and the process that owns its wire half, over a socket pair.
 
-A frame is a msgpack array; its first element says what it is. To the servo: setup, place, pair, arrive, credit, beat,
+A frame is a msgpack array; its first element is its kind. To the servo: setup, place, pair, arrive, credit, beat,
 pause, lead. From it: ready or refused, began, position, samples, posture, note, failed, end. The socket keeps frames
-whole and in order (SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). That works
-even if the pipe is full, and to the servo it looks the same as a parent that has died.
+whole and in order (SOCK_SEQPACKET). To stop the servo, its parent closes the direction to it (`hang_up`). This works
+even if the pipe is full, and the servo detects it in the same way as a parent that has died.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from hapnet.mechanics.plane import Plane
 
 MAX_FRAME = 1 << 17
 _TO_SERVO, _FROM_SERVO = 1 << 16, 1 << 21
-"""Buffer sizes; a frame takes some 800 bytes. What waits for a servo is soon out of date. What it says is kept,
-also while its parent stands still for some seconds."""
+"""Buffer sizes; a frame takes some 800 bytes. Frames that wait for a servo are soon out of date. Frames from it are
+kept, even while its parent is stopped for some seconds."""
 
 _KINDS: tuple[Any, ...] = (tuple, MotionSample, PortSample, WaveSample, ProxySample, PositionSample)
 
@@ -35,7 +35,7 @@ _unpack = msgpack.unpackb
 
 
 def kind_of(sample: CouplingSample) -> int:
-    """The number that goes through the pipe beside a sample, since msgpack does not keep a named tuple's type."""
+    """The number that is sent through the pipe with a sample, since msgpack does not keep a named tuple's type."""
     kind: int = _KINDS.index(type(sample))
     return kind
 
@@ -49,7 +49,7 @@ def sample_of(kind: int, values: tuple[Any, ...]) -> CouplingSample:
 
 
 class PipeClosed(Exception):
-    """The other process is gone, or has hung up."""
+    """The other process has ended, or has hung up."""
 
 
 def available() -> bool:
@@ -86,7 +86,7 @@ class Pipe:
         return True
 
     def send(self, timeout_s: float, *frame: Any) -> bool:
-        """As `offer`, but wait for room. Only for a single thread that neither looks nor waits meanwhile."""
+        """Send a frame and wait for room. Only for a single thread that calls neither `look` nor `wait` meanwhile."""
         self._end.settimeout(timeout_s)
         try:
             self._end.send(_pack(frame))
@@ -97,7 +97,7 @@ class Pipe:
         return True
 
     def look(self) -> Any | None:
-        """The next frame, if there is one. Raises PipeClosed: no more will come."""
+        """Return the next frame, if there is one. Raises PipeClosed: no more frames will come."""
         try:
             return self._opened(self._end.recv(MAX_FRAME, _DONT_WAIT))
         except BlockingIOError:
@@ -106,9 +106,9 @@ class Pipe:
             raise PipeClosed from None
 
     def wait(self, timeout_s: float | None = None) -> Any | None:
-        """The next frame; None if none came within `timeout_s`. Raises `PipeClosed` as `look` does."""
+        """Return the next frame; None if none came within `timeout_s`. Raises `PipeClosed` as `look` does."""
         try:
-            if timeout_s is not None:  # no timeout of the socket's own: with one Python would wait in `offer` as well
+            if timeout_s is not None:  # not the socket's own timeout, with which `offer` would wait as well
                 ready = _poll()
                 ready.register(self._end, _POLLIN)
                 if not ready.poll(timeout_s * 1e3):
@@ -118,7 +118,7 @@ class Pipe:
             raise PipeClosed from None
 
     def hang_up(self) -> None:
-        """Send no more; the other end can still be read."""
+        """Close the direction to the other end, which can still be read."""
         with suppress(OSError):
             self._end.shutdown(socket.SHUT_WR)
 

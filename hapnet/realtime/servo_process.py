@@ -1,8 +1,8 @@
-"""A servo in a process of its own, seen from the process that owns the wire half.
+"""A servo in a process of its own: the part in the process that owns the wire half.
 
-In one interpreter with a network, a recording and an event loop, a servo's thread waits for their turns to end. In a
-process of its own, under SCHED_FIFO, it does not wait: `--realtime` starts one. The price is that every message goes
-through one more socket. `control_of` chooses between the two.
+In one interpreter with a network, a recording and an event loop, a servo's thread waits while their threads run. In a
+process of its own, under SCHED_FIFO, it does not wait: `--realtime` starts one. The price is that every message passes
+one more socket. `control_of` chooses between the two.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ NOT_STARTED = "the servo's process did not start"
 class ServoProcess:
     """Starts the servo's process. The wire half uses it like a control half in this process.
 
-    setup, session, callbacks : of this side.
+    setup, session, callbacks : this side's.
 
     Raises InvalidParameter: a user's part is defined in the script itself, where another process cannot import it.
     """
@@ -75,9 +75,9 @@ class ServoProcess:
         self._setup, self._callbacks = setup, callbacks
         self._shuffled: deque[float] = deque()
         self._reported: deque[tuple[str, Signal]] = deque()
-        self._owed: deque[tuple[Any, ...]] = deque()  # frames that must arrive, but found the pipe full or not open yet
+        self._owed: deque[tuple[Any, ...]] = deque()  # frames that must arrive, while the pipe is full or not open yet
         self._open_for_all = False  # not before the setup, which must be the first frame
-        self._paying = threading.Lock()
+        self._sending = threading.Lock()
         self._life = threading.Lock()  # held while the process is started and while it is ended
         self._process: Program | None = None
         self._stopping = self._has_part = False
@@ -90,8 +90,8 @@ class ServoProcess:
         self._deliver("pair", restarted, leads_robot)
 
     def on_sample(self, sample: CouplingSample, sent_ns: int, came_ns: int, took_ns: int) -> None:
-        self._pay()
-        if not self._owed:  # a new peer that waits here must arrive before that peer's data
+        self._send_owed()
+        if not self._owed:  # a waiting frame of a new peer must arrive before that peer's data
             self._pipe.offer("arrive", kind_of(sample), sample, sent_ns, came_ns, took_ns)
 
     def echo(self, sent_ns: int, came_ns: int) -> None:
@@ -120,17 +120,17 @@ class ServoProcess:
 
     def _deliver(self, *frame: Any) -> None:
         self._owed.append(frame)
-        self._pay()
+        self._send_owed()
 
-    def _pay(self) -> None:
-        with self._paying:  # otherwise two threads could send the same frame twice
+    def _send_owed(self) -> None:
+        with self._sending:  # otherwise two threads could send the same frame twice
             while self._open_for_all and self._owed and self._pipe.offer(*self._owed[0]):
                 self._owed.popleft()
 
     # -- the process ---------------------------------------------------------------------------------------------------
 
     def start(self) -> str | None:
-        """Start the process and wait until its servo runs; call it once. After `stop` it does nothing.
+        """Start the process and wait until its servo runs; call it once. After `stop` it has no effect.
 
         Raises HapnetError: the device cannot be made, or the process does not start.
         """
@@ -159,12 +159,12 @@ class ServoProcess:
                 return
             self._pipe.hang_up()
             if sys.platform != "win32":
-                self._process.send_signal(signal.SIGCONT)  # one that stands still goes on, so that it can end in order
+                self._process.send_signal(signal.SIGCONT)  # continue a stopped process, so that it can end in order
             if self._reader.ident is not None:
                 self._reader.join(STOP_LIMIT_S)
             how = self._end_process()
             self._process = None
-            if self._reader.ident is not None and not self._has_part:  # whatever the moment: its account is missing
+            if self._reader.ident is not None and not self._has_part:  # its account is missing
                 self._callbacks.fail(HapnetError(f"the servo's process {how}"))
 
     def pause(self, paused: bool) -> None:
@@ -208,10 +208,10 @@ class ServoProcess:
         incarnation = self.wire.session.identity.incarnation
         self._pipe.offer("setup", {**setup, "incarnation": incarnation, "parent": os.getpid()})
         self._open_for_all = True
-        self._pay()
+        self._send_owed()
 
     def _end_process(self) -> str:
-        """End the process if it has not ended yet; returns a text that says how it ended."""
+        """End the process if it has not ended yet; returns in words how it ended."""
         process = self._process
         assert process is not None
         self._pipe.hang_up()
@@ -220,7 +220,7 @@ class ServoProcess:
         return how
 
     def _read(self) -> None:
-        """Pass on the servo's frames until its process ends; look after it when none come."""
+        """Pass on the servo's frames until its process ends; check the process while none come."""
         assert self._process is not None
         looks = 0
         try:
@@ -228,7 +228,7 @@ class ServoProcess:
                 frame = self._pipe.wait(LOOK_S)
                 if frame is None:
                     looks = looks + 1 if stands_still(self._process.pid) else 0
-                    self._say_still(self._process.pid, looks)
+                    self._report_stopped(self._process.pid, looks)
                     continue
                 looks = 0
                 try:
@@ -245,8 +245,8 @@ class ServoProcess:
             how = how_it_ended(self._process.returncode)
             self._callbacks.fail(HapnetError(f"the servo's process {how}"))
 
-    def _say_still(self, pid: int, looks: int) -> None:
-        """Say at its first look that the servo stands still; at the last one it has failed."""
+    def _report_stopped(self, pid: int, looks: int) -> None:
+        """Report a stopped servo at the first look; fail at the last one."""
         if looks == 1:
             text = f"the servo's process {standing_still(pid)}"
             self._callbacks.write(Event(time.monotonic_ns(), "stopped", text, "warning"))

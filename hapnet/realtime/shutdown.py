@@ -1,6 +1,6 @@
-"""How a side leaves: it waits until energy in flight is acknowledged and its account answered, then says goodbye.
+"""End a side in order: wait until energy in flight is acknowledged and its account answered, then send the bye.
 
-`PeerAbsence` is a side whose peer has left: it reports what it waits for, and how long; with `--once` it ends.
+`PeerAbsence` handles a side whose peer has left: it reports what the side waits for, and how long, or ends it (--once).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LINGER_S = 2.0
 """How long a side waits, after control has stopped, for the energy in flight to be acknowledged [s]."""
 
 FAILED_LINGER_S = 0.5
-"""The same of a side that has failed [s]: its account may still be reported."""
+"""The same for a side that has failed [s]: its account may still be reported."""
 
 QUIET_S = 0.3
 """A side leaves when nothing was credited for this time [s]: the other side, which ends a little later, has then sent
@@ -37,9 +37,9 @@ _LOOK_S = 0.005
 class GracefulShutdown:
     """Ends a side whose control has stopped; on the event loop.
 
-    session, link_driver, clock : the side's. pump : sends what is due. tell : reports the account to the peer, and says
-    whether it is known there.
-    lingers : says whether to wait for the energy in flight. hurried : says whether the user wants to end at once.
+    session, link_driver, clock : the side's. pump : sends due messages. report : reports the account to the peer, and
+    returns whether the peer has answered.
+    lingers : returns whether to wait for the energy in flight. hurried : returns whether to end at once.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class GracefulShutdown:
 
 
 GONE_NS = 10_000_000_000
-"""A peer counts as gone when it has been silent for this time [ns] and Zenoh does not see it either."""
+"""A peer counts as gone when it has been silent for this time [ns] and has no connection of Zenoh's either."""
 
 _WORTH_REPORTING_S = 1.0
 
@@ -115,11 +115,11 @@ class PeerAbsence:
                     self._notify(Notice("waiting", text, now_ns))
 
     def watch(self, now_ns: int, partners: int) -> None:
-        """End a side with `--once` whose peer is gone. `partners`: how many play the other side, by Zenoh's count."""
+        """End a side with `--once` whose peer is gone. partners : the other side's processes, by Zenoh."""
         since_ns = self._silent_since_ns
         if self._once and since_ns is not None and not partners and now_ns - since_ns > GONE_NS:
             silent_s = (now_ns - since_ns) * NANO
-            self._part(now_ns, f"ends: nothing from its {self._other} for {silent_s:.0f} s, and nobody there")
+            self._part(now_ns, f"ends: nothing from its {self._other} for {silent_s:.0f} s, and it is not connected")
 
     def _part(self, now_ns: int, text: str) -> None:
         self._once = False

@@ -1,4 +1,4 @@
-"""The events of a connected side, for programs: what its notices say, in a few kinds."""
+"""The events of a connected side, for programs: its notices, in a few kinds."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ EventKind = Literal[
 class SideEvent:
     """Something that happened to a connected side.
 
-    * ``paired``: with its first peer. ``peer changed``: with another process than before.
-    * ``peer left``: it said goodbye. ``silence``: nothing comes from it; ``recovered``: it is heard again.
+    * ``paired``: with its first peer. ``peer changed``: paired with another process than before.
+    * ``peer left``: the peer sent its bye. ``silence``: its messages stop; ``recovered``: they come again.
     * ``passivity lost``: by its own account this side gave out more energy than it may. It is reported once.
-    * ``missed``: this program was too slow, and a stream of it skipped what `text` says.
+    * ``missed``: this program was too slow, and one of its streams skipped items, as in `text`.
     * ``ended``: the last event; `level` is "error" if the side failed.
-    * ``notice``: anything else that a person may want to know.
+    * ``notice``: any other notice for people.
 
     kind : one of these. notice : when it happened, its text for people, how serious it is, and values.
     """
@@ -42,22 +42,22 @@ class SideEvent:
 
     @property
     def text(self) -> str:
-        """For people."""
+        """The event's text for people."""
         return self.notice.text
 
     @property
     def at_ns(self) -> int:
-        """When it happened, on this machine's monotonic clock [ns]."""
+        """The event's time on this machine's monotonic clock [ns]."""
         return self.notice.at_ns
 
     @property
     def level(self) -> Level:
-        """How serious it is."""
+        """The event's level: info, warning or error."""
         return self.notice.level
 
     @property
     def values(self) -> Mapping[str, str | int | float]:
-        """Its numbers by name, such as ``silence_s`` of a silence."""
+        """The event's numbers by name, such as ``silence_s`` of a silence."""
         return self.notice.values
 
 
@@ -74,5 +74,5 @@ def event_of(notice: Notice) -> SideEvent:
 def own_event(
     kind: EventKind, text: str, level: Level = "info", values: Mapping[str, str | int | float] | None = None
 ) -> SideEvent:
-    """An event that has no notice of a side, now."""
+    """An event of the present time without a notice of a side."""
     return SideEvent(kind, Notice(kind, text, time.monotonic_ns(), level, values or {}))

@@ -20,25 +20,25 @@ from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import ROUNDING_J, has_reservoirs
 
 MOST_SAMPLES, MOST_EVENTS = 1000, 200
-"""A stream that is further behind misses the oldest."""
+"""A stream that is further behind misses the oldest items."""
 
 REPORT_MISSED_S = 1.0
-"""What streams missed is reported at most this often [s]."""
+"""Missed items are reported at most this often [s]."""
 
 
 MakeSide = Callable[[Callable[[Notice], None], Callable[[Sample], None]], tuple[RealtimeSide, tuple[str, ...]]]
-"""Makes the side, which calls these with its notices and samples, on a thread: a device may take its time to open. With
-what its user should be warned of."""
+"""Makes the side, which calls these functions with its notices and samples, and returns it with warnings for its user.
+It runs on a thread, as opening a device may take long."""
 
 
 class SideTask:
-    """Runs a side in a task that the cancellation of its user does not reach: ending takes several steps.
+    """Runs a side in a task that is not cancelled with its user's task, since ending takes several steps.
 
-    make : makes the side. duration_s : from pairing [s]; 0: no end.
+    make : makes the side. duration_s : the run's length from pairing [s]; 0: no end.
 
     Attributes
     ----------
-    samples, events : what its user reads.
+    samples, events : the feeds that its user reads.
     """
 
     def __init__(self, make: MakeSide, duration_s: float) -> None:
@@ -67,19 +67,19 @@ class SideTask:
         return Ended("this side's task was cancelled") if self._task.cancelled() else self._task.exception()
 
     def require_running(self) -> None:
-        """Raise what the side failed with, or `Ended`, if it runs no more."""
+        """Raise the error with which the side failed, or `Ended`, if it runs no more."""
         if self.failure is not None:
             raise self.failure
         if self._task.done() or self._stop.is_set():
             raise Ended("this side has ended")
 
     async def open(self) -> None:
-        """Wait until the side runs and can be reached. Raises why it does not."""
+        """Wait until the side runs and can be reached. Raises the error if it does not."""
         await self._opened.wait()
         self.require_running()
 
     async def paired(self) -> None:
-        """Wait for the first peer. Raises why none will come."""
+        """Wait for the first peer. Raises the error if none will come."""
         await self._paired.wait()
         if not self._was_paired:
             self.require_running()
@@ -90,14 +90,14 @@ class SideTask:
         return self._task.result() if ended else self.side.summary()
 
     async def result(self) -> Summary:
-        """The side's summary, once it has ended. Raises what it failed with."""
+        """Return the side's summary, once it has ended. Raises the error with which it failed."""
         await asyncio.wait((self._task,))
         if self.failure is not None:
             raise self.failure
         return self._task.result()
 
     async def leave(self, *, leave_at_once: bool) -> None:
-        """End the side; returns when nothing of it is left. Cancelled meanwhile, it ends at once, and raises that then.
+        """End the side completely. If it is cancelled meanwhile, it ends at once, and then raises the cancellation.
 
         leave_at_once : do not wait for the energy in flight.
         """
@@ -123,7 +123,7 @@ class SideTask:
                 return self.side.summary()
             return await self.side.run(self._stop, self._duration_s, self._opened.set)
         finally:
-            if self._made is not None:  # a device that never ran was opened all the same
+            if self._made is not None:  # a device is open even if it never ran
                 await off_loop(self._made.control.stop)
 
     def _make_side(self) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ class SideTask:
         return warnings
 
     def _notify(self, notice: Notice) -> None:
-        """On the loop."""
+        """Pass a notice to the events; on the loop."""
         if notice.kind == "progress":
             return
         self.events.give(event_of(notice))
@@ -140,7 +140,7 @@ class SideTask:
             self._paired.set()
 
     def _watch(self, sample: Sample) -> None:
-        """On control's thread."""
+        """Pass a sample to its readers; on control's thread."""
         if not isinstance(sample, DeviceSample | WorldSample):
             return
         self.samples.give(sample)
@@ -150,7 +150,7 @@ class SideTask:
                 self._loop.call_soon_threadsafe(self._lose, why)
 
     def _broken(self, sample: DeviceSample | WorldSample) -> str:
-        """Why this side's own account says that it is not passive, by the verdict's rules; empty: it does not."""
+        """Return why this side is not passive by its own account and the verdict's rules; empty: it is."""
         coupling = self.side.setup.params.coupling
         if not jointly_passive(coupling) and sample.margin_J < -ROUNDING_J:
             return f"the {self.side.role}'s half: margin {1e3 * sample.margin_J:.4g} mJ"
@@ -162,7 +162,7 @@ class SideTask:
         self.events.give(own_event("passivity lost", why, "error"))
 
     def _missed(self, what: str, count: int) -> None:
-        """Count what a stream has missed, and report it now and then; on the loop."""
+        """Count the items that a stream has missed, and report them at times; on the loop."""
         self._missing[what] = self._missing.get(what, 0) + count
         if (now_s := self._loop.time()) - self._reported_s >= REPORT_MISSED_S:
             self._reported_s = now_s
@@ -175,7 +175,7 @@ class SideTask:
             self.events.give(own_event("missed", text, "warning", {"count": count}))
 
     def _end(self, task: asyncio.Task[Summary]) -> None:
-        """The side has ended; on the loop."""
+        """End the feeds after the side has ended; on the loop."""
         self._report_missed()
         failure = self.failure
         if failure is not None:
@@ -185,7 +185,7 @@ class SideTask:
             if summary["verdict"]["passive"] is False and not self._lost:
                 self._lose(summary["verdict"]["reason"])
             duration_s = summary["duration_s"]
-            text = "nobody came" if duration_s is None else f"after {duration_s:.1f} s: {summary['verdict']['reason']}"
+            text = "no peer came" if duration_s is None else f"after {duration_s:.1f} s: {summary['verdict']['reason']}"
             self.events.give(own_event("ended", text, values={} if duration_s is None else {"duration_s": duration_s}))
         for feed in (self.events, self.samples):
             feed.end(failure)

@@ -15,7 +15,7 @@ from netem import LinkStats
 
 STATUS_EVERY_S = 0.5
 DRAWING_EVERY_S = 2.0
-"""How often the world's drawing is published again, for who has begun to watch [s]."""
+"""How often the world's drawing is published again, for new viewers [s]."""
 
 _MOST_EVENTS = 100
 
@@ -23,10 +23,10 @@ _MOST_EVENTS = 100
 class TelemetryPublisher:
     """Publishes the newest sample and, at intervals, the status.
 
-    Everything else comes first: a turn that is late by more than a period, because the loop was busy, is skipped.
+    All other work comes first: a turn that is late by more than a period, because the loop was busy, is skipped.
 
-    rate_hz : turns per second. put : publishes; returns at once. status : gives the side's present status.
-    planes : gives the planes that a device knows; they are published when they change, and with each status.
+    rate_hz : turns per second. put : publishes; returns at once. status : returns the side's present status.
+    planes : returns the planes of a device's contact model; they are published when they change, and with each status.
 
     Attributes
     ----------
@@ -43,17 +43,17 @@ class TelemetryPublisher:
         self.dropped: int = 0
         self._period_s = 1.0 / rate_hz
         self._put, self._status, self._planes = put, status, planes
-        self._reported: object = self  # the planes that were published last; itself: none yet
+        self._published: object = self  # the planes that were published last; itself: none yet
         self._newest: Sample | None = None
         self._scene: SceneSample | None = None
         self._posture: PostureSample | None = None
         self._drawing: bytes | None = None
         self._drawing_s = 0.0
-        self._began = False  # a status comes before the first sample, so that a watcher knows what the sample is of
+        self._began = False  # whether a status was published: it precedes the first sample, which it describes
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
 
     def keep(self, sample: Sample) -> None:
-        """Keep a sample or an event, from any thread; a newer sample replaces the one before."""
+        """Keep a sample or an event, from any thread; a newer sample replaces an older one."""
         if isinstance(sample, Event):
             self._events.append(sample)
         elif isinstance(sample, SceneSample):
@@ -85,12 +85,12 @@ class TelemetryPublisher:
             await asyncio.sleep(due_s - loop.time())
 
     def report_status(self) -> None:
-        """Publish the status; the planes follow it, for who has just begun to watch."""
+        """Publish the status; the planes follow it, for new viewers."""
         self._put(encode(self._status()))
-        self._reported = self
+        self._published = self
 
     def publish(self) -> None:
-        """Publish what was kept since the last time."""
+        """Publish the data kept since the last call."""
         sample, self._newest = self._newest, None
         scene, self._scene = self._scene, None
         posture, self._posture = self._posture, None
@@ -100,15 +100,15 @@ class TelemetryPublisher:
         for seen in (scene, posture):
             if seen is not None:
                 self._put(encode(seen))
-        if self._planes is not None and (planes := self._planes()) != self._reported:
-            self._reported = planes
+        if self._planes is not None and (planes := self._planes()) != self._published:
+            self._published = planes
             self._put(encode(KnownPlanes(planes)))
         while self._events:
             self._put(encode(self._events.popleft()))
 
 
 class LinkMeter:
-    """Measures what a link has done since the last `read`."""
+    """Measures a link's delay and loss since the last `read`."""
 
     def __init__(self) -> None:
         self._offered = self._lost = self._delivered = 0

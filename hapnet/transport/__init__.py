@@ -1,1 +1,1 @@
-"""Zenoh: keys, configuration, security, and why nobody answers. Nothing else knows it."""
+"""Zenoh: keys, configuration, security, and diagnosis of connections. No other package uses Zenoh."""

@@ -26,7 +26,7 @@ _ENDPOINT = re.compile(
     r"(?:\?[^\s#]*)?(?:#\S*)?"
 )
 
-# What suits a stream of small messages at 1 kHz. Each entry replaces Zenoh's own default, never a value from a file.
+# Settings for a stream of small messages at 1 kHz. Each entry replaces Zenoh's own default, never a value from a file.
 _DEFAULTS: dict[str, object] = {
     "scouting/gossip/enabled": False,
     "scouting/multicast/autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},  # only one of two peers dials
@@ -62,13 +62,13 @@ class ZenohSettings:
 
     Attributes
     ----------
-    mode : peer, client (of a router) or router. None: what the file says, else peer.
+    mode : peer, client (of a router) or router. None: the file's, else peer.
     connect : endpoints to dial, such as ``tcp/192.168.0.2:17447``. Only one of two sides should dial.
     listen : endpoints to listen on. None given: a side that dials does not listen.
     config : path of a Zenoh configuration file, JSON5 or YAML.
     multicast_scouting : find peers on this machine by multicast; `cfg` may give it another interface.
     cfg : ``KEY:JSON5`` overrides, applied last.
-    security : who may connect.
+    security : which nodes may connect.
     """
 
     mode: Mode | None = None
@@ -83,9 +83,9 @@ class ZenohSettings:
 def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file, then the flags, then `cfg`; hapnet's defaults for the rest.
 
-    Raises InvalidParameter: Zenoh would not take a mode, endpoint or override; there is nowhere to dial, listen or
-    scout; or the security that is asked for is not possible. TransportError: the file cannot be read, or is not a Zenoh
-    configuration.
+    Raises InvalidParameter: Zenoh does not accept a mode, endpoint or override; there is no endpoint to dial or listen
+    on, and no scouting; or the required security is not possible. TransportError: the file cannot be read, or is not a
+    Zenoh configuration.
     """
     if settings.mode is not None:
         one_of("mode", settings.mode, get_args(Mode))
@@ -145,7 +145,7 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
 
 
 def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
-    """Risks of these settings that their user should know, one line each.
+    """Warnings of the risks of these settings, one line each.
 
     Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
@@ -168,15 +168,15 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
 
 
 def endpoints_of(config: zenoh.Config, side: End) -> list[str]:
-    """The endpoints that a configuration dials or listens on, in whatever form it gives them."""
+    """The endpoints that a configuration dials or listens on, in any of its forms."""
     return list(_flat(_endpoints(config, side), json.loads(config.get_json("mode"))))
 
 
 def proof_of(settings: ZenohSettings) -> Proof | None:
-    """Return the proof of who is on this side's links, besides a word; None: anybody may be.
+    """Return the proof, besides a word, of the identity of the nodes on this side's links; None: there is none.
 
-    Certificates do if each link asks both ends for one, or for a password of one of them; so does a socket that only
-    this machine's user can open. Whether the other side's links ask for as much only that side knows.
+    Certificates are a proof if each link requires them of both ends, or a password of one end; so is a socket that only
+    this machine's user can open. This side cannot check what the other side's links require.
 
     Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
@@ -186,8 +186,8 @@ def proof_of(settings: ZenohSettings) -> Proof | None:
         return None
     if protocols <= {"unixsock-stream"}:
         return "socket"
-    asks = _is_mutual(config) or security.users is not None or security.user is not None
-    return "certificate" if asks and protocols <= {*ENCRYPTED, "unixsock-stream"} else None
+    requires_proof = _is_mutual(config) or security.users is not None or security.user is not None
+    return "certificate" if requires_proof and protocols <= {*ENCRYPTED, "unixsock-stream"} else None
 
 
 def may_lose(config: zenoh.Config) -> bool:
@@ -251,7 +251,7 @@ def _endpoints(config: zenoh.Config, side: str) -> object:
 
 
 def where(config: zenoh.Config) -> str:
-    """Where a side listens, whom it dials and whether it scouts, as text."""
+    """Describe in words where a side listens, which endpoints it dials and whether it scouts."""
     words = []
     for side, verb in (("listen", "listening on"), ("connect", "dialling")):
         endpoints = _endpoints(config, side)
@@ -274,7 +274,7 @@ def reason(error: zenoh.ZError) -> str:
 def local_address(directory: str) -> str:
     """An endpoint for two processes on this machine: a Unix socket in `directory`, which only its user should enter.
 
-    Its latency is 0.8 to 0.9 times that of tcp. It is tcp where the path is not one that Zenoh and the system take.
+    Its latency is 0.8 to 0.9 times that of tcp. The endpoint is tcp if Zenoh or the system does not accept the path.
     """
     fits = sys.platform != "win32" and re.fullmatch(r"[^\s?#]{1,90}", directory)
     return f"unixsock-stream/{directory}/link" if fits else free_address()

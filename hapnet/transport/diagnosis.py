@@ -1,7 +1,7 @@
-"""Finds out why nobody answers, by a TLS handshake of its own, since Zenoh says only "Timeout!".
+"""Diagnose why no listener answers, by a separate TLS handshake, since Zenoh reports only "Timeout!".
 
-The probe repeats Zenoh's first steps with the same certificates, and hangs up. It sends nothing to the Zenoh that
-listens, which drops the connection as that of a node that has left.
+The probe repeats Zenoh's first steps with the same certificates, and hangs up. It sends no data to the listening Zenoh
+node, which drops the connection as that of a node that has left.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ REFUSAL_S = 0.5
 """With TLS 1.3 a refused certificate shows only after the handshake; the longest wait for that [s]."""
 
 UNANSWERED_NS = 3_000_000_000
-"""The first probe is made when nobody has answered for this time [ns]."""
+"""The first probe is made when there was no answer for this time [ns]."""
 
 ASK_EVERY_NS = 10_000_000_000
 PROBE_S = 2.0
-"""How long the probes of one diagnosis take together, about [s]."""
+"""The approximate total time of the probes of one diagnosis [s]."""
 
 _WRONG_NAME, _WRONG_ADDRESS = 62, 64  # OpenSSL's X509_V_ERR_*
 _NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another issuer of the same name, or a self-signed certificate
-_SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # whether that has the same name or not
+_SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # of the same name or not
 _HANG_UPS = (ssl.SSLEOFError, ssl.SSLZeroReturnError, ConnectionResetError, BrokenPipeError)
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """The certificates that a side that dials trusts and shows, by Zenoh's configuration."""
+    """The certificates that a dialling side trusts and shows, from Zenoh's configuration."""
 
     ca: str | None = None
     certificate: str | None = None
@@ -68,7 +68,7 @@ class Trust:
 
 
 def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
-    """Why no endpoint that is dialled answers, in one line; None if a probe cannot tell (quic/, udp/).
+    """Return why no dialled endpoint answers, in one line; None if probes find no reason (as with quic/ and udp/).
 
     Blocks for about `timeout_s` at most, so it needs a thread of its own.
 
@@ -85,9 +85,9 @@ def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
 
 
 class ConnectionDiagnosis:
-    """Finds out at intervals why nobody answers, on a thread of its own; nobody waits for it.
+    """Diagnoses at intervals why there is no answer, on a thread of its own; no other thread waits for it.
 
-    settings : of the connection. now_ns : the time since which nobody answers.
+    settings : those of the connection. now_ns : the time since which there is no answer.
     """
 
     def __init__(self, settings: ZenohSettings, now_ns: int) -> None:
@@ -100,16 +100,16 @@ class ConnectionDiagnosis:
         """The last diagnosis; empty until there is one."""
         if now_ns >= self._next_ns and (self._thread is None or not self._thread.is_alive()):
             self._next_ns = now_ns + ASK_EVERY_NS
-            self._thread = threading.Thread(target=self._ask, name="diagnosis", daemon=True)
+            self._thread = threading.Thread(target=self._diagnose, name="diagnosis", daemon=True)
             self._thread.start()
         return self._answer
 
     def close(self) -> None:
-        """Wait for a probe that is being made, a few seconds at most."""
+        """Wait for a running probe, a few seconds at most."""
         if self._thread is not None:
             self._thread.join(2.0 * PROBE_S)
 
-    def _ask(self) -> None:
+    def _diagnose(self) -> None:
         with contextlib.suppress(HapnetError):  # the settings were checked, but a file may be gone since then
             self._answer = why_unanswered(self._settings, PROBE_S) or ""
 
@@ -126,7 +126,7 @@ def probe(endpoint: str, trust: Trust, timeout_s: float) -> str | None:
             if protocol == "tls" and not trust.inline:
                 return _shake_hands(connection, host, trust, timeout_s)
     except ConnectionRefusedError:
-        return "nobody listens there"
+        return "no program listens there"
     except socket.gaierror as error:
         return f"no such host ({error.strerror})"
     except TimeoutError:
@@ -153,14 +153,14 @@ def _shake_hands(connection: socket.socket, host: str, trust: Trust, timeout_s: 
             try:
                 hung_up = not wrapped.recv(1)
             except TimeoutError:
-                return None  # it waits for us to speak: all is well
+                return None  # the listener waits for data: all is well
             return "the listener hangs up after the handshake" if hung_up else None
     except ssl.SSLCertVerificationError as error:
         return _distrusted(error, host, trust)
     except _HANG_UPS:
-        return "what listens there hangs up: it may not speak TLS (tcp/ instead of tls/?)"
+        return "the listener hangs up: it may not use TLS (tcp/ instead of tls/?)"
     except TimeoutError:
-        return "what listens there does not shake hands: it may not speak TLS (tcp/ instead of tls/?), or is busy"
+        return "the listener does not answer the handshake: it may not use TLS (tcp/ instead of tls/?), or is busy"
     except ssl.SSLError as error:
         return _refused(error.reason or str(error), shown=shown)
 
@@ -178,16 +178,16 @@ def _distrusted(error: ssl.SSLCertVerificationError, host: str, trust: Trust) ->
 
 
 def _refused(reason: str, *, shown: bool) -> str:
-    """In words, why the listener refuses us. `reason` : OpenSSL's. `shown` : we have shown a certificate."""
+    """Describe why the listener refuses this side. reason : OpenSSL's. shown : this side has shown a certificate."""
     version, _, alert = reason.partition("_ALERT_")
     if not alert:
-        return f"what listens there does not speak TLS ({_words(version)}; tcp/ instead of tls/?)"
+        return f"the listener does not use TLS ({_words(version)}; tcp/ instead of tls/?)"
     if not shown:
         if alert in ("CERTIFICATE_REQUIRED", "HANDSHAKE_FAILURE"):
-            return "the listener wants a certificate: give --tls-cert and --tls-key"
-        return f"the listener refuses us ({_words(alert)})"
+            return "the listener requires a certificate: give --tls-cert and --tls-key"
+        return f"the listener refuses this side ({_words(alert)})"
     why = "it is not signed by the listener's --tls-ca" if alert in _SIGNED_BY_ANOTHER else _words(alert)
-    return f"the listener refuses our certificate, --tls-cert: {why}"
+    return f"the listener refuses the certificate of --tls-cert: {why}"
 
 
 def _words(reason: str) -> str:
@@ -195,7 +195,7 @@ def _words(reason: str) -> str:
 
 
 def _not_zenohs(settings: ZenohSettings) -> str:
-    """The possible cause if the connection itself is in order."""
+    """Return the possible cause if the connection itself works."""
     if settings.security.user is not None:
-        return "it listens, but does not accept us: user or password may be wrong, or it has no --users"
-    return "it listens, but does not accept us: it may want --user and a password, or not be Zenoh"
+        return "the listener does not accept this side: user or password may be wrong, or it has no --users"
+    return "the listener does not accept this side: it may require --user and a password, or not be Zenoh"

@@ -1,6 +1,6 @@
 """Zenoh's entities as hapnet declares them: keys, publishers that never block, callbacks on Zenoh's own threads.
 
-`RateLimiter` drops a flood of messages before anything reads them.
+`RateLimiter` drops a flood of messages before they are read.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ POSITION = "position"
 KINDS = (POSITION, "energy", "control")
 
 SIGNALS = "signals"
-"""The key of values beside the stream. It is silent where there are none, so nobody watches it as those of `KINDS`."""
+"""The key of values beside the stream. It is silent if there are none, so it is not monitored as those of `KINDS`."""
 
 TELEMETRY = "telemetry"
-"""What a side publishes on a separate key, for others and not for its peer."""
+"""The separate key of data that a side publishes for viewers, not for its peer."""
 
 _PRIORITY = {
     POSITION: zenoh.Priority.REAL_TIME,
@@ -42,7 +42,7 @@ def publisher(
 ) -> zenoh.Publisher:
     """A publisher for messages of this kind: they are dropped on congestion, and have their own priority.
 
-    priority : another than that of the kind.
+    priority : replaces that of the kind.
     """
     return session.declare_publisher(
         key,
@@ -59,7 +59,7 @@ def direct(f: Callable[[_T], None]) -> zenoh.handlers.Callback[_T]:
 
 
 def call(method: Callable[[], None]) -> None:
-    """Call a method whose type zenoh's stubs leave out."""
+    """Call a method whose type is missing in zenoh's stubs."""
     method()
 
 
@@ -71,7 +71,7 @@ def check_name(name: str, value: str) -> str:
 
 
 class RateLimiter:
-    """Limits the messages per second: a flood must not keep the interpreter busy.
+    """Limits the messages per second, so that a flood does not keep the interpreter busy.
 
     rate_hz : messages per second in the long run. burst : messages at once.
     """
@@ -82,7 +82,7 @@ class RateLimiter:
         self._paid_ns = 0  # at this time the allowed rate has caught up with the messages so far
         self._lock = threading.Lock()
         self.refused: int = 0
-        """Messages that were not let through."""
+        """The number of messages that were dropped."""
 
     def admit(self, now_ns: int) -> bool:
         """Whether a message that came at `now_ns` may pass. From any thread."""

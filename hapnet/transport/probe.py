@@ -1,7 +1,7 @@
 """Probes of the network: `hapnet doctor` sends them, and a side answers them without its servo or protocol.
 
-A probe is any payload. Its answer has eight bytes more in front, which say how many probes were answered so far. So the
-sender knows the round trip, the loss in each direction.
+A probe is any payload. Its answer has eight more bytes in front, the number of probes answered so far. From these the
+sender computes the round trip and the loss in each direction.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ MAX_LENGTH = 512
 
 EVERY_NS = 5_000_000
 """Time between two probes [ns]: as often as a device sends its position."""
-_SIZE = 76  # of a position with three coordinates
+_SIZE = 76  # the length of a position with three coordinates
 _COUNT, _STAMPS = struct.Struct(">Q"), struct.Struct(">QQ")
 
 
 class Answering:
-    """Answers probes. `put` : sends an answer, from any thread. clock : [ns]."""
+    """Answers probes. put : sends an answer, from any thread. clock : returns the time [ns]."""
 
     def __init__(self, put: Callable[[bytes], object], clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._put, self._clock = put, clock
@@ -43,7 +43,7 @@ class Answering:
         self._answered = 0
 
     def answer(self, data: bytes) -> None:
-        """Answer a probe; on one of Zenoh's threads."""
+        """Answer a probe. Called on one of Zenoh's threads."""
         if not 1 <= len(data) <= MAX_LENGTH or not self._rate_limiter.admit(self._clock()):
             return
         with self._lock:
@@ -53,7 +53,7 @@ class Answering:
 
 
 def answer_probes(session: zenoh.Session, asked: str, answered: str) -> None:
-    """From now on answer probes on the key `asked`, by the key `answered`, until the session ends."""
+    """Answer probes on the key `asked`, with the key `answered`, until the session ends."""
     publisher = _publisher(session, answered)
     answering = Answering(publisher.put)
 
@@ -72,7 +72,7 @@ class Answers:
     received: int = 0
     stalls: int = 0
     max_stall_ns: int = 0
-    _first: tuple[int, int] | None = None  # number of the probe, and of its answer
+    _first: tuple[int, int] | None = None  # numbers of the probe and of its answer
     _last: tuple[int, int] = (0, 0)
     _heard_ns: int = 0
 
@@ -97,7 +97,7 @@ class Answers:
 
     @property
     def losses(self) -> tuple[float, float]:
-        """The shares of probes and of answers that were lost; probes of others make the first look smaller."""
+        """The fractions of probes and of answers that were lost; other senders' probes reduce the first."""
         if self._first is None:
             return 0.0, 0.0
         sent, answered = (last - first + 1 for first, last in zip(self._first, self._last, strict=True))
@@ -111,12 +111,12 @@ def ask(config: zenoh.Config, asked: str, answered: str, seconds: float, patienc
     """
     try:
         with zenoh.open(config) as session:
-            return _ask(session, asked, answered, seconds, patience_s)
+            return _probe(session, asked, answered, seconds, patience_s)
     except zenoh.ZError as error:
         raise TransportError(reason(error)) from None
 
 
-def _ask(session: zenoh.Session, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
+def _probe(session: zenoh.Session, asked: str, answered: str, seconds: float, patience_s: float) -> Answers | None:
     answers = Answers()
     lock = threading.Lock()
 

@@ -1,7 +1,7 @@
-"""Who was refused, and why: only Zenoh's own log says it, and Zenoh writes that to standard output.
+"""Report which nodes were refused, and why, from Zenoh's own log, which Zenoh writes to standard output.
 
-So file descriptor 1 leads into a pipe that is read here, and Python's `sys.stdout` goes to the former target. The pipe
-never blocks Zenoh's threads: what does not fit is lost. A user who sets RUST_LOG gets Zenoh's log unchanged.
+So file descriptor 1 is redirected to a pipe that is read here, and Python's `sys.stdout` to the former target. The pipe
+never blocks Zenoh's threads: lines that do not fit are lost. If RUST_LOG is set, Zenoh's log is printed unchanged.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ AGAIN_NS = 10_000_000_000
 """The same refusal is reported once in this time [ns]."""
 
 MOST_REPORTED = 20
-"""How many different refusals are remembered, so that a stranger cannot fill a log."""
+"""The most different refusals that are kept, so that a stranger cannot fill a log."""
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _OWN = re.compile(r"\S+Z +(?:TRACE|DEBUG|INFO|WARN|ERROR) ")
@@ -36,16 +36,16 @@ _DENIED = re.compile(  # a put counts only as a cached result: otherwise Zenoh w
     r" \(ingress\) on (?P<key>\S+)/"
 )
 _IS_POSIX: bool = sys.platform != "win32"
-"""Windows has no pipe that never blocks who writes: refusals are not named there."""
+"""Windows has no pipe that never blocks its writers: refusals are not reported there."""
 _MOST_NAMES = 256
 _PIPE_BYTES = 2**20
 
 
 class RefusalReader:
-    """Reads lines of Zenoh's log, and says who was refused."""
+    """Finds refusals in lines of Zenoh's log."""
 
     def __init__(self) -> None:
-        self._names: dict[str, str] = {}  # of nodes
+        self._names: dict[str, str] = {}  # by node
 
     def refusal(self, line: str) -> str | None:
         """The refusal that a line reports, as text; None: it reports none."""
@@ -81,14 +81,14 @@ class Refusals:
         """The refusals to report now."""
         new, self._new = self._new, {}
         self._reported_ns = {text: at_ns for text, at_ns in self._reported_ns.items() if now_ns - at_ns < AGAIN_NS}
-        reported = [text for text in new if text not in self._reported_ns][: MOST_REPORTED - len(self._reported_ns)]
-        self._reported_ns.update(dict.fromkeys(reported, now_ns))
-        return reported
+        due = [text for text in new if text not in self._reported_ns][: MOST_REPORTED - len(self._reported_ns)]
+        self._reported_ns.update(dict.fromkeys(due, now_ns))
+        return due
 
 
 @contextlib.contextmanager
 def watched(settings: ZenohSettings) -> Iterator[Refusals]:
-    """Read Zenoh's log inside this context, if others who dial this side may be refused.
+    """Read Zenoh's log inside this context, if nodes that dial this side may be refused.
 
     Access control logs a line for each message, allowed or denied, which costs some microseconds a message.
     """
@@ -105,7 +105,7 @@ def watched(settings: ZenohSettings) -> Iterator[Refusals]:
     before, (source, sink) = os.dup(1), os.pipe()
     if sys.platform != "win32":
         os.set_blocking(sink, False)
-    if sys.platform == "linux":  # room for a reader that is held up
+    if sys.platform == "linux":  # room while the reader is delayed
         import fcntl
 
         with contextlib.suppress(OSError):
@@ -124,7 +124,7 @@ def watched(settings: ZenohSettings) -> Iterator[Refusals]:
         with contextlib.suppress(OSError):
             sys.stdout.close()
         sys.stdout = stdout
-        os.dup2(before, 1)  # the last writer of the pipe is gone: the reader ends
+        os.dup2(before, 1)  # this closes the last writer of the pipe, so the reader ends
         reader.join(1.0)
 
 

@@ -1,4 +1,4 @@
-"""A ROS 2 node over Zenoh, without ROS: what rmw_zenoh puts on the network. CDR is by `rosbags` (extra `ros2`).
+"""A ROS 2 node over Zenoh, without ROS: rmw_zenoh's keys and messages. CDR is by `rosbags` (extra `ros2`).
 
 | what | as |
 |---|---|
@@ -7,13 +7,13 @@
 | a publisher's (MP), a subscription's (MS) | ``@ros2_lv/<domain>/<session>/<node>/<entity>/MP/<enclave>/<namespace>/<name>/<topic>/<type>/<hash>/<qos>`` |
 | a message's attachment | number from 1 (int64), ns since 1970 (int64), 16 (a byte), the publisher's 16 bytes; little endian |
 
-In tokens each ``/`` of a name is ``%``, and a name that is not there is ``%``. A publisher's 16 bytes are XXH3-128 of its
+In tokens each ``/`` of a name is ``%``, and a missing name is ``%``. A publisher's 16 bytes are XXH3-128 of its
 token, the low half first.
 
 Source: ros2/rmw_zenoh, branch rolling, 2025: ``docs/design.md`` ("Topic and Service name mapping to Zenoh key
 expressions", "Graph Cache", "Publishers"), and ``liveliness_utils.cpp``, ``attachment_helpers.cpp``, ``qos.cpp`` in
-``rmw_zenoh_cpp/src/detail``. Its releases since April 2025 have this layout (Jazzy from 0.2.4, Kilted). That of Humble
-knows no hashes of types.
+``rmw_zenoh_cpp/src/detail``. Its releases since April 2025 have this layout (Jazzy from 0.2.4, Kilted). Humble's
+has no hashes of types.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from hapnet.transport.config import ZenohSettings, reason, zenoh_config
 from hapnet.transport.entities import call, direct
 
 ROUTER = "tcp/localhost:7447"
-"""Where ``ros2 run rmw_zenoh_cpp rmw_zenohd`` listens."""
+"""The endpoint on which ``ros2 run rmw_zenoh_cpp rmw_zenohd`` listens."""
 
 QOS = "::,10:,:,:,,"
-"""Reliable, volatile, the last 10 are kept: rclpy's default. What is rmw_zenoh's own default is left out."""
+"""Reliable, volatile, the last 10 are kept: rclpy's default. rmw_zenoh's own defaults are left out."""
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _NAME = re.compile(r"(/[A-Za-z_]\w*)+", re.ASCII)
@@ -44,19 +44,19 @@ _MOST_DOMAINS = 232
 
 
 class Attachment(NamedTuple):
-    """The attachment of each message: its number, when it was published [ns since 1970], and by whom."""
+    """The attachment of each message: its number, when it was published [ns since 1970], and its publisher."""
 
     number: int
     time_ns: int
     publisher: bytes
 
     def encode(self) -> bytes:
-        """Its 33 bytes."""
+        """Return its 33 bytes."""
         return _ATTACHMENT.pack(self.number, self.time_ns, len(self.publisher), self.publisher)
 
     @classmethod
     def decode(cls, data: bytes) -> Attachment:
-        """Raises BadMessage: these bytes are no attachment."""
+        """Decode 33 bytes. Raises BadMessage: these bytes are no attachment."""
         if len(data) != _ATTACHMENT.size or data[16] != 16:
             raise BadMessage("attachment", f"{len(data)} bytes; allowed: {_ATTACHMENT.size}, as rmw_zenoh has them")
         number, time_ns, _, publisher = _ATTACHMENT.unpack(data)
@@ -80,18 +80,18 @@ class Types:
         self.classes: Any = self._store.types
 
     def hash(self, kind: str) -> str:
-        """``RIHS01_...``, of REP 2016."""
+        """Return the type's hash ``RIHS01_...`` (REP 2016)."""
         return self._store.hash_rihs01(kind)
 
     def encode(self, kind: str, message: Any) -> bytes:
-        """The message in CDR."""
+        """Encode the message in CDR."""
         return bytes(self._store.serialize_cdr(message, kind))
 
     def decode(self, kind: str, data: bytes) -> Any:
-        """The message. Raises BadMessage: these bytes are none of this type."""
+        """Decode a message. Raises BadMessage: these bytes are no message of this type."""
         try:
             return self._store.deserialize_cdr(data, kind)
-        except Exception as error:  # whatever the bytes of a stranger lead to
+        except Exception as error:  # a stranger's bytes may cause any error
             raise BadMessage("cdr", f"no {kind}: {error}") from None
 
     def publisher(self, token: str) -> bytes:
@@ -141,8 +141,8 @@ def _dds(kind: str) -> str:
 class RosNode:
     """A node that publishes and subscribes. It joins as a client of a router, which forwards to the nodes.
 
-    name, namespace : of the node. domain : ROS_DOMAIN_ID. router : an endpoint of Zenoh. wall_ns : UTC [ns], for
-    stamps only.
+    name, namespace : those of the node. domain : ROS_DOMAIN_ID. router : a Zenoh endpoint. wall_ns : returns UTC [ns],
+    for stamps only.
 
     Raises InvalidParameter, MissingLibrary.
     """
@@ -172,7 +172,7 @@ class RosNode:
         self._publishers: dict[str, tuple[zenoh.Publisher, bytes, int]] = {}
 
     def open(self) -> None:
-        """Join. Raises TransportError: the router does not answer."""
+        """Join the network. Raises TransportError: the router does not answer."""
         try:
             session = zenoh.open(self._config)
             self._token = node_token(self.domain, str(session.zid()), *self._names)
@@ -183,13 +183,13 @@ class RosNode:
         self._session = session
 
     def publish(self, topic: str, kind: str, message: Any) -> None:
-        """Publish; from one thread at a time. It never waits, and what the router does not take is dropped."""
+        """Publish; from one thread at a time. It never waits; a message that the router does not accept is dropped."""
         session = self._opened()
         if topic not in self._publishers:
             token = self._declared(session, "MP", topic, kind)
             key = topic_key(self.domain, topic, kind, self.types.hash(kind))
-            made = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
-            self._publishers[topic] = made, self.types.publisher(token), 0
+            publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+            self._publishers[topic] = publisher, self.types.publisher(token), 0
         publisher, gid, number = self._publishers[topic]
         self._publishers[topic] = publisher, gid, number + 1
         attached = Attachment(number + 1, self.wall_ns(), gid).encode()
@@ -197,7 +197,7 @@ class RosNode:
             publisher.put(self.types.encode(kind, message), attachment=attached)
 
     def subscribe(self, topic: str, kind: str, take: Callable[[bytes, bytes], object]) -> None:
-        """Call `take` with each message's bytes and attachment, on a thread of Zenoh's, where nothing may block."""
+        """Call `take` with each message's bytes and attachment, on one of Zenoh's threads; `take` must not block."""
 
         def receive(sample: zenoh.Sample) -> None:
             take(sample.payload.to_bytes(), b"" if sample.attachment is None else sample.attachment.to_bytes())
@@ -208,7 +208,7 @@ class RosNode:
         self._declared(session, "MS", topic, kind)
 
     def close(self, timeout_s: float = 2.0) -> None:
-        """Leave. Zenoh may take 10 s over a lossy link; then it goes on in the background."""
+        """Leave the network. Over a lossy link Zenoh may take 10 s; closing then goes on in the background."""
         session, self._session = self._session, None
         if session is not None:
             closing = threading.Thread(target=call, args=(session.close,), daemon=True)

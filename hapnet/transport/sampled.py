@@ -1,9 +1,9 @@
-"""Messages of the stream that nothing overtakes, so that the other side can tell what is lost from what is overtaken.
+"""Send sampled messages of the stream that nothing overtakes, so that the receiver distinguishes lost from overtaken.
 
-Zenoh numbers the messages of each priority, reliable and best-effort ones apart, and drops one that comes after a later
-one of the same kind, silently. With jitter above the time between two messages most of what seems lost was
-overtaken, and what comes is the fastest. So every so many-th message is put on a channel of its own, in turn, where
-the one before it left `SPACING_S` ago. These are a fair sample of what the network does.
+Zenoh numbers the messages of each priority, reliable and best-effort ones apart, and silently drops a message that
+comes after a later one of the same kind. With jitter above the time between two messages most missing messages were
+overtaken, and only the fastest arrive. So every n-th message is put on a channel of its own, in turn, whose previous
+message was sent `SPACING_S` ago. These are a fair sample of the network's behaviour.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hapnet.wire.identity import MOST_SAMPLED
 from hapnet.wire.stream_frames import sequence_of
 
 SPACING_S = 0.15
-"""Least time between two messages of one channel [s]; on hardly any network does a packet overtake one so far ahead."""
+"""The least time between two messages of one channel [s]; hardly any network delays a packet by so much."""
 
 _BEST_EFFORT, _RELIABLE = zenoh.Reliability.BEST_EFFORT, zenoh.Reliability.RELIABLE
 _P = zenoh.Priority
@@ -31,7 +31,7 @@ _UNUSED_ON_DATAGRAMS = [
     (priority, _RELIABLE)
     for priority in (_P.REAL_TIME, _P.INTERACTIVE_HIGH, _P.INTERACTIVE_LOW, _P.DATA_HIGH, _P.DATA_LOW, _P.BACKGROUND)
 ]
-"""Plain udp repeats reliable messages no more than others, so they see the same network; over quic they do not."""
+"""Plain udp does not repeat reliable messages either, so they measure the same network; over quic they do not."""
 
 Channel = tuple[zenoh.Priority, zenoh.Reliability]
 
@@ -41,7 +41,8 @@ Putting: TypeAlias = "zenoh.Publisher | SampledPublisher"
 class SampledPublisher:
     """Puts the messages of the stream, each on its channel.
 
-    session, key : where. channels : those of the sample. every : a message whose number is a multiple of it is in it.
+    session, key : where it publishes. channels : those of the sample. every : a message is sampled if its number is a
+    multiple of it.
     """
 
     def __init__(self, session: zenoh.Session, key: str, channels: Sequence[Channel], every: int) -> None:
@@ -50,7 +51,7 @@ class SampledPublisher:
         self._apart = [publisher(session, key, POSITION, *channel) for channel in channels]
 
     def put(self, data: bytes) -> None:
-        """Send a frame; raises ZError as a publisher does. One without a number, as a keep-alive, is not sampled."""
+        """Send a frame; raises ZError as a publisher does. A frame without number (a keep-alive) is not sampled."""
         number = sequence_of(data)
         if number is None or number % self._every:
             self._plain.put(data)
@@ -59,7 +60,7 @@ class SampledPublisher:
 
 
 def channels_of(config: zenoh.Config) -> list[Channel]:
-    """The channels that nothing else uses; none where no endpoint lets messages overtake each other."""
+    """The channels that nothing else uses; none if messages cannot overtake each other at any endpoint."""
     endpoints = endpoints_of(config, "listen") + endpoints_of(config, "connect")
     if not any(map(_overtakes, endpoints)):
         return []
@@ -68,7 +69,7 @@ def channels_of(config: zenoh.Config) -> list[Channel]:
 
 
 def sample_every(channels: Sequence[Channel], rate_hz: float) -> int:
-    """Every so many-th of `rate_hz` messages a second has its channel for `SPACING_S`; 1 without channels: all do."""
+    """Return the n for which every n-th of `rate_hz` messages a second has a channel for `SPACING_S`; 1 without any."""
     return min(MOST_SAMPLED, math.ceil(SPACING_S * rate_hz / len(channels))) if channels else 1
 
 

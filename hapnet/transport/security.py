@@ -1,7 +1,7 @@
-"""Who may connect: the flags for TLS, mutual TLS, users and passwords, and the checks of the files that they name.
+"""The security of connections: the flags for TLS, mutual TLS, users and passwords, and the checks of their files.
 
-A side that listens shows its certificate. With mutual TLS it also wants a certificate from the side that dials, signed
-by the same authority. User and password identify the side that dials, over TLS or not.
+A side that listens shows its certificate. With mutual TLS it also requires a certificate from the side that dials,
+signed by the same authority. User and password identify the side that dials, over TLS or not.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ _USER = re.compile(rf"(?P<name>{_NAME.pattern}):\S.*")
 
 @dataclass(frozen=True, slots=True)
 class Security:
-    """Who may connect.
+    """The settings that decide which nodes may connect.
 
     Attributes
     ----------
     tls_ca : certificate of the authority that must have signed the other side's certificate; None: the public ones.
     tls_cert, tls_key : this side's certificate and its key, both PEM; the key without a passphrase.
-    mutual_tls : a side that listens wants a certificate from the side that dials. A side that only dials always shows
-        its certificate.
+    mutual_tls : a side that listens requires a certificate from the side that dials. A side that only dials always
+        shows its certificate.
     user : this side's name when it dials; its password is the first line of `password_file`, or `password`.
-    users : on the side that listens, a file of lines ``user:password``: who may dial.
-    secret_file : its first line is a word that both sides have, and nobody else; it goes into the key of
-        `hapnet.wire.secret`. Neither needs certificates for it.
-    encrypt : pair with nobody who cannot encrypt, and encrypt what the two sides send (`hapnet.wire.encryption`).
+    users : on the side that listens, a file of lines ``user:password``: the users who may dial.
+    secret_file : its first line is a word that only both sides have; it is part of the key of
+        `hapnet.wire.secret`. This needs no certificates.
+    encrypt : pair only with a side that can encrypt, and encrypt what the two sides send (`hapnet.wire.encryption`).
     """
 
     tls_ca: Path | None = None
@@ -70,14 +70,14 @@ class Security:
         if self.secret_file is None:
             return ""
         word = _first_line("--secret-file", self.secret_file)
-        if len(word) < MIN_SECRET:  # the line itself is not shown
+        if len(word) < MIN_SECRET:  # the message must not show the line
             allowed = f"a file whose first line has {MIN_SECRET} characters or more"
             raise InvalidParameter("--secret-file", str(self.secret_file), allowed)
         return word
 
     @property
     def tls_flag(self) -> str | None:
-        """The first given flag that makes sense only with TLS; None if none is given."""
+        """The first given flag that requires TLS; None if none is given."""
         given = {
             "--tls-ca": self.tls_ca is not None,
             "--tls-cert": self.tls_cert is not None,
@@ -87,9 +87,9 @@ class Security:
         return next((flag for flag, is_given in given.items() if is_given), None)
 
     def check(self) -> None:
-        """Read every file and check that it is what its flag says.
+        """Read every file and check that it is what its flag requires.
 
-        Raises InvalidParameter: a file is missing, is not what its flag asks for or has expired, or flags do not go
+        Raises InvalidParameter: a file is missing, is not what its flag requires or has expired, or flags do not fit
         together.
         """
         _check_certificates(self)
@@ -99,7 +99,7 @@ class Security:
     def entries(self, *, listens: bool) -> Iterator[tuple[str, object]]:
         """The keys and values for Zenoh's configuration; call `check` before.
 
-        listens : whether this side listens. If it does, it shows its certificate on dialling only with `mutual_tls`.
+        listens : whether this side listens; if so, it shows its certificate on dialling only with `mutual_tls`.
         """
         tls = "transport/link/tls"
         files = (
@@ -143,11 +143,11 @@ class Security:
 
 
 ANYBODY = Security()
-"""Anybody may connect, and nothing is encrypted."""
+"""No security: anybody may connect, and nothing is encrypted."""
 
 
 def is_exposed(endpoint: str) -> bool:
-    """Whether others than this machine's users can read and send if a side listens there. So for an unknown host
+    """Whether others than this machine's users can read and send if a side listens there; True for an unknown host
     name.
     """
     protocol, _, address = endpoint.partition("/")

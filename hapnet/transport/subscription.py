@@ -1,4 +1,4 @@
-"""Listens to keys, without part in the protocol, whatever becomes of the connection."""
+"""Subscribe to keys, without part in the protocol, and reopen lost connections."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ LOST_S = 1.0
 
 
 class Subscription:
-    """Hands each message on `keys` to `on_message`, on one of Zenoh's threads, where nothing may block.
+    """Passes each message on `keys` to `on_message`, on one of Zenoh's threads; `on_message` must not block.
 
-    It dials as a Zenoh client: the process that it dials then forwards what others publish.
+    It dials as a Zenoh client: the process that it dials then forwards the messages of others.
 
-    settings : whom it dials. on_message : called with a message's key and its bytes.
+    settings : where it dials. on_message : called with a message's key and its bytes.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Subscription:
 
     @property
     def where(self) -> str:
-        """Whom it dials, as text."""
+        """The endpoints that it dials, as text."""
         return where(self._config)
 
     def open(self) -> None:

@@ -1,16 +1,17 @@
-"""Zenoh between the two sides: bytes out on three keys, bytes in on three, and nothing that blocks a servo.
+"""Zenoh between the two sides: bytes out on three keys, bytes in on three, without blocking a servo.
 
 Keys are ``hapnet/<session>/<device>/{up,down}/{position,energy,control}``; up is from the device. All are best effort,
-express, and dropped on congestion: the energy channel itself repeats what must not be lost. Each kind has its own
+express, and dropped on congestion: the energy channel itself repeats its messages. Each kind has its own
 priority, because Zenoh numbers the messages of each priority and drops one that comes after a later one: with a common
-priority, over udp with jitter, most energy messages would be lost among the positions. Besides, each side publishes
-``.../telemetry`` with the lowest priority, for those who watch it, and answers probes on ``.../probe`` (probe.py).
+priority, over udp with jitter, most energy messages would be lost among the positions. Also, each side publishes
+``.../telemetry`` with the lowest priority, for viewers, and answers probes on ``.../probe`` (probe.py).
 
-A key that carries nothing else carries a message without payload, at least every 0.2 s. If a side hears nothing on one
-of the three, although it is connected over a link without retransmission, it declares its subscription again (keys.py).
+A key without other messages carries a message without payload, at least every 0.2 s. If nothing arrives on one of the
+three keys, although a side is connected over a link without retransmission, it declares its subscription again
+(keys.py).
 
-Threads: any thread may call `ZenohTransport.put`. Messages that arrive are handed over on Zenoh's own receiving
-threads, where nothing may block.
+Threads: any thread may call `ZenohTransport.put`. Arriving messages are delivered on Zenoh's own receiving threads,
+where no call may block.
 """
 
 from __future__ import annotations
@@ -46,13 +47,13 @@ EXIT_TIMEOUT_S = 2.0
 """How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
 
 KEEP_ALIVE = b""
-"""The payload of a key that has nothing else to carry."""
+"""The payload that is put on a quiet key."""
 
 REPORT_AFTER_NS = 1_000_000_000
-"""A key that is silent for longer is reported [ns]: a new declaration takes no longer to repair one."""
+"""A key that is silent for longer is reported [ns]: a new declaration repairs a key sooner."""
 
 LOOK_EVERY_NS = 1_000_000_000
-"""How often a side that does not see the other one looks for processes that play its own role [ns]."""
+"""How often a side that does not detect the other side looks for processes with its own role [ns]."""
 
 _MOST_ANSWERS, _ALL = 16, (*KINDS, SIGNALS, TELEMETRY)
 
@@ -61,8 +62,8 @@ REOPEN_EVERY_S = 0.5
 
 KILOHERTZ = 1_000.0
 MOST_HZ, MOST_AT_ONCE = 10_000, 2_000
-"""Messages beyond this rate or burst are dropped unread, at rates up to 1 kHz; both grow with a faster rate. That is
-ten times what a side sends; a link that comes back after seconds may deliver such a burst."""
+"""Messages beyond this rate or burst are dropped unread, at rates up to 1 kHz; both grow with a faster rate. A side
+sends a tenth of this rate; a link that comes back after seconds may deliver such a burst."""
 
 _DIRECTION = {"device": "up", "world": "down"}
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
@@ -71,28 +72,28 @@ _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 class ZenohTransport:
     """One side's connection: `put` sends a message of a kind, and `on_message` is called with each that arrives.
 
-    More than twenty attributes: one thread opens, watches and reopens the session while others use it, so that what
-    belongs to a session is replaced in one place, under one lock.
+    More than twenty attributes: one thread opens, monitors and reopens the session while others use it, so all
+    attributes of a session are replaced in one place, under one lock.
 
     settings : how to reach the other side.
-    on_message : called as ``on_message(kind, data, now_ns)`` on one of Zenoh's threads, with when the message came on
+    on_message : called as ``on_message(kind, data, now_ns)`` on one of Zenoh's threads, with the time of arrival on
         the clock `time.monotonic_ns`; must not block.
         Its exceptions are counted in `callback_errors`, and `warn` is called for the first.
     session, device : names in the keys, without any of ``/ # ? $ *``; the same on both sides.
-    role : which side this is.
-    rate_hz : how often either side sends at most. stream_hz : how often this one sends its position [Hz].
-    on_change : called on the loop when a link or the other side came or went.
-    warn : called with words about what went wrong, on any thread. also : further kinds of message that it receives.
+    role : this side's role.
+    rate_hz : how often either side sends at most [Hz]. stream_hz : how often this side sends its position [Hz].
+    on_change : called on the loop when a link or the other side appears or disappears.
+    warn : called with the text of a warning, on any thread. also : further kinds of message that it receives.
 
     Attributes
     ----------
-    failed_puts : messages that Zenoh did not take (not open yet, closed).
+    failed_puts : messages that Zenoh did not accept (not open yet, closed).
     callback_errors : exceptions from `on_message`.
     rate_limiter : limits the rate of incoming messages.
     sampled : nothing overtakes a position whose number is a multiple of it (sampled.py).
     reopened : how many times Zenoh's whole session was lost and opened again.
     declared_again : how many times a subscription was declared again because a key was silent.
-    doubled : another process plays this same side, and none plays the other.
+    doubled : another process runs this same side, and none runs the other side.
 
     Raises InvalidParameter, TransportError: as `zenoh_config`, and for names that no key can contain.
     """
@@ -161,7 +162,7 @@ class ZenohTransport:
         return await asyncio.to_thread(self.shut, timeout_s)
 
     def shut(self, timeout_s: float = 2.0) -> bool:
-        """As `close`, on a thread that may wait."""
+        """Close as `close` does, for a thread that may wait."""
         self._closing.set()
         if self._keeper is not None:
             self._keeper.join(timeout_s)
@@ -171,7 +172,7 @@ class ZenohTransport:
         return True
 
     def put(self, kind: str, data: bytes) -> bool:
-        """Send; from any thread. Never blocks, and never raises for a lost link. False if Zenoh did not take it."""
+        """Send; from any thread. Never blocks, and never raises for a lost link. False if Zenoh did not accept it."""
         publisher = self._publishers.get(kind)
         if publisher is not None:
             try:
@@ -189,7 +190,7 @@ class ZenohTransport:
 
     @property
     def peers(self) -> int:
-        """How many Zenoh nodes this one is connected to now: the other side, a router, or strangers."""
+        """The number of Zenoh nodes connected to this one now: the other side, a router, or strangers."""
         session = self._session
         if session is None or session.is_closed():
             return 0
@@ -198,18 +199,18 @@ class ZenohTransport:
 
     @property
     def silent(self) -> list[str]:
-        """The kinds of message that do not arrive, although somebody is connected and other kinds do."""
+        """The kinds of message that do not arrive, although a node is connected and other kinds do."""
         silent = self._watch.silent(time.monotonic_ns(), REPORT_AFTER_NS)
         return [] if len(silent) == len(KINDS) else silent
 
     @property
     def partners(self) -> int:
-        """How many processes play the other side under these names now: 1 if all is well."""
+        """The number of processes that run the other side under these names now: 1 if all is well."""
         return len(self._partners)
 
     @property
     def status(self) -> str:
-        """In words, what this side waits for, and where."""
+        """The state of the connection in words."""
         if self._closing.is_set():
             return "closed"
         other = _OTHER[self.role]
@@ -257,7 +258,7 @@ class ZenohTransport:
         return True
 
     def _declare_again(self, session: zenoh.Session) -> None:
-        """Declare one more subscription to the same keys; its declaration matters, the first subscriber does the work.
+        """Declare one more subscription to the same keys, only for its declaration: the first subscriber receives all.
 
         Earlier ones stay, since undeclaring one could overtake or be overtaken; at the end of the list all are removed.
         """
@@ -272,7 +273,7 @@ class ZenohTransport:
         self.declared_again += 1
 
     def _reopen(self) -> None:
-        """Open another session as soon as possible: Zenoh has closed the last one, or it is of no use."""
+        """Open another session as soon as possible: Zenoh has closed the last one, or it is unusable."""
         self._disconnect()
         self._partners.clear()
         self.reopened += 1
@@ -287,13 +288,13 @@ class ZenohTransport:
                     return
 
     def _look_for_doubles(self, now_ns: int) -> None:
-        """Check whether the node that is there, but is not the other side, plays this same side."""
+        """Check whether a connected node that is not the other side runs this same side."""
         session = self._session
         if self._partners or session is None or now_ns < self._look_ns or not self.peers:
             return
         self._look_ns = now_ns + LOOK_EVERY_NS
         own = f"{self._mine}/{session.zid()}"
-        # Answers wait for the next look, since keys need keep-alives meanwhile. A callback of ours would run under a
+        # Answers wait for the next look, since keys need keep-alives meanwhile. A Python callback would run under a
         # lock of the session, for which other threads wait while they hold the interpreter's lock.
         answers, self._answers = self._answers, None
         with contextlib.suppress(zenoh.ZError):
@@ -323,7 +324,7 @@ class ZenohTransport:
             answer_probes(session, f"{self._theirs}/{PROBE}", f"{self._mine}/{PROBE}")
             with self._lock:
                 self._session, self._publishers = session, publishers
-            # the token comes after the subscribers: a node that sees it knows them
+            # the token comes after the subscribers: a node that receives it has received their declarations
             session.liveliness().declare_subscriber(f"{self._theirs}/*", direct(self._on_token), history=True)
             self._token = session.liveliness().declare_token(f"{self._mine}/{session.zid()}")
             self._notify()
@@ -397,7 +398,7 @@ class ZenohTransport:
 
     def _post(self, call: Callable[..., object], *args: object) -> None:
         assert self._loop is not None
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody is left to tell
+        with contextlib.suppress(RuntimeError):  # the loop is closed: no callback is left
             self._loop.call_soon_threadsafe(call, *args)
 
 

@@ -1,8 +1,8 @@
 """A side's account, reported to its peer while both run and at the end, until the peer has answered. No clock.
 
 An account is the sender's own claim, and nothing in the protocol depends on it. The newest account counts. A side
-whose account is final asks for an answer, and repeats it every `REPEAT_NS` until one comes. An answer is an account
-too, made after what it answers: so it covers all that was before, though the two sides have no common clock.
+whose account is final requests an answer, and repeats it every `REPEAT_NS` until one comes. An answer is an account
+too, made after the account that it answers: so it covers all earlier time, though the two sides have no common clock.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ REPEAT_NS = 100_000_000
 
 
 class Heard(NamedTuple):
-    """The newest account of the peer. came_ns : when it came. covers : the peer had heard this one when it made it."""
+    """The newest account of the peer. came_ns : when it came. covers : made after this side's newest came."""
 
     number: int
     values: Mapping[str, Signal]
@@ -32,8 +32,8 @@ class AccountExchange:
 
     Attributes
     ----------
-    heard : the newest of the peer, or of the last one if there is none now; None: none came.
-    owes : the peer asks for an account, and none was sent since.
+    heard : the newest account of the peer, or of the last peer if there is none now; None: none came.
+    owes : the peer has requested an account, and none was sent since.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class AccountExchange:
         self._due_ns: int | None = None
 
     def report(self, values: Mapping[str, Signal], *, final: bool) -> None:
-        """Tell the peer this account, made now. A final one that has not changed keeps its number."""
+        """Send the peer this account, made now. A final account that has not changed keeps its number."""
         if not (final and self._final and dict(values) == self._values):
             self._number += 1
             self._values = dict(values)
@@ -56,23 +56,23 @@ class AccountExchange:
 
     @property
     def known(self) -> bool:
-        """Whether the peer has answered the newest account, a final one. Also if it never reported: then it will not
-        answer.
+        """Whether the peer has answered the newest account, a final one. True also if the peer never reported, as then
+        no answer will come.
         """
         return self.heard is None or (self._final and self._answered >= self._number)
 
     @property
     def whole(self) -> bool:
-        """Whether the newest account of the peer covers all of this side's time. It is final, or answers a final
-        one.
+        """Whether the newest account of the peer covers all of this side's time: it is final, or answers a final
+        account.
         """
         heard = self.heard
         return heard is not None and (heard.final or 0 < self._first_final <= heard.covers)
 
     def receive(self, message: Account, now_ns: int) -> None:
-        """Take an account of the peer's.
+        """Take an account of the peer.
 
-        Raises BadMessage: it is older than one before, or answers one that was never sent.
+        Raises BadMessage: it is older than an earlier one, or answers an account that was never sent.
         """
         if message.heard > self._number:
             raise BadMessage("range", f"an account that answers {message.heard}; allowed: up to {self._number}")
@@ -99,11 +99,11 @@ class AccountExchange:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `poll` next; None: nothing is planned."""
+        """The time to call `poll` next; None: nothing is planned."""
         return self._due_ns
 
     def change_pair(self, *, paired: bool) -> None:
-        """There is another peer now, which has reported and heard nothing; or none, and the last one's account
+        """Forget the accounts exchanged with the last peer, if there is a new one; without a peer the last account
         stays."""
         self.owes, self._due_ns, self._answered = False, None, 0
         if paired:

@@ -13,7 +13,7 @@ from hapnet.wire.fields import ANSWERS
 from hapnet.wire.messages import Account, Bye, Channel, Energy, Hello, Identity, Refuse, Signals, Welcome, encode
 from hapnet.wire.secret import sealed
 
-PROMPT_NS = 20_000_000  # minimum time between two hellos, when strangers call for them
+PROMPT_NS = 20_000_000  # minimum time between two hellos that strangers cause
 REPLY_SPACING_NS = 10_000_000  # at most MAX_REPLIES replies in this time, however fast strangers send
 MAX_REPLIES = 8
 BYE_COPIES = 3
@@ -23,7 +23,7 @@ ControlMessage = Hello | Welcome | Refuse | Bye
 
 
 class Addressed(NamedTuple):
-    """A message to send. `key`: what seals it; None: nothing does, as it is to anybody or to who shares no key."""
+    """A message to send. `key` seals it; None: it is not sealed, as it is for any side or for a side without a key."""
 
     message: ControlMessage
     key: bytes | None = None
@@ -50,7 +50,7 @@ class ControlSender:
         self._bye_ns = 0
 
     def say_hello(self, now_ns: int) -> None:
-        """Say hello as soon as the last one is `PROMPT_NS` old."""
+        """Send a hello as soon as the last one is `PROMPT_NS` old."""
         due_ns = max(now_ns, self._prompt_ns)
         self._hello_ns = due_ns if self._hello_ns is None else min(self._hello_ns, due_ns)
 
@@ -64,9 +64,9 @@ class ControlSender:
         return len(self._replies) >= MAX_REPLIES
 
     def reply(self, message: Welcome | Refuse, key: bytes | None = None) -> None:
-        """Queue a reply, to be sealed with `key`; it replaces one that waits for the same addressee and key.
+        """Queue a reply, to be sealed with `key`; it replaces a waiting reply to the same addressee and key.
 
-        More than `MAX_REPLIES` are not kept.
+        At most `MAX_REPLIES` are kept.
         """
         self._queue(message.addressee, message, key)
 
@@ -81,7 +81,7 @@ class ControlSender:
             self._replies[place] = message
 
     def reply_to(self, incarnation: int) -> Hello | Welcome | Refuse | None:
-        """A reply that waits for `incarnation`, if there is one."""
+        """The reply that waits for `incarnation`, if there is one."""
         return next((reply for (addressee, *_), reply in self._replies.items() if addressee == incarnation), None)
 
     def say_bye(self, bye: Bye, key: bytes | None, now_ns: int) -> None:
@@ -89,7 +89,7 @@ class ControlSender:
         self._bye, self._byes_left, self._bye_ns = Addressed(bye, key), BYE_COPIES, now_ns
 
     def poll(self, now_ns: int, *, searching: bool) -> list[Addressed]:
-        """The messages to send now. `searching`: hellos repeat at their period; otherwise one is enough."""
+        """The messages to send now. `searching`: hellos are repeated at their period; otherwise one is sent."""
         if self._bye is not None:
             if not self._byes_left or now_ns < self._bye_ns:
                 return []
@@ -118,7 +118,7 @@ class ControlSender:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next. A time in the past means now; None means that nothing is planned."""
+        """The time to poll next. A time in the past means now; None means that nothing is planned."""
         if self._bye is not None:
             return self._bye_ns if self._byes_left else None
         if not self._replies:
@@ -134,5 +134,5 @@ class Outgoing(NamedTuple):
 
     @classmethod
     def of(cls, message: Energy | Signals | Account | ControlMessage, key: bytes | None) -> Outgoing:
-        """The frame of `message`; `key` seals it, None: nothing does."""
+        """The frame of `message`, sealed with `key`; None: not sealed."""
         return cls(message.CHANNEL, encode(message) if key is None else sealed(message, key))

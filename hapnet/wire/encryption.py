@@ -1,8 +1,8 @@
-"""Encryption of a pair's messages, so that nobody else can read them: ChaCha20-Poly1305 (RFC 8439) over whole frames.
+"""Encryption of a pair's messages, so that only the pair can read them: ChaCha20-Poly1305 (RFC 8439) over whole frames.
 
-Any datagram can be decrypted alone, whatever was lost or overtaken before it. That is what an encrypted stream over
-udp needs: TLS and QUIC repeat or hold back what comes after a loss. The nonce is the message's number, which is never
-used twice: each pair has keys of its own, and each direction one.
+Each datagram can be decrypted alone, whatever was lost or overtaken before it. An encrypted stream over udp needs
+this: TLS and QUIC hold back later data after a loss. The nonce is the message's number, which is never used twice:
+each pair has keys of its own, and each direction has one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from hapnet.errors import BadMessage
 from hapnet.wire.messages import VERSION, Encrypted
 
 FIRST_OTHER = 2**63
-"""The first number of what is no message of the stream; those have their own numbers, which are below."""
+"""The first number of messages outside the stream; the stream's own numbers are below."""
 
 _HEAD = Struct(">BBBBQBQ")  # as a stream's message begins, so that its number is at the same place
 _BIN = Struct(">BL")
@@ -24,10 +24,10 @@ _BEFORE = _HEAD.size + _BIN.size
 
 
 class Cipher:
-    """Encrypts what one side of a pair sends, and decrypts what the other does.
+    """Encrypts what one side of a pair sends, and decrypts what the other sends.
 
     key : 32 bytes or more that the two share. mine, theirs : their incarnations.
-    what : is encrypted with it, in a word; another has other keys.
+    what : a word for what is encrypted; another word gives other keys.
     """
 
     def __init__(self, key: bytes, mine: int, theirs: int, what: str = "frames") -> None:
@@ -39,7 +39,7 @@ class Cipher:
         self._next_other = FIRST_OTHER
 
     def encrypt(self, frame: bytes, number: int | None = None) -> bytes:
-        """The frame of an `Encrypted` with `frame` in it. number : of a message of the stream; None: it is none."""
+        """The frame of an `Encrypted` with `frame` in it. number : that of a stream's message; None for others."""
         if number is None:
             number = self._next_other
             self._next_other += 1
@@ -48,7 +48,7 @@ class Cipher:
         return head + _BIN.pack(_BIN32, len(content)) + content
 
     def decrypt(self, message: Encrypted) -> bytes:
-        """The frame in `message`. Raises BadMessage: somebody else made it, or changed it."""
+        """The frame in `message`. Raises BadMessage: it was not made by the peer, or was changed."""
         from cryptography.exceptions import InvalidTag
 
         head = _head(message.incarnation, message.number)
@@ -59,7 +59,7 @@ class Cipher:
 
 
 def key_of(key: bytes, what: str, sender: int) -> bytes:
-    """The key for what `sender` encrypts, out of a shared `key` (HKDF-Expand, RFC 5869)."""
+    """Derive the key for what `sender` encrypts from a shared `key` (HKDF-Expand, RFC 5869)."""
     return hmac.digest(key, what.encode() + sender.to_bytes(8, "big") + b"\x01", "sha256")
 
 

@@ -5,13 +5,13 @@ later message repairs the loss of every earlier one, and neither loss, repetitio
 energy. The rules:
 
 * New energy is sent at once, but not sooner than `spacing_ns` after the last message.
-* What is not acknowledged is repeated when the timer of RFC 6298 expires. Every message restarts the timer, and so does
+* An unacknowledged total is repeated when the timer of RFC 6298 expires. Every message restarts the timer, and so does
   every acknowledgement that advances, but never beyond the timer's ceiling.
-* A message with `total_nJ` > 0 asks for an acknowledgement. It is sent with the next message of the other direction if
+* A message with `total_nJ` > 0 requires an acknowledgement. It is sent with the next message of the other direction if
   there is one within `ack_delay_ns`; otherwise it is sent alone, with `total_nJ` = 0. Such a message is stale by the
-  ordinary rule (0 is not above what was credited) and is never answered, so two quiet sides stay quiet.
-* Credits pass a token bucket. Energy that finds no tokens waits, and `admit` credits it as tokens come. No more waits
-  than the tokens can pay until the sender repeats its total: a total that is too high, by a flipped bit or a forger, is
+  ordinary rule (0 is not above the credited total) and is never answered, so two quiet sides stay quiet.
+* Credits pass a token bucket. Energy without tokens waits, and `admit` credits it as tokens come. At most as much waits
+  as the tokens can pay until the sender repeats its total: a total that is too high, by a flipped bit or a forger, is
   soon forgotten.
 
 At every instant `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and, since acknowledging follows crediting
@@ -40,7 +40,7 @@ class EnergyChannel(Record):
 
     admission : the token bucket that credits pass.
     spacing_ns, ack_delay_ns : see the rules above.
-    residue_J : the fraction of a nanojoule that the channel before could not send [J].
+    residue_J : the fraction of a nanojoule that the previous channel could not send [J].
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class EnergyChannel(Record):
     claimed_nJ : the highest total that the peer has announced, as far as it may wait for tokens.
     spaced_ns, retransmit_ns, ack_ns : when new energy may leave, when it is repeated, and when an acknowledgement is
         sent alone; `NEVER`: nothing is to be repeated, or acknowledged.
-    asked_ns, asked_nJ : when energy was announced that waits for its acknowledgement, and what was acknowledged then;
-        below 0: none was.
+    asked_ns, asked_nJ : when the energy was announced that waits for an acknowledgement, and the energy acknowledged
+        by then; below 0: none waits.
     timed_nJ, timed_ns, first, timed : the messages whose round trip is being measured, their totals and when they were
         sent: a ring, the place of the oldest, and how many there are.
     """
@@ -121,14 +121,14 @@ class EnergyChannel(Record):
         return receive(self, total_nJ, acked_nJ, now_ns)
 
     def acknowledge(self, acked_nJ: int, now_ns: int) -> None:
-        """The peer has credited `acked_nJ` in all; a lower value than before is stale and ignored."""
+        """Enter that the peer has credited `acked_nJ` in all; a lower value than before is stale and ignored."""
         if acked_nJ > self.announced_nJ:
             raise self._never_announced(acked_nJ)
         acknowledge(self, acked_nJ, now_ns)
 
     @equation
     def admit(self, now_ns: int) -> int:
-        """Credit the waiting energy, as far as the bucket allows; returns what was credited [nJ]."""
+        """Credit the waiting energy, as far as the bucket allows; returns the energy credited [nJ]."""
         waiting_nJ = self.claimed_nJ - self.credited_nJ
         if waiting_nJ == 0 or self.closed:
             return 0
@@ -145,12 +145,12 @@ class EnergyChannel(Record):
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `admit` and `poll` next. A time in the past means now; None means that nothing is planned."""
+        """The time to call `admit` and `poll` next. A time in the past means now; None: nothing is planned."""
         due = next_due_ns(self)
         return None if due == NEVER else due
 
     def unanswered_ns(self, heard_ns: int | None) -> int:
-        """How long the oldest message without an acknowledgement had waited at `heard_ns`; 0: there is none.
+        """The time that the oldest message without an acknowledgement had waited at `heard_ns`; 0: there is none.
 
         heard_ns : when the peer's last position came, so that the peer's silence does not count.
         """
@@ -175,7 +175,7 @@ class EnergyChannel(Record):
 
 @equation
 def send(channel: EnergyChannel, energy_J: float) -> None:
-    """`EnergyChannel.send`, of an energy that it accepts."""
+    """`EnergyChannel.send`, for an energy that was checked."""
     held_J = channel.residue_J + energy_J
     whole_nJ = math.floor(held_J * 1e9)
     if whole_nJ / 1e9 > held_J:  # the product was rounded up to the next integer
@@ -186,7 +186,7 @@ def send(channel: EnergyChannel, energy_J: float) -> None:
 
 @equation
 def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
-    """`EnergyChannel.receive`; at most what was announced is acknowledged."""
+    """`EnergyChannel.receive`, for an acknowledgement of at most the announced energy."""
     acknowledge(channel, acked_nJ, now_ns)
     if total_nJ > 0:
         _owe_ack(channel, now_ns)
@@ -198,7 +198,7 @@ def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -
 
 @equation
 def acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
-    """`EnergyChannel.acknowledge`, of at most what was announced."""
+    """`EnergyChannel.acknowledge`, for at most the announced energy."""
     if acked_nJ <= channel.acked_nJ or channel.closed:
         return
     channel.acked_nJ = acked_nJ
@@ -210,7 +210,7 @@ def acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
         sample(channel.rto, now_ns - sent_ns)
     else:  # credited in part: the messages in flight would measure the peer's bucket, not the path
         channel.timed = 0
-    if channel.announced_nJ > acked_nJ:  # the peer credits slowly; it must still hear the total again
+    if channel.announced_nJ > acked_nJ:  # the peer credits slowly; it must still receive the total again
         last_ns = channel.spaced_ns - channel.spacing_ns
         channel.retransmit_ns = min(now_ns + timeout_ns(channel.rto), last_ns + CEILING_NS)
     else:
@@ -269,7 +269,7 @@ def _owe_ack(channel: EnergyChannel, now_ns: int) -> None:
 
 @equation
 def _time(channel: EnergyChannel, total_nJ: int, now_ns: int) -> None:
-    """Measure the round trip of a message; of too many the oldest is forgotten."""
+    """Measure the round trip of a message; if the ring is full, the oldest is forgotten."""
     if channel.timed == MAX_TIMED:
         _forget_oldest(channel)
     at = (channel.first + channel.timed) % MAX_TIMED
@@ -284,7 +284,7 @@ def _forget_oldest(channel: EnergyChannel) -> None:
 
 
 admit = EnergyChannel.admit
-"""As equations call it."""
+"""The same as functions, which equations call."""
 
 
 @dataclass(slots=True)

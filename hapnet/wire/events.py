@@ -14,8 +14,8 @@ class Paired:
     """`peer` has answered this side, and the two are a pair. `number` counts this session's pairs from 1.
 
     encrypts : whether the pair encrypts.
-    proof : what proves who the peer is: a word, a certificate, a socket of this machine, or nobody; None: no keys.
-    fingerprint : of the pair's key; empty: there is none.
+    proof : the proof of the peer's identity: a word, a certificate, a socket of this machine, or nobody; None: no keys.
+    fingerprint : the fingerprint of the pair's key; empty: there is none.
     """
 
     peer: Identity
@@ -26,7 +26,7 @@ class Paired:
 
 
 class PositionReceived(NamedTuple):
-    """The peer's set-position [m or rad], its number and its sender's clock [ns].
+    """The peer's set-position [m or rad], its number and its time on the sender's clock [ns].
 
     took_ns : estimate of its transit time [ns]. level : how full the peer's reservoir is; None: not reported.
     """
@@ -53,7 +53,7 @@ class EnergyCredited(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SignalReceived:
-    """The peer reports another value under this name than before."""
+    """The peer has changed the value of a signal."""
 
     name: str
     value: Signal
@@ -61,7 +61,7 @@ class SignalReceived:
 
 @dataclass(frozen=True, slots=True)
 class PeerRefused:
-    """Somebody refuses this incarnation for good, and why. by_peer : it was the peer, and the pair ends."""
+    """Another side refuses this incarnation for good, with its reason. by_peer : it was the peer, and the pair ends."""
 
     reason: str
     by_peer: bool = False
@@ -69,21 +69,21 @@ class PeerRefused:
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """This side refused somebody, and why."""
+    """This side refused another side, with the reason."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Unproven:
-    """Somebody wants to be the peer, or to refuse this side, and does not prove who he is: he is ignored."""
+    """A hello, welcome or refusal was ignored because its sender did not prove its identity."""
 
     reason: str = "it does not prove its key: it has another secret, or it is a stranger"
 
 
 @dataclass(frozen=True, slots=True)
 class PeerLeft:
-    """The peer ended on purpose, and why."""
+    """The peer ended on purpose, with its reason."""
 
     reason: str
 
@@ -92,7 +92,7 @@ class PeerLeft:
 class Contradiction:
     """The messages in the peer's name cannot all be the peer's: see `hapnet.wire.sums`.
 
-    kind : which of the contradictions it is. Each is reported once for each pair.
+    kind : the kind of contradiction. Each is reported once for each pair.
     """
 
     kind: str

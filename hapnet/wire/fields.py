@@ -34,16 +34,16 @@ MAX_TOTAL_NJ = 2**63  # exclusive: totals fit a signed 64-bit integer
 MAX_INTEGRAL = 1e12  # sqrt(W) s: differences, and their squares over a nanosecond, stay finite
 KEY_BYTES = 32
 ENCRYPTION_BYTES = 16
-"""What encryption adds to a frame, besides the message that carries it."""
+"""The bytes that encryption adds to a frame, besides the message that carries it."""
 
 INTEGRAL = "integral"
 """The further entry of a wave: the integral of all waves of its sender's stream, and the sum of their spans in ns."""
 
 CURVATURES = "curvatures"
-"""The further entry of a proxy: how the surfaces bend that its planes touch."""
+"""The further entry of a proxy: the curvatures of the surfaces that its planes touch."""
 
 EFFECTS = "effects"
-"""The further entry of a proxy: what the surface of each of its planes does at the device's rate; nil: nothing."""
+"""The further entry of a proxy: the effects of each plane's surface, computed at the device's rate; nil: none."""
 
 FRICTION = "friction"
 """The further entry of a proxy: Coulomb's mu of each of its planes."""
@@ -52,26 +52,26 @@ LEVEL: Final = "level"
 """The further entry of a position or a proxy: how full its sender's reservoir is, 0 to 1."""
 
 REACH = "reach"
-"""The further entry of a proxy: within this distance [m] there are no other planes than those that it has."""
+"""The further entry of a proxy: the distance [m] within which there are no planes but the proxy's."""
 
 ENCRYPTS = "encrypts"
-"""The further entry of a hello or a welcome of who can encrypt: must this pair?"""
+"""The further entry of a hello or a welcome whose sender can encrypt: whether this pair must encrypt."""
 
 KEY = "key"
 """The further entry of a hello or a welcome: its sender's public key, of X25519."""
 
 ANSWERS = "answers"
-"""The further entry of a hello that is addressed: incarnation and hello number of the side that it answers."""
+"""The further entry of an addressed hello: incarnation and hello number of the side that it answers."""
 
 TAG = "tag"
-"""The last further entry of a frame that is sealed, which ends with these 8 bytes."""
+"""The last further entry of a sealed frame, which ends with these 8 bytes."""
 
 SUMS = "sums"
 """The further entry of an energy message: its number, all that its sender sent [nJ], and the highest number it saw."""
 
 _NEVER = 2**62
 _NoInteger = Annotated[int, Meta(ge=_NEVER, le=-_NEVER)]
-"""Beside a float, no integer is allowed: msgspec would make a float of it."""
+"""Prevents integers in place of floats: msgspec would convert an integer to a float."""
 _Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]  # false for NaN as well
 _Real = float | _NoInteger
 _Coordinate = Annotated[float, Meta(ge=-MAX_COORDINATE, le=MAX_COORDINATE)] | _NoInteger
@@ -101,28 +101,28 @@ _Integral = Annotated[float, Meta(ge=-MAX_INTEGRAL, le=MAX_INTEGRAL)] | _NoInteg
 _PublicKey = Annotated[bytes, Meta(min_length=KEY_BYTES, max_length=KEY_BYTES)]
 Level = Annotated[float, Meta(ge=0.0, le=1.0)] | _NoInteger
 More = dict[str, Any]
-"""A frame's map of further entries. One may be anything: a receiver ignores those that it does not know."""
+"""A frame's map of further entries, of any types: a receiver ignores entries that are unknown to it."""
 
 
 if TYPE_CHECKING:
     OfPositions = More
 else:
     OfPositions = dict[Literal["level"], Level]
-    """The further entries of nearly every position: those are read at once, with the rest of it."""
+    """The further entries of nearly every position: they are read together with its fields."""
 
 
 class _Further(msgspec.Struct, frozen=True, gc=False):
-    """The further entries that are known of a kind of message."""
+    """The known further entries of a kind of message."""
 
 
 class OfPosition(_Further, frozen=True):
-    """Of a position."""
+    """The further entries of a position."""
 
     level: Level | UnsetType = UNSET
 
 
 class OfProxy(_Further, frozen=True):
-    """Of a proxy. curvatures, friction, effects : one for each plane."""
+    """The further entries of a proxy. curvatures, friction, effects : one for each plane."""
 
     level: Level | UnsetType = UNSET
     reach: _NotNegative | UnsetType = UNSET
@@ -132,34 +132,34 @@ class OfProxy(_Further, frozen=True):
 
 
 class OfWave(_Further, frozen=True):
-    """Of a wave. integral : as many numbers as the wave has, and a time [ns]."""
+    """The further entries of a wave. integral : as many numbers as the wave has, and a time [ns]."""
 
     integral: tuple[tuple[_Integral, ...], U64] | UnsetType = UNSET
 
 
 class OfEnergy(_Further, frozen=True):
-    """Of an energy message. sums : its number, a total, and another's number or 0."""
+    """The further entries of an energy message. sums : its number, a total, and the number of a message or 0."""
 
     sums: tuple[Incarnation, Nanojoules, U64] | UnsetType = UNSET
 
 
 class OfWelcome(_Further, frozen=True):
-    """Of a welcome."""
+    """The further entries of a welcome."""
 
     key: _PublicKey | UnsetType = UNSET
     encrypts: bool | UnsetType = UNSET
 
 
 class OfHello(OfWelcome, frozen=True):
-    """Of a hello. answers : an incarnation, and the number of one of its hellos."""
+    """The further entries of a hello. answers : an incarnation, and the number of one of its hellos."""
 
     answers: tuple[Incarnation, Incarnation] | UnsetType = UNSET
 
 
 def checked(value: object, kind: Any, names: Sequence[str] = ()) -> Any:
-    """`value` as `kind`, a type of this module or a message's class. names : of its elements, for errors.
+    """Return `value` as `kind`, a type of this module or a message's class. names : its elements' names, for errors.
 
-    Raises BadMessage: it is something else.
+    Raises BadMessage: it is of another type.
     """
     try:
         return msgspec.convert(value, kind, builtin_types=_BYTES)
@@ -168,12 +168,12 @@ def checked(value: object, kind: Any, names: Sequence[str] = ()) -> Any:
 
 
 _BYTES = (bytes,)
-"""msgspec would take a text for bytes in base 64."""
+"""The types that msgspec does not convert: it would read a text as bytes in base 64."""
 _STEP = re.compile(r"\[(\d+)\]|\.(\w+)")
 
 
 def _bad(error: str, value: Any, names: Sequence[str]) -> BadMessage:
-    """Return msgspec's complaint of a value, such as "Expected `int` >= 0 - at `$[1]`", in words that show the
+    """Convert msgspec's error, such as "Expected `int` >= 0 - at `$[1]`", to a `BadMessage` that shows the
     element.
     """
     expected, at, place = error.rpartition(" - at ")
@@ -183,7 +183,7 @@ def _bad(error: str, value: Any, names: Sequence[str]) -> BadMessage:
     for number, key in _STEP.findall(place.partition("[...]")[0]):
         value = value[int(number) if number else key]
         where += key or (names[int(number)] if names and not where else f"[{number}]")
-    if expected.startswith("Invalid"):  # and a text of the peer
+    if expected.startswith("Invalid"):  # followed by a text of the peer
         kind, allowed = "range", "device, world"
     elif allowed == "int | float" or str(_NEVER) in allowed:
         kind, allowed = "type", "a float"
@@ -200,12 +200,12 @@ def _bad(error: str, value: Any, names: Sequence[str]) -> BadMessage:
 
 
 def printable(text: str) -> str:
-    """Return the text as a receiver takes it."""
+    """Return the text as a receiver accepts it."""
     return "".join(c if c.isprintable() else " " for c in text)[:MAX_TEXT]
 
 
 def all_printable(*values: object) -> None:
-    """Of checked values: texts, and those in maps, have no control characters."""
+    """Check that the texts in checked values, also in maps, have no control characters."""
     for text in _texts(values):
         if not text.isprintable():
             raise BadMessage("range", f"text of {len(text)} characters; allowed: all printable")
@@ -220,7 +220,7 @@ def _texts(values: Iterable[object]) -> Iterator[str]:
 
 
 def more(value: Any) -> None:
-    """The map at a frame's end. An entry may be anything: a receiver ignores those that it does not know."""
+    """Check the map at a frame's end. An entry may be of any type: a receiver ignores unknown entries."""
     if type(value) is not dict:
         raise BadMessage("type", f"{value!r:.60}; allowed: the map of further entries")
     if len(value) > MAX_MORE:
@@ -233,19 +233,19 @@ def more(value: Any) -> None:
 
 
 def signals(value: object, kind: Any = SignalMap) -> None:
-    """A map of names to numbers, texts, booleans, nil, or arrays of numbers."""
+    """Check a map of names to numbers, texts, booleans, nil, or arrays of numbers."""
     if checked(value, kind) != value:
         raise BadMessage("type", "an array that is no tuple")
     all_printable(value)
 
 
 def planes(value: Any) -> None:
-    """Nothing, or up to four planes with normals of length 1."""
+    """Check that the value is nil, or up to four planes with normals of length 1."""
     unit_normals(*checked((value,), tuple[Planes], ("planes",)))
 
 
 def unit_normals(planes: Any) -> None:
-    """Of checked planes."""
+    """Check that the normals of checked planes have length 1."""
     for normal, *_ in planes or ():
         square = added([n * n for n in normal])
         if abs(square - 1.0) > UNIT_TOLERANCE:
@@ -267,12 +267,12 @@ def surfaces(known: OfProxy, planes: Any) -> None:
 
 
 def level_in(message: Any) -> float | None:
-    """The level in a position's further entries; None: it is not there."""
+    """The level in a position's further entries; None: there is none."""
     return None if message.more is None else message.more.get(LEVEL)
 
 
 def unfolded(curvatures: Any, planes: Any, position: tuple[float, ...]) -> None:
-    """Of checked curvatures: no centre is nearer to `position` than the surface, or that would not be the nearest."""
+    """Check of checked curvatures that no centre lies between `position` and the surface's nearest point."""
     for (normal, offset, *_), bends in zip(planes or (), curvatures, strict=False):
         depth = added([n * x for n, x in zip(normal, position, strict=True)]) - offset
         if not all(per_m * depth < 1.0 for _, per_m in bends):

@@ -1,30 +1,30 @@
-"""Who the peer is: hello, welcome, refuse, bye. The states and what each input does are in `hapnet.wire.pairing`.
+"""Find and keep the peer: hello, welcome, refuse, bye. `hapnet.wire.pairing` has the states and each input's effect.
 
 An incarnation, 64 random bits, is one start of a process. The rules:
 
-* A side says hello every period until it is paired. A hello is numbered. The answer is a welcome that repeats its
+* A side sends a hello every period until it is paired. A hello is numbered. The answer is a welcome that repeats its
   number, or a refusal.
 * A side is paired by a welcome to one of its own hellos, never by a hello: the network may deliver the hello of a
   process that died long ago, but a welcome proves that its sender was alive after the hello with that number left.
-* A stranger (neither the peer nor retired) that says anything is sent a hello. If it answers, it becomes the peer: the
-  old one has restarted. Its welcome must repeat a hello that is later than the current pairing. So what dead processes
-  left in the network can never displace a living peer.
-* Nor can a living stranger: while the peer is heard, strangers (such as a second device under the same name) are
-  dropped and not answered; only a hello that does not fit is refused. A stranger keeps saying hello; its turn comes
+* A stranger (neither the peer nor retired) that sends any message is sent a hello. If it answers, it becomes the peer:
+  the other side has restarted. Its welcome must repeat a hello that is later than the current pairing. So old messages
+  of dead processes, still in the network, can never displace a living peer.
+* Nor can a living stranger: while the peer is not silent, strangers (such as a second device under the same name) are
+  dropped and not answered; only a hello that does not fit is refused. A stranger keeps sending hellos; its turn comes
   when the peer is silent.
-* Of several that look for a peer at once the first is the candidate. The others are dropped until it has become the
-  peer, was not heard for `CANDIDATE_NS`, or has been the candidate for `CANDIDATURE_NS`. Then it waits itself for
-  `CANDIDATE_NS`. If all were welcomed, each would take itself for the peer and start with a full reservoir.
-* Who offers a key proves first that he holds it. His hello is answered with a hello that is addressed to him and sealed
-  with the key of the two. An addressed hello that answers a recent hello of this side proves its sender. Where this
-  side has a word (`hapnet.wire.secret`) everybody must do so, and needs the word for it. Who cannot holds no place and
-  ends nothing.
-* A peer that was displaced, left or refused is retired for as long as this side runs, and is refused when it speaks.
-  Its totals continue where they were, so a new pair with it, counted from zero, would credit them twice. After
-  `MAX_PEERS` retired peers a side pairs with nobody else, so the list is bounded and never shortened.
+* Of several strangers that look for a peer at once the first is the candidate. The others are dropped until it has
+  become the peer, was silent for `CANDIDATE_NS`, or has been the candidate for `CANDIDATURE_NS`. After that it waits
+  for `CANDIDATE_NS` itself. If all were welcomed, each would act as the peer and start with a full reservoir.
+* A side that offers a key first proves that it holds it. Its hello is answered with a hello that is addressed to it and
+  sealed with the key of the two. An addressed hello that answers a recent hello of this side proves its sender. Where
+  this side has a word (`hapnet.wire.secret`) every sender must prove itself, which needs the word. A sender without
+  proof cannot become the candidate, and cannot end a pair.
+* A peer that was displaced, left or refused is retired for as long as this side runs, and each of its messages is
+  refused. Its totals continue where they were, so a new pair with it, counted from zero, would credit them twice. After
+  `MAX_PEERS` retired peers a side accepts no further peer, so the list is bounded and never shortened.
 
-Each message passes three steps: `_classify` says which input it is and changes nothing, the table decides, and
-`_act` does what the table says.
+Each message passes three steps: `_classify` finds its input and changes nothing, the table has the actions for the
+input, and `_act` carries them out.
 """
 
 from __future__ import annotations
@@ -41,29 +41,29 @@ from hapnet.wire.messages import Bye, Hello, Identity, OtherVersion, Refuse, Wel
 from hapnet.wire.pairing import Action, Input, PairingState, transition
 from hapnet.wire.secret import Keys, Secret
 
-CANDIDATE_NS = 500_000_000  # several hello periods: one that still looks for a peer is heard meanwhile
-CANDIDATURE_NS = 2_000_000_000  # so long others wait for a candidate that is heard and does not become the peer
-REPORT_SPACING_NS = 100_000_000  # minimum time between two reports that somebody does not fit
+CANDIDATE_NS = 500_000_000  # several hello periods: a side that still looks for a peer sends a hello meanwhile
+CANDIDATURE_NS = 2_000_000_000  # others wait this long for a candidate that does not become the peer
+REPORT_SPACING_NS = 100_000_000  # minimum time between two reports that a side does not fit
 MAX_PEERS = 4096
 
 
 class MessageContent(NamedTuple):
-    """The data of the message that caused the actions. What a message does not have keeps its default."""
+    """The data of the message that caused the actions. Fields that the message does not have keep their defaults."""
 
     sender: int
     addressee: int = 0
     number: int = 0
     identity: Identity | None = None
     reason: str = ""
-    """Refusal or bye: the sender's reason. Hello or welcome: why it does not fit."""
+    """Of a refusal or bye, the sender's reason; of a hello or welcome, why it does not fit."""
     more: dict[str, Any] | None = None
     """Its further entries."""
     proven: bool = False
-    """Hello or welcome: it is sealed with the key that it offers."""
+    """Whether a hello or welcome is sealed with the key that it offers."""
 
 
 class Ignored(BadMessage):
-    """The message does not count. events : what is reported all the same."""
+    """The message does not count. events : the events that are reported nevertheless."""
 
     def __init__(self, kind: str, detail: str, events: tuple[Event, ...]) -> None:
         self.events: tuple[Event, ...] = events
@@ -73,8 +73,8 @@ class Ignored(BadMessage):
 class Handshake:
     """One side's part in finding and keeping its peer. `peer` is None while unpaired.
 
-    living : called with the time [ns]; returns whether the peer, if there is one, was heard lately.
-    secret : what keys are made of; None: neither side's messages are sealed.
+    living : called with the time [ns]; returns whether the peer, if there is one, is living.
+    secret : the secret from which keys are derived; None: neither side's messages are sealed.
     """
 
     def __init__(
@@ -88,13 +88,13 @@ class Handshake:
         self.pairs: int = 0
         self.control: ControlSender = ControlSender(identity, hello_period_ns, self.keys.offer)
         self._living = living
-        self._retired: dict[int, str] = {}  # incarnations, with the refusal that they get when they speak
-        self._stale_hellos = 0  # welcomes to these are older than the present peer, or the end of the last
+        self._retired: dict[int, str] = {}  # incarnations, with the refusal that answers their messages
+        self._stale_hellos = 0  # no welcome to a hello up to this number pairs: the peer was changed since
         self._candidate: int | None = None
-        self._candidate_ns = 0  # when it was heard last
+        self._candidate_ns = 0  # when its last message came
         self._candidate_since_ns = 0  # when it became the candidate
         self._candidate_proven = False
-        self._answered: dict[int, int] = {}  # of the proven: the highest hello of this side that they have answered
+        self._answered: dict[int, int] = {}  # by proven incarnation: the highest hello of this side that it answered
         self._reported: dict[type[Event], tuple[int, str, int]] = {}
 
     def receive(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Event, ...]:
@@ -107,9 +107,9 @@ class Handshake:
         return self._act(*self._classify(message, now_ns, data), now_ns)
 
     def on_data(self, sender: int, now_ns: int, addressee: int | None = None) -> None:
-        """Check who sent energy or a stream's message. Returns if the message counts; otherwise answers and raises.
+        """Check the sender of energy or a stream's message. Returns if the message counts, else answers and raises.
 
-        addressee : of energy. A stream's message has none.
+        addressee : that of an energy message; a stream's message has none.
 
         Raises BadMessage: `sender` is a stranger, retired, or this side itself; or the energy is for another
         incarnation.
@@ -146,10 +146,10 @@ class Handshake:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to poll next. A time in the past means now; None means that nothing is planned."""
+        """The time to poll next. A time in the past means now; None means that nothing is planned."""
         return self.control.next_due_ns
 
-    # -- which input a message is: nothing here changes anything ---------------------------------------------------
+    # -- the input of a message: these functions change no state ---------------------------------------------------
 
     def _classify(self, message: ControlMessage, now_ns: int, data: bytes = b"") -> tuple[Input, MessageContent]:
         sender = message.incarnation
@@ -234,14 +234,14 @@ class Handshake:
         return self.peer is not None and self.peer.incarnation == sender
 
     def _never_a_peer(self, sender: int) -> Input | None:
-        """The input, if `sender` can never be the peer, whatever it says."""
+        """The input, if `sender` can never be the peer, whatever it sends."""
         if sender == self.identity.incarnation:
             return Input.OWN
         return Input.RETIRED if sender in self._retired else None
 
     def _is_other_candidate(self, sender: int, now_ns: int, proven: bool) -> bool:
-        """Whether others must wait for the candidate. It holds its place for a time, and against none that has proven
-        more.
+        """Whether `sender` must wait for the candidate, which keeps its place for a time, but not against a sender that
+        has proved more.
         """
         if self._candidate in (None, sender) or (proven and not self._candidate_proven):
             return False
@@ -249,7 +249,7 @@ class Handshake:
         return now_ns - self._candidate_ns <= CANDIDATE_NS and held_ns <= CANDIDATURE_NS
 
     def _must_wait(self, sender: int, now_ns: int) -> bool:
-        """Whether this one was the candidate for long enough, so that it is another's turn."""
+        """Whether `sender` was the candidate for so long that another must have its turn."""
         over_ns = now_ns - self._candidate_since_ns - CANDIDATURE_NS
         return self._candidate == sender and 0 < over_ns <= CANDIDATE_NS
 
@@ -259,7 +259,7 @@ class Handshake:
     # -- carry out what the table decides --------------------------------------------------------------------------
 
     def _observe(self, now_ns: int) -> None:
-        """Update the state to the time: the peer may have fallen silent, or be heard again."""
+        """Update the state to the time: the peer may have fallen silent, or sent messages again."""
         if self.peer is not None:
             heard = Input.PEER_HEARD if self._living(now_ns) else Input.PEER_SILENT
             self.state = transition(self.state, heard).state
@@ -368,7 +368,7 @@ class Handshake:
         self.control.reply(Refuse(self.identity.incarnation, incarnation, reason[:MAX_TEXT]), key)
 
     def _report(self, event: Mismatch | PeerRefused | Unproven, incarnation: int, now_ns: int) -> tuple[Event, ...]:
-        """The event, unless one of its type was just reported, or the last one said the same about the same sender."""
+        """The event, unless one of its type was just reported, or the last event about this sender was the same."""
         if (last := self._reported.get(type(event))) is not None:
             *what, reported_ns = last
             if what == [incarnation, event.reason] or now_ns - reported_ns < REPORT_SPACING_NS:

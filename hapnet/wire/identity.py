@@ -1,4 +1,4 @@
-"""The identity of a side when it pairs, and the rules for who fits it."""
+"""The identity of a side when it pairs, and the rules by which two sides fit."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ COUPLING = "coupling"
 UNITS = "units"
 """Entry of `about`: the units of a side's axes, as `hapnet.units` has them; absent: metres. Both must have the same."""
 SHARED = "shared."
-"""An entry of `about` that begins so is a number of the coupling that must be equal on both sides."""
+"""The prefix of entries of `about` that are numbers of the coupling and must be equal on both sides."""
 
 RESERVOIR = "reservoir_J"
 """Entry of `about`: the energy in a side's reservoir when it starts, unless it takes the place of another side [J]."""
 
 SAMPLED, MOST_SAMPLED = "sampled", 1000
-"""Entry of `about`: nothing overtakes a message of the stream whose number is a multiple of it; 1 to so many."""
+"""Entry of `about`: nothing overtakes a message of the stream whose number is a multiple of it; from 1 to this."""
 
 ROBOT = "robot"
 """Entry of a world's `about`: true if the device leads a robot there; else absent."""
 
 EARLIER = "earlier"
-"""Entry of a welcome's `about`: how many others its sender was paired with before this one; absent if none."""
+"""Entry of a welcome's `about`: the number of other incarnations that were its sender's peer before; absent if 0."""
 
 
 def misfit(me: Identity, peer: Identity) -> str:
-    """Why `peer` and this side cannot be a pair; empty if they can."""
+    """Return why `peer` and this side cannot be a pair; empty if they can."""
     if peer.role == me.role:
         return f"both sides are a {me.role}: {peer.name} and {me.name}"
     if peer.dof != me.dof:
@@ -46,9 +46,9 @@ def misfit(me: Identity, peer: Identity) -> str:
 
 
 def check_identity(identity: Identity) -> None:
-    """Check that a side can read its own hello and welcome, whatever their numbers: the largest are tried.
+    """Check that a side can read its own hello and welcome, with the largest numbers.
 
-    Raises InvalidParameter: it could not.
+    Raises InvalidParameter: it cannot.
     """
     try:
         me = identity

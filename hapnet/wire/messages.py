@@ -1,9 +1,9 @@
 """The messages of the protocol and their frames: `encode` and `decode` (README.md beside this file is the reference).
 
 A frame is a msgpack array: the protocol version, the kind of message, and the fields of its class in their order. A
-field's type says what a receiver checks, and `check` what a type cannot say. The last element, a map of further
-entries, may be absent; a receiver ignores those that it does not know. `decode` takes whatever a network brings: all
-was checked in its result, or `BadMessage`.
+field's type defines what a receiver checks, and `check` does what a type cannot. The last element, a map of further
+entries, may be absent; a receiver ignores unknown entries. `decode` accepts any bytes from a network: its result is
+fully checked, or it raises `BadMessage`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Channel = Literal["position", "energy", "control", "signals"]
 
 
 class _Message(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """KIND : its number in a frame. CHANNEL : the last part of its key. FURTHER : the further entries that are known.
+    """KIND : its number in a frame. CHANNEL : the last part of its key. FURTHER : its known further entries.
 
     incarnation : the sender's.
     """
@@ -57,9 +57,9 @@ class _Message(msgspec.Struct, frozen=True, array_like=True, gc=False):
     incarnation: Incarnation
 
     def check(self, known: Any) -> None:
-        """Check what its fields' types cannot say. known : its further entries as `FURTHER`; None: it has none.
+        """Check what the fields' types cannot. known : its further entries as `FURTHER`; None: it has none.
 
-        Raises BadMessage: they do not fit together.
+        Raises BadMessage: the fields do not fit together.
         """
 
 
@@ -77,7 +77,7 @@ class Position(_Message, frozen=True):
     came_ns : when the message with that stamp came, on the sender's clock; both are 0 before there is one.
 
     Each kind of stream has these two stamps. With the time of arrival they give the round trip (as in NTP: RFC 5905,
-    section 8). The further entry `fields.LEVEL` is of the sender's reservoir.
+    section 8). The further entry `fields.LEVEL` is the level of the sender's reservoir.
     """
 
     KIND = 1
@@ -97,7 +97,7 @@ class Position(_Message, frozen=True):
 class Energy(_Message, frozen=True):
     """The total energy sent to `addressee` so far, and the total credited to it, in nJ.
 
-    `total_nJ` 0 marks a mere acknowledgement, which is never answered.
+    `total_nJ` 0 marks an acknowledgement alone, which is never answered.
     """
 
     KIND = 2
@@ -137,7 +137,7 @@ class Motion(_Message, frozen=True):
 class Port(_Message, frozen=True):
     """A port's message to the other: the device's position [m] or the world's force [N], and the energy that went in.
 
-    `energy_nJ` is the total that went into the channel at the sender's port. The peer may take it out.
+    `energy_nJ` is the total that went into the channel at the sender's port. The peer may take it out there.
     """
 
     KIND = 8
@@ -157,7 +157,7 @@ class Wave(_Message, frozen=True):
     """A wave variable [sqrt(W)]: the mean over `span_ns` of the sender's time.
 
     The further entry `fields.INTEGRAL` has the integral of all waves of this stream so far, this one included, and the
-    sum of their spans. What a lost wave carried is the difference to the last message that arrived.
+    sum of their spans. The difference to the last message that arrived contains the waves lost in between.
     """
 
     KIND = 9
@@ -182,14 +182,14 @@ class Wave(_Message, frozen=True):
 class Proxy(_Message, frozen=True):
     """The world's virtual mass with the planes that it touches or is near, sent in place of a `Position`.
 
-    aimed_ns : the time on the device's clock for which the position stands; 0: the world does not know.
-    force : of the environment on the mass in the last step [N].
+    aimed_ns : the time on the device's clock for which the position stands; 0: unknown.
+    force : the force of the environment on the mass in the last step [N].
     planes : each is a unit normal that points into the solid, an offset along it [m], a stiffness [N/m], a damping
         [Ns/m] and a velocity along the normal [m/s]. None: this world can send no planes.
 
-    The further entry `fields.CURVATURES` has for each plane how the surface bends that it touches: an array of a
-    direction and a curvature [1/m] each; `fields.FRICTION` has for each its coefficient of friction. `fields.REACH`
-    says within which distance there are no other planes [m], `fields.LEVEL` how full the world's reservoir is.
+    The further entry `fields.CURVATURES` has the curvatures of the surface that each plane touches: an array of a
+    direction and a curvature [1/m] each; `fields.FRICTION` has each plane's coefficient of friction. `fields.REACH` is
+    the distance within which there are no other planes [m], `fields.LEVEL` is how full the world's reservoir is.
     """
 
     KIND = 10
@@ -218,13 +218,13 @@ class Proxy(_Message, frozen=True):
 
 
 Stream = Position | Motion | Port | Wave | Proxy
-"""The message that a side sends all the time; coupling and role decide which of these kinds. `vector` is the element
-with one number per axis, whatever the kind calls it."""
+"""A message of a side's stream; coupling and role decide which of these kinds it is. `vector` is the element
+with one number per axis, whatever its name in the kind."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who a side is: one start of a process (`incarnation`), its role and its number of degrees of freedom."""
+    """The identity of a side: one start of a process (`incarnation`), its role and its number of degrees of freedom."""
 
     incarnation: int
     role: Role
@@ -234,9 +234,9 @@ class Identity:
 
 
 class Hello(_Worded, frozen=True):
-    """ "Who is there?", to anyone. `number` counts the hellos of this incarnation from 1; a welcome repeats it.
+    """A search for a peer, sent to all. `number` counts the hellos of this incarnation from 1; a welcome repeats it.
 
-    With the further entry `fields.ANSWERS` it is to the side whose hello it answers, and sealed for it.
+    With the further entry `fields.ANSWERS` it is addressed to the side whose hello it answers, and sealed for it.
     """
 
     KIND = 3
@@ -266,7 +266,7 @@ class Welcome(_Worded, frozen=True):
 
 
 class Refuse(_Worded, frozen=True):
-    """`addressee` does not fit and never will; `reason` says why.
+    """`addressee` does not fit and never will, for `reason`.
 
     Without further entries the frame is the same in every protocol version.
     """
@@ -290,7 +290,7 @@ class Bye(_Worded, frozen=True):
 
 
 class Signals(_Worded, frozen=True):
-    """All values that the sender reports to `addressee` beside the stream, as of now; the newest frame wins."""
+    """All values that the sender reports to `addressee` beside the stream, as of now; the newest frame counts."""
 
     KIND = 11
     CHANNEL = "signals"
@@ -304,7 +304,7 @@ class Account(_Worded, frozen=True):
     """The account of the sender's half of a pair with `addressee`, as a summary has it.
 
     number : counts this incarnation's accounts from 1. heard : the newest of the addressee's that came before the
-    values were made; 0: none. asks : an answer is wanted. final : the sender's control has stopped.
+    values were made; 0: none. asks : an answer is requested. final : the sender's control has stopped.
     """
 
     KIND = 12
@@ -321,7 +321,7 @@ class Account(_Worded, frozen=True):
 class Encrypted(_Message, frozen=True):
     """A whole frame of the sender, encrypted. `number` is its nonce: the message's own, or from 2^63 on.
 
-    content : the frame's bytes, encrypted, and the 16 bytes that show that nobody changed it.
+    content : the frame's bytes, encrypted, and a tag of 16 bytes that shows that it was not changed.
     """
 
     KIND = 13
@@ -367,7 +367,7 @@ def decode(data: bytes) -> Message:
         start, read, further = known
         try:
             message = read(start + data[3:])
-        except ValueError:  # all that msgspec raises: `examined` finds what is wrong
+        except ValueError:  # msgspec raises only this: `examined` finds what is wrong
             pass
         else:
             if bool(message.more) is further:
@@ -414,7 +414,7 @@ _QUICK: dict[bytes, tuple[bytes, Callable[[bytes], Message], bool]] = {
     for make, further in (*((make, False) for make in _KINDS.values()), (Position, True))
     for n in [len(make.__struct_fields__) + further]
 }
-"""How frames begin that `encode` makes without further entries, or with a position's level: nearly all, and these must
-reach the servo soon. Beside it, how the array of their fields begins, what reads that, and whether it has a level."""
+"""The first bytes of `encode`'s frames without further entries, or with a position's level: nearly all frames, which
+must reach the servo soon. Values: how the array of their fields begins, its decoder, and whether it has a level."""
 _pack: Callable[..., bytes] = msgpack.packb
 _unpack: Callable[..., Any] = msgpack.unpackb

@@ -1,17 +1,17 @@
-"""Which message of the peer's stream is new, which is late, and which is no part of it.
+"""Decide which messages of the peer's stream are new, which are late, and which are no part of it.
 
 An honest sender's numbers and time stamps rise together. If a message has a higher number than the newest and an
 earlier stamp, or the reverse, then one of the two is forged or damaged. The same holds for a number that no
 servo can have reached by then. Such a message is doubtful. It is dropped, but it may be the first of another run of
-numbers. Of two runs the one that goes on is believed:
+numbers. Of two runs, the run that goes on is accepted:
 
 * `RUN` doubtful messages in a row, with rising numbers and stamps and no message of the first run between them, are the
   peer's: the first run was forged. One forged message is no run. Copies of old messages are never doubtful, since
   their numbers and stamps are both lower.
 * A message that comes much too early to be true is used, as the path may have become shorter. But until `PROOF`
   messages have continued its run, the run that it displaced returns if it goes on, by the same rule. This also holds
-  for a run that took over ahead of the first. So a forged number far ahead silences nobody.
-* Neither does a forged number in the very first message: until `PROOF` messages have continued its run, late messages
+  for a run that took over ahead of the first. So a forged number far ahead cannot silence a peer.
+* Nor can a forged number in the very first message: until `PROOF` messages have continued its run, late messages
   are another run if `LATE_RUN` of them come in a row, over `LATE_RUN_NS`.
 """
 
@@ -20,15 +20,15 @@ from __future__ import annotations
 from hapnet.records.record import Record, equation
 
 NEW, AGAIN, LATE, DOUBTFUL, SEEN = range(5)
-"""How a message relates to the run so far: newer than all before; the first of another run, which is believed from here
-on; older than one before; no part of the run; a copy of one that came before (`hapnet.wire.path.arrive` finds it)."""
+"""How a message relates to the run so far: newer than all before; the first of another run, which is accepted from now
+on; older than an earlier one; no part of the run; a copy of an earlier one (`hapnet.wire.path.arrive` detects it)."""
 
 MIN_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
 """In the long run a sender's messages are at least this far apart; at most this many may come ahead of that."""
 
 RUN = 2
 """This many messages that continue each other are a run. Every side sends a message at least every 0.1 s, a world every
-50 ms: so a run is known within 0.2 s, unless messages are lost."""
+50 ms: so a run is detected within 0.2 s, unless messages are lost."""
 
 PROOF = 20
 """After this many messages a run is beyond doubt."""
@@ -37,13 +37,13 @@ LATE_RUN, LATE_RUN_NS = 10, 100_000_000
 """An honest sender never has this many late messages in order, over this time, with nothing new between them."""
 
 EARLY_NS = 60_000_000
-"""A message is too early to be true if it beats the minimum delay so far by this and twice the mean above it."""
+"""A message is too early to be true if its delay is below the minimum so far by this and twice the mean excess."""
 
 WARM = 32
-"""The minimum delay means something once this many messages have come."""
+"""The minimum delay is used once this many messages have come."""
 
 WINDOW_NS = 10_000_000_000
-"""The minimum delay is that of the last one to two such windows, since clocks drift."""
+"""The minimum delay is taken over the last one to two such windows, since clocks drift."""
 
 
 class Numbering(Record):
@@ -55,8 +55,8 @@ class Numbering(Record):
     min_ns : the smallest difference, lately, of the time of arrival and the sender's stamp. It contains the difference
         of the clocks. mean_ns, count : the mean difference, of so many messages.
     before_ns, lately_ns, roll_ns : the minimum of the last window and of the present one, and when that ends.
-    other_number, other_stamp_ns, other_came_ns : of the last doubtful message.
-    others, others_ns : how many of those came in a row, 0 if the run goes on, and since when.
+    other_number, other_stamp_ns, other_came_ns : number, stamp and arrival of the last doubtful message.
+    others, others_ns : how many doubtful ones came in a row, 0 if the run goes on, and since when.
     displaced : the last number of the run that this one has displaced; -1: it has displaced none.
     proof : how many messages have continued the run, up to `PROOF`.
     """
@@ -84,7 +84,7 @@ class Numbering(Record):
 
     @equation
     def place(self, now_ns: int, number: int, sent_ns: int) -> int:
-        """How the message relates to the run. If it is `NEW` or `AGAIN`, it is the newest from now on."""
+        """Return how the message relates to the run. If it is `NEW` or `AGAIN`, it is the newest from now on."""
         newest, stamp_ns = self.newest, self.stamp_ns
         if newest < 0:
             _measure_anew(self, now_ns, now_ns - sent_ns)
@@ -156,9 +156,9 @@ def _is_run(numbers: Numbering, now_ns: int, number: int, sent_ns: int, sure: bo
 
 @equation
 def _most(waited_ns: int) -> int:
-    """By how much a sender's number can have risen in that time."""
+    """The most by which a sender's number can have risen in that time."""
     return MOST_AT_ONCE + waited_ns // MIN_PERIOD_NS
 
 
 place = Numbering.place
-"""As equations call it."""
+"""The same as functions, which equations call."""

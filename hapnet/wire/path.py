@@ -1,20 +1,20 @@
-"""The path between two sides, as their streams show it without a common clock: round trip, jitter, loss, stalls, age.
+"""Measure the path between two sides from their streams without a common clock: round trip, jitter, loss, stalls, age.
 
-A message says when it was sent (`sent_ns`, on its sender's clock), which stamp of this side came last at its sender
-(`echo_ns`), and when that stamp had come (`came_ns`, on the sender's clock). If it arrives at `now_ns`, it has measured
-a round trip of
+A message holds the time when it was sent (`sent_ns`, on its sender's clock), the stamp of this side that came last at
+its sender (`echo_ns`), and when that stamp came (`came_ns`, on the sender's clock). A message that arrives at `now_ns`
+measures a round trip of
 
     (now_ns - echo_ns) - (sent_ns - came_ns)                                   (RFC 5905, section 8)
 
 This contains neither the difference of the clocks nor the time for which the other side held the stamp. How it splits
 into the two directions cannot be known. Of the direction to this side only the variation is known: now_ns - sent_ns,
-less the minimum of that lately. So an age is that variation plus half of the minimum round trip.
+less its recent minimum. So an age is that variation plus half of the minimum round trip.
 
-The numbers show what has not come, as in RFC 3550 (section 6.4.1): all numbers between the first and the newest, less
-those that came, late or not. A transport may drop what was overtaken, and then that is not lost on the path. Such a
-sender says that it sends every so many-th message where nothing overtakes it. Loss, jitter and round trips are those of
-these messages alone, and stand for all. All of it is measured from stamp to arrival, so an emulated link is part of the
-path.
+The numbers show how many messages are missing, as in RFC 3550 (section 6.4.1): all numbers between the first and the
+newest, less the messages that came, late or not. A transport may drop overtaken messages, which are then not lost on
+the path. A sender on such a transport announces that nothing overtakes every n-th of its messages. Loss, jitter and
+round trips are those of these messages alone, and stand for all. All are measured from stamp to arrival, so an emulated
+link is part of the path.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ STALL_NS = 100_000_000
 """A stall: nothing new came for this much longer than the sender paused. 3GPP TR 22.847 allows no longer delay."""
 
 MAX_NS = 60_000_000_000
-"""No round trip is longer: an echo that claims it is wrong."""
+"""No round trip is longer: an echo that implies a longer one is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class PathFigures:
-    """A side's path since its start, or its last seconds. Times are in ns, and None before anything is known.
+    """A side's path since its start, or its last seconds. Times are in ns, and None until they are known.
 
-    jitter_p50_ns, jitter_p99_ns : how much longer the messages to this side took than the fastest lately.
-    age_p50_ns, age_p99_ns : the age of what this side used, at its oldest: just before the next took its place. A
+    jitter_p50_ns, jitter_p99_ns : how much longer the messages to this side took than the fastest recent one.
+    age_p50_ns, age_p99_ns : the greatest age of each message in use: just before the next replaced it. A
         message without jitter is assumed to take half of the minimum round trip.
     """
 
@@ -55,22 +55,22 @@ class PathFigures:
     age_p50_ns: int | None
     age_p99_ns: int | None
     sent: int
-    """Messages that the other side has numbered since the first that came here."""
+    """Messages that the other side has numbered since the first that arrived."""
     arrived: int
-    """How many of these have come, late or not."""
+    """The number of these that have arrived, late or not."""
     overtaken: int
-    """How many a later one has overtaken: they came late, or the transport dropped them."""
+    """The number that a later one has overtaken: they came late, or the transport dropped them."""
     lost: int
-    """How many were lost on the path; an estimate if the other side has them sampled."""
+    """The number that were lost on the path; an estimate if the other side samples its stream."""
     stalls: int
-    """How often nothing new came for `STALL_NS` longer than the sender paused."""
+    """How often no new message came for `STALL_NS` longer than the sender paused."""
     max_stall_ns: int
 
 
 class Counts(Record):
-    """All that is counted of a path. The difference of two such counts describes the time between them.
+    """All counts of a path. The difference of two such counts describes the time between them.
 
-    sampled, sampled_came : of the sampled messages, where not all are.
+    sampled, sampled_came : `sent` and `came` of the sampled messages, if not all are sampled.
     """
 
     trips: Histogram
@@ -143,7 +143,7 @@ class Path(Record):
         self.begin(0)
 
     def begin(self, now_ns: int, every: int = 1) -> None:
-        """A pair begins: the peer has another clock, and knows no earlier stamp of this side.
+        """Begin a pair: the peer has another clock, and has received no earlier stamp of this side.
 
         every : nothing overtakes a message whose number is a multiple of it; these are the sample.
         """
@@ -158,9 +158,9 @@ class Path(Record):
 
     @equation
     def on_position(self, now_ns: int, number: int, sent_ns: int, since: int, min_ns: int, place: int) -> bool:
-        """A message of the stream came, `since` numbers after the newest before it; see `Numbering` for the rest.
+        """Enter a message of the stream, `since` numbers after the newest before it; see `Numbering` for the rest.
 
-        True: it is one of the sample, so that its echo counts.
+        Returns True if it is one of the sample, so that its echo counts.
         """
         counts, every = self.all, self.every
         sampled = number % every == 0
@@ -187,7 +187,7 @@ class Path(Record):
 
     @equation
     def on_echo(self, now_ns: int, sent_ns: int, echo_ns: int, came_ns: int) -> None:
-        """The message brought a stamp of this side back."""
+        """Enter a message that echoes a stamp of this side."""
         if not (self.since_ns <= echo_ns <= now_ns and came_ns <= sent_ns):
             return
         trip_ns = now_ns - echo_ns - sent_ns + came_ns
@@ -199,7 +199,7 @@ class Path(Record):
 
     @equation
     def took_ns(self, now_ns: int, sent_ns: int, min_ns: int) -> int:
-        """Estimate of the transit time of a message that comes now, without a common clock [ns]."""
+        """Estimate the transit time of a message that comes now, without a common clock [ns]."""
         half_ns = 0 if self.min_trip_ns == NEVER else self.min_trip_ns // 2
         return min(max(0, now_ns - sent_ns - min_ns), MAX_NS) + half_ns
 
@@ -208,7 +208,7 @@ class Path(Record):
         return self.all.copy()
 
     def figures(self, since: Counts | None = None) -> PathFigures:
-        """The figures of all messages, or of those since then. Minimum round trip and longest stall are those of all.
+        """The figures of all messages, or of those after `since`; minimum round trip and longest stall are of all.
 
         This needs no lock: a message that comes meanwhile may be counted in only some of the figures.
         """
@@ -243,10 +243,10 @@ def arrive(
     echo_ns: int,
     came_ns: int,
 ) -> int:
-    """A message of the peer's stream came: returns its place, and counts what it shows unless it is doubtful.
+    """Return the place of a message of the peer's stream, and enter its measurements unless it is doubtful.
 
-    A late message whose number `window` has seen is a copy: it shows nothing of the path, whoever sent it. Where each
-    message counts once (waves), one with a number that was seen is a copy wherever it stands.
+    A late message whose number is in `window` is a copy: it is not measured. Where each message counts once (waves),
+    any message whose number is in `window` is a copy.
     """
     numbers = monitor.numbers
     newest = numbers.newest
@@ -276,7 +276,7 @@ def is_used(place: int, counts_once: bool, may_be_late: bool) -> bool:
 
 
 on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns
-"""As equations call them."""
+"""The same as functions, which equations call."""
 
 
 class InUse(Record):
@@ -293,7 +293,7 @@ class InUse(Record):
 
 @equation
 def age_s(used: InUse, now_ns: int) -> float:
-    """How old the sample is, by estimate [s]; NaN where there is none.
+    """Estimate the age of the sample [s]; NaN where there is none.
 
     A step that begins late has a `now_ns` before a sample that came meanwhile, which is as old as its transit then.
     """
@@ -302,11 +302,11 @@ def age_s(used: InUse, now_ns: int) -> float:
 
 @equation
 def transit_s(used: InUse) -> float:
-    """Its arrival on this side's clock less its stamp on the peer's [s]; NaN where there is none."""
+    """The sample's arrival on this side's clock less its stamp on the peer's clock [s]; NaN where there is none."""
     return (used.came_ns - used.sent_ns) * _NANO if used.took_ns >= 0 else math.nan
 
 
 @equation
 def age_of_content_s(used: InUse, now_ns: int, aimed_s: float) -> float:
-    """How old is what the sample says [s]. A world that aims says for which moment, on this side's clock; else 0."""
+    """The age of the sample's content [s]. aimed_s : the time on this side's clock that the world predicts; else 0."""
     return now_ns * _NANO - aimed_s if aimed_s else age_s(used, now_ns)

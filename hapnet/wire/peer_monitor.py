@@ -1,7 +1,6 @@
-"""Whether the peer is heard, how long its silences lasted, and what was lost meanwhile.
+"""Monitor the peer: whether it is silent, how long its silences lasted, and how many positions were lost meanwhile.
 
-Only a new position shows that the peer is alive: a repeated frame, or one that a dead process left in the network, does
-not.
+Only a new position shows that the peer is alive: a repeated frame, or an old frame of a dead process, does not.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ class Outages:
     """The silences and losses of a side so far, over all pairs."""
 
     count: int
-    """Silences: those that ended, and one that still lasts."""
+    """Silences that ended, and the silence that still lasts, if any."""
     max_ns: int
     total_ns: int
     recovery_max_ns: int
@@ -30,23 +29,23 @@ class Outages:
 
 
 LIVING_NS = 500_000_000
-"""A peer that was heard within this time is alive, whatever silence the user asks for."""
+"""A peer with a new position within this time is alive, whatever silence the user sets."""
 
 
 class PeerMonitor(Record):
-    """Watches when the peer is heard, and the numbers of its messages.
+    """Monitors the times and the numbers of the peer's messages.
 
     silence_ns : after this time without a new position the peer is silent.
     living_ns : after this time without a new position another may take its place.
 
     Attributes
     ----------
-    numbers : the numbering of the present pair's stream; what came before was for somebody else.
+    numbers : the numbering of the present pair's stream.
     life_ns : when the last new position came, or the pair began. last_ns : the same, but a new pair does not end a
         silence. sign_ns : when the first message of any kind came in this silence. `NEVER`: there was none.
     reported : whether the present silence was reported.
-    silences, max_ns, total_ns, recovery_max_ns, received, missing : as in `Outages`, of silences that ended.
-    ended_ns, recovery_ns, missed : of the silence that the last new position ended; ended_ns is 0 if it ended none.
+    silences, max_ns, total_ns, recovery_max_ns, received, missing : the values of `Outages`, for ended silences.
+    ended_ns, recovery_ns, missed : the figures of the silence that the last new position ended; ended_ns 0: none.
     """
 
     silence_ns: int
@@ -75,11 +74,11 @@ class PeerMonitor(Record):
 
     @property
     def heard_ns(self) -> int | None:
-        """When the last new position came, or the first pair began."""
+        """The time at which the last new position came, or the first pair began."""
         return None if self.last_ns == NEVER else self.last_ns
 
     def begin(self, now_ns: int) -> None:
-        """A pair begins, with a numbering of its own."""
+        """Begin a pair, with a numbering of its own."""
         self.life_ns = now_ns
         if self.last_ns == NEVER:
             self.last_ns = now_ns
@@ -88,14 +87,14 @@ class PeerMonitor(Record):
 
     @equation
     def on_any_message(self, now_ns: int) -> None:
-        """A message of any kind came from the other side, from the peer or from one that may become it."""
+        """Enter a message of any kind from the peer, or from a side that may become the peer."""
         if now_ns - self.last_ns > self.silence_ns and self.sign_ns == NEVER:
             self.sign_ns = now_ns
 
     def on_position(self, now_ns: int, since: int) -> PeerHeard | None:
-        """A new position came, `since` numbers after the one before; returns the silence that it ends, if any.
+        """Enter a new position, `since` numbers after the previous one; returns the silence that it ends, if any.
 
-        `since` is negative if the numbering went back to another run: so many were not missing after all.
+        `since` is negative if the numbering went back to another run: so many positions were not missing.
         """
         on_position(self, now_ns, since)
         return self.ended
@@ -106,22 +105,22 @@ class PeerMonitor(Record):
         return PeerHeard(self.ended_ns, self.recovery_ns, self.missed) if self.ended_ns else None
 
     def watch(self, now_ns: int) -> PeerSilent | None:
-        """The present silence, if it was not reported yet."""
+        """Return the present silence, if it was not reported yet."""
         if self.reported or now_ns - self.last_ns <= self.silence_ns:
             return None
         self.reported = 1
         return PeerSilent(self.last_ns)
 
     def living(self, now_ns: int) -> bool:
-        """Whether the peer was heard lately, or paired lately."""
+        """Whether a new position came, or the pair began, within `living_ns`."""
         return self.life_ns != NEVER and now_ns - self.life_ns <= self._living_ns
 
     def leave(self, now_ns: int) -> None:
-        """This side ends: if the peer, which may end too, is silent from now on, that is no outage."""
+        """Enter that this side ends: a later silence of the peer, which may end too, is no outage."""
         self._left_ns = now_ns
 
     def outages(self, now_ns: int) -> Outages:
-        """The account at `now_ns`, with a silence that still lasts, or lasted when this side began to end."""
+        """The outages at `now_ns`, with a silence that still lasts, or lasted when this side began to end."""
         lasting_ns = (now_ns if self._left_ns is None else min(now_ns, self._left_ns)) - self.last_ns
         if lasting_ns <= self.silence_ns:
             lasting_ns = 0
@@ -157,4 +156,4 @@ def on_position(monitor: PeerMonitor, now_ns: int, since: int) -> None:
 
 
 on_any_message = PeerMonitor.on_any_message
-"""As equations call it."""
+"""The same as functions, which equations call."""

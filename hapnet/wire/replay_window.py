@@ -1,4 +1,4 @@
-"""Which numbers were seen already: a copy of a message is not counted, and a wave is used at most once."""
+"""Record which numbers were seen, so that a copy of a message is not counted, and a wave is used at most once."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class ReplayWindow(Record):
 
     @equation
     def restart(self, number: int) -> None:
-        """The peer's numbers continue from here after all (see `Numbering`); those before this one count as seen.
+        """Let the peer's numbers continue from `number` (see `Numbering`); all lower numbers count as seen.
 
-        If this number is within the window, nothing changes: the window says which numbers were seen.
+        If `number` is within the window, nothing changes: the window has the numbers that were seen.
         """
         if self.newest - number >= WINDOW:
             self.newest, self.first = number - 1, number
@@ -52,11 +52,11 @@ class ReplayWindow(Record):
 
 
 accept, restart = ReplayWindow.accept, ReplayWindow.restart
-"""As equations call them."""
+"""The same as functions, which equations call."""
 
 
 def stale_detail(name: str, number: int, place: int) -> str:
-    """Why a message in this place is used no more."""
+    """Return why a message in this place is not used."""
     if place == SEEN:
         return f"{name} {number} came before, or comes long after later ones"
     return f"{name} {number} comes after a later one"

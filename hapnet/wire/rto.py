@@ -1,8 +1,8 @@
-"""When to retransmit: the estimator of RFC 6298, in integer nanoseconds.
+"""The retransmission timer: the estimator of RFC 6298, in integer nanoseconds.
 
 Three constants deviate from the RFC. There the floor and the first value are 1 s (equations 2.4 and 2.1), for bulk
 transfers that share a congested path. Here a message has some 40 bytes, messages come at a bounded rate, the stream of
-positions beside them is many times as heavy, and a person feels a second without energy. In the RFC the optional
+positions has many times their traffic, and a person feels a second without energy. In the RFC the optional
 ceiling is at least 60 s (2.5); here a side must notice soon that a link has come back after an outage.
 """
 
@@ -56,7 +56,7 @@ class RtoEstimator(Record):
 
     @equation
     def sample(self, rtt_ns: int) -> None:
-        """Learn from one round trip; clears the back-off."""
+        """Update the estimate from one round trip; clears the back-off."""
         rtt_ns = max(0, rtt_ns)
         if self.smoothed_ns < 0:
             self.smoothed_ns, self.rttvar_ns = rtt_ns, rtt_ns // 2  # (2.2)
@@ -82,4 +82,4 @@ def timeout_ns(rto: RtoEstimator) -> int:
 
 
 sample, back_off = RtoEstimator.sample, RtoEstimator.back_off
-"""As equations call them."""
+"""The same as functions, which equations call."""

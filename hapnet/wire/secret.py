@@ -3,9 +3,9 @@
 Each process has a key pair of X25519 (RFC 7748). Its public half is in its hello and its welcome; both sides derive
 the same key from it (RFC 5869). A tag is HMAC-SHA-256 (RFC 2104) of all the frame's bytes before it, cut to 8 bytes.
 
-Whoever can only listen learns no key, and cannot make a tag. Who speaks while the two pair may offer keys of his own
-in their names, and so stand between them. A word that both users know keeps him out: it is part of each key, and so of
-each proof that a side has one. Without a word two keys in one name show him, or a fingerprint that the users compare.
+An attacker who only listens learns no key, and cannot make a tag. An attacker who sends while the two pair may offer
+keys of his own in their names, and so stand between them. A word that both users know prevents this: it is part of
+each key and of each proof. Without a word he is detected by two keys in one name, or by fingerprints that differ.
 """
 
 from __future__ import annotations
@@ -46,30 +46,30 @@ OfPeer = Energy | Signals | Account | Bye | Refuse
 Sealed = OfPeer | Hello | Welcome
 
 Proof = Literal["word", "certificate", "socket"]
-"""What proves who the peer is: a word that both users know; a certificate that each side wants to see; or that the link
-is a socket that only this machine's user can open."""
+"""The proof of the peer's identity: a word that both users know; a certificate that each side requires; or a link over
+a socket that only this machine's user can open."""
 
 MOST_OFFERS = 4096
-"""So many incarnations are remembered with the key that they offered first; who offers more hides one of them."""
+"""The first offered key is kept for this many incarnations; any further incarnation is disputed."""
 
 MOST_KEYS = 256
-"""So many keys of strangers are kept; the oldest is derived again when it is needed."""
+"""This many keys of strangers are kept; an older one is derived again when it is needed."""
 
 FINGERPRINT_BYTES = 10
-"""Of a pair's key: 80 bits. Who wants two pairs to show the same must try 2^40 keys of his own against each side, after
-both have said hello and before they pair."""
+"""The length of a fingerprint: 80 bits. To give two pairs the same, an attacker must try 2^40 keys of his own against
+each side, after both have sent a hello and before they pair."""
 
 OF_PAIR: tuple[type[Message], ...] = (*get_args(Stream), Energy, Signals, Account)
-"""What the sides of a pair say to each other, beside what begins and ends it."""
+"""The messages between the sides of a pair, except those that begin and end it."""
 
 
 class Secret:
     """This side's half of the keys that it shares with its peers.
 
     private : 32 bytes of the system's generator, drawn when the process starts.
-    word : what both users know; empty: nothing. Guessing it takes some 50 ms a try.
-    encrypts : pair with nobody who cannot encrypt.
-    proof : what else proves who the peer is; None: nothing. A word does in any case.
+    word : the word that both users know; empty: none. Guessing it takes some 50 ms a try.
+    encrypts : whether this side pairs only with a side that can encrypt.
+    proof : another proof of the peer's identity; None: none. A word is a proof in any case.
     """
 
     def __init__(self, private: bytes, word: str = "", *, encrypts: bool = False, proof: Proof | None = None) -> None:
@@ -83,9 +83,9 @@ class Secret:
         self._word = hashlib.scrypt(word.encode(), salt=_PROTOCOL, n=2**14, r=8, p=1) if word else b""
 
     def key(self, mine: int, theirs: int, public: bytes) -> bytes:
-        """The key of a pair. mine, theirs : the incarnations. public : the peer's public key.
+        """Derive the key of a pair. mine, theirs : the incarnations. public : the peer's public key.
 
-        Raises BadMessage: `public` is no key of a side that keeps to the protocol.
+        Raises BadMessage: `public` is no valid public key.
         """
         from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PublicKey
 
@@ -99,7 +99,7 @@ class Secret:
         return hmac.digest(extracted, info + b"\x01", "sha256")
 
     def for_watchers(self, incarnation: int) -> Cipher | None:
-        """The cipher of a side's telemetry, for whoever knows the word; None: there is no word."""
+        """The cipher of a side's telemetry, for viewers with the word; None: there is no word."""
         return Cipher(self._word, incarnation, incarnation, "telemetry") if self.has_word else None
 
 
@@ -122,9 +122,9 @@ def is_sealed(key: bytes, more: Mapping[str, Any] | None, data: bytes) -> bool:
 
 
 def decrypted(message: Encrypted, cipher: Cipher | None) -> Message:
-    """Decrypt a message of the peer. cipher : of the pair; None: it does not encrypt.
+    """Decrypt a message of the peer. cipher : that of the pair; None: the pair does not encrypt.
 
-    Raises BadMessage: somebody else has encrypted it, or it is no message of a pair, or of another sender.
+    Raises BadMessage: the peer has not encrypted it, or its content is no message of a pair, or of another sender.
     """
     if cipher is None:
         raise BadMessage("forged", "an encrypted message; this pair does not encrypt")
@@ -135,14 +135,14 @@ def decrypted(message: Encrypted, cipher: Cipher | None) -> Message:
 
 
 def fingerprint(key: bytes) -> str:
-    """Of a pair's key, for people to compare: 16 letters and digits in groups of four."""
+    """The fingerprint of a pair's key, for people to compare: 16 letters and digits in groups of four."""
     short = hmac.digest(key, b"fingerprint\x01", "sha256")[:FINGERPRINT_BYTES]
     letters = base64.b32encode(short).decode().lower()
     return "-".join(letters[k : k + 4] for k in range(0, len(letters), 4))
 
 
 class _Shared(NamedTuple):
-    """The data shared with a peer: its public key, the shared key, the cipher, and whether either wants it secret."""
+    """The data shared with a peer: its public key, the shared key, the cipher, and whether either requires secrecy."""
 
     public: bytes
     key: bytes
@@ -166,31 +166,31 @@ class Keys:
         self.disputed: set[int] = set()
         self._secret, self._mine = secret, mine
         self._encrypts = secret is not None and secret.encrypts
-        self._kept: dict[int, _Shared] = {}  # of all peers so far
-        self._first: dict[int, bytes | None] = {}  # what each incarnation offered first
+        self._kept: dict[int, _Shared] = {}  # by the incarnations of all peers so far
+        self._first: dict[int, bytes | None] = {}  # the key that each incarnation offered first
         self._derived: dict[tuple[int, bytes], bytes] = {}
-        self._met: tuple[int, bytes | None] = 0, None  # who was welcomed last, and the key of that
+        self._met: tuple[int, bytes | None] = 0, None  # the incarnation that was welcomed last, and its key
 
     @property
     def met(self) -> tuple[int, bytes | None]:
-        """Who may be the next peer, may take this side for its peer already, and the shared key; 0: nobody."""
+        """The side that was welcomed last, which may be paired with this side already, and the shared key; 0: none."""
         return self._met
 
     def meet(self, other: int, key: bytes | None) -> None:
-        """`other` is welcomed, with that key."""
+        """Enter that `other` is welcomed, with that key."""
         self._met = other, key
 
     @property
     def proof(self) -> Proof | Literal["nobody"] | None:
-        """The proof of who this side's peer is; None: it shares no keys."""
+        """The proof of the identity of this side's peer; None: this side shares no keys."""
         return None if self._secret is None else (self._secret.proof or "nobody")
 
     def shared_with(self, other: int) -> bytes | None:
-        """The key for frames to `other`, who was the peer; None: there is none."""
+        """The key for frames to `other`, which is or was the peer; None: there is none."""
         return self._kept[other].key if other in self._kept else None
 
     def fingerprint(self, peer: int) -> str:
-        """Of the key that is shared with a peer; empty: there is none."""
+        """The fingerprint of the key that is shared with a peer; empty: there is none."""
         return fingerprint(self._kept[peer].key) if peer in self._kept else ""
 
     def cipher(self, peer: int) -> Cipher | None:
@@ -199,18 +199,18 @@ class Keys:
 
     @property
     def must_encrypt(self) -> bool:
-        """Whether this side may send nothing that others can read, not even without a peer."""
+        """Whether this side must encrypt all that it sends, even without a peer."""
         return self._encrypts
 
     def is_secret(self, peer: int) -> bool:
-        """Whether a side of this pair may send nothing that others can read."""
+        """Whether a side of this pair requires that all is encrypted."""
         return self._encrypts or (peer in self._kept and self._kept[peer].secret)
 
     def require_seal(self, message: Message, data: bytes) -> None:
-        """Check that a message of someone who shares a key with this side is sealed with it.
+        """Check that a message is sealed, if its sender shares a key with this side.
 
-        Of a pair that encrypts only byes and refusals come so. Where the peer cannot encrypt, streams are not sealed: a
-        set-position costs what it costs, whoever sends it. Hellos and welcomes are judged by `is_proven`.
+        In a pair that encrypts, only byes and refusals are sealed. If the peer cannot encrypt, streams are not sealed:
+        PSPM pays for each set-position, whoever sends it. `is_proven` checks hellos and welcomes.
 
         Raises BadMessage: it is not.
         """
@@ -223,7 +223,7 @@ class Keys:
             raise BadMessage("forged", f"a message in the name of {message.incarnation:#x} without its seal")
 
     def note(self, other: int, more: Mapping[str, Any] | None) -> bool:
-        """Remember what `other` offers in a hello or a welcome. Did it offer something else before?"""
+        """Remember the key that `other` offers in a hello or a welcome; True if it offered another one before."""
         offered = _offered(more)
         if self._secret is None or other == self._mine:
             return False
@@ -236,31 +236,31 @@ class Keys:
         return True
 
     def is_disputed(self, peer: int) -> bool:
-        """Whether more than one key was offered in the peer's name, or that is not known any more."""
+        """Whether more than one key was offered in the peer's name, or this is no longer known."""
         return self._secret is not None and (peer in self.disputed or peer not in self._first)
 
     def is_other(self, peer: int, more: Mapping[str, Any] | None) -> bool:
-        """Whether a hello in the peer's name offers another key than the peer did."""
+        """Whether a hello in the peer's name offers another key than the peer's."""
         return peer in self._kept and self._kept[peer].public != _offered(more)
 
     def misfit(self, name: str, more: Mapping[str, Any] | None) -> str:
-        """Why a side that offers this cannot be the peer; empty if it may be."""
-        return f"{name} cannot encrypt, and this side must" if self._encrypts and _asks(more) is None else ""
+        """Return why a side with these further entries cannot be the peer; empty if it can."""
+        return f"{name} cannot encrypt, and this side must" if self._encrypts and _must_encrypt(more) is None else ""
 
     def must_prove(self, more: Mapping[str, Any] | None) -> bool:
-        """Whether a side that offers this must prove itself. All must who offer a key, and where there is a word
-        everybody.
+        """Whether a side with these further entries must prove itself: if it offers a key, or if this side has a
+        word.
         """
         return self._secret is not None and (self._secret.has_word or _offered(more) is not None)
 
     def has_key(self, more: Mapping[str, Any] | None) -> bool:
-        """Whether it offers a key."""
+        """Whether these further entries offer a key."""
         return _offered(more) is not None
 
     def key_for(self, other: int, more: Mapping[str, Any] | None) -> bytes | None:
-        """The key shared with `other`, who offers this; None: one of the two offers none.
+        """The key shared with `other`, whose further entries these are; None: one of the two offers no key.
 
-        Raises BadMessage: what `other` offers is no key.
+        Raises BadMessage: `other` offers an invalid key.
         """
         public = _offered(more)
         if self._secret is None or public is None:
@@ -275,14 +275,14 @@ class Keys:
     def is_proven(self, other: int, more: Mapping[str, Any] | None, data: bytes) -> bool:
         """Whether the hello or welcome `data` is sealed with the key that it offers, and so with the word.
 
-        Raises BadMessage: what `other` offers is no key.
+        Raises BadMessage: `other` offers an invalid key.
         """
         key = self.key_for(other, more)
         return key is not None and is_sealed(key, more, data)
 
     def may_refuse(self, other: int, more: Mapping[str, Any] | None, data: bytes) -> bool:
-        """Whether a stranger's refusal counts. It is sealed if it has offered a key; where there is a word, in any
-        case.
+        """Whether a stranger's refusal counts: it must be sealed if the stranger has offered a key, or if this side has
+        a word.
         """
         if self._secret is None:
             return True
@@ -291,12 +291,12 @@ class Keys:
         return any(is_sealed(key, more, data) for (who, _), key in self._derived.items() if who == other)
 
     def keep(self, peer: int, more: Mapping[str, Any] | None) -> None:
-        """`peer` is the peer from now on; `more` : of its welcome."""
+        """Keep the key of a new peer. more : the further entries of its welcome."""
         if (key := self.key_for(peer, more)) is not None:
-            public, asks = _offered(more), _asks(more)
+            public, required = _offered(more), _must_encrypt(more)
             assert public is not None
-            cipher = None if asks is None else Cipher(key, self._mine, peer)
-            self._kept[peer] = _Shared(public, key, cipher, bool(asks) or self._encrypts)
+            cipher = None if required is None else Cipher(key, self._mine, peer)
+            self._kept[peer] = _Shared(public, key, cipher, bool(required) or self._encrypts)
         self._met = 0, None
 
 
@@ -306,10 +306,10 @@ def _offered(more: Mapping[str, Any] | None) -> bytes | None:
     return key
 
 
-def _asks(more: Mapping[str, Any] | None) -> bool | None:
-    """Whether a hello or a welcome asks for encryption. None: its sender cannot encrypt."""
-    asks: bool | None = (more or {}).get(ENCRYPTS)
-    return asks
+def _must_encrypt(more: Mapping[str, Any] | None) -> bool | None:
+    """Whether a hello or a welcome requires encryption. None: its sender cannot encrypt."""
+    required: bool | None = (more or {}).get(ENCRYPTS)
+    return required
 
 
 def _tag(key: bytes, data: bytes) -> bytes:

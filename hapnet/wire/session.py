@@ -2,16 +2,16 @@
 
 Bytes and the time go in, events and bytes come out; there is no clock and no I/O here. A runtime
 
-* hands every datagram that arrives, on whatever key, to `receive`, and acts on the events;
-* calls `poll` after that, after `shuffle` and `close`, and when `next_due_ns` says so, and sends what comes out;
+* passes every datagram that arrives, on any key, to `receive`, and acts on the events;
+* calls `poll` after that, after `shuffle` and `close`, and at `next_due_ns`, and sends the frames that it returns;
 * calls `position` whenever there is a set-position to send. Only this method may run in another thread: it shares
-  nothing that changes with the others.
+  no mutable state with the others.
 
 Network input never raises: a bad message is counted in `dropped` by its kind and changes nothing.
 
 The account over all pairs is exact at every instant: `sent_nJ == acked_nJ + in_flight_nJ + abandoned_nJ` here, and for
 each pair `acked_nJ (here) <= credited_nJ (peer) <= sent_nJ (here)`. Abandoned energy may have been credited if only its
-acknowledgement was lost; a peer that leaves with a bye says exactly how much it credited.
+acknowledgement was lost; a peer that leaves with a bye reports exactly how much it credited.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ from hapnet.wire.token_bucket import TokenBucket
 class Session:
     """One side, from the start of its process to its end.
 
-    More than twenty attributes: what outlives a pair of sides is kept here, beside the parts of the present pair.
+    More than twenty attributes: some outlive a pair of sides, the others are the parts of the present pair.
 
-    role, dof, name, about : this side's identity, sent to the peer. `about` is small: what this side runs.
+    role, dof, name, about : this side's identity, sent to the peer. `about` is a small description of what it runs.
     incarnation : 64 random bits, not 0, drawn when the process starts.
     settings : see `SessionSettings`.
-    secret : what this side's keys are made of. None: it offers no key, so that nothing is sealed.
+    secret : the secret from which this side's keys are derived. None: it offers no key, so that nothing is sealed.
 
     Raises InvalidParameter: an identity that no peer would accept; a setting out of range.
     """
@@ -93,12 +93,12 @@ class Session:
         self.settings: SessionSettings = settings or SessionSettings()
         self.dropped: Counter[str] = Counter()
         self.dropped_for: dict[str, str] = {}
-        """What was wrong with the last message that was dropped, for each kind in `dropped`."""
+        """The detail of the last message that was dropped, for each kind in `dropped`."""
         self.closed: bool = False
         self._expects = self.settings.expects
         self.replay_window = ReplayWindow()
         self.path: Path = Path()
-        """What the peer's stream shows of the path between the sides."""
+        """The measurements of the path between the sides."""
         self._monitor = PeerMonitor(self.settings.silence_ns)
         self._handshake = Handshake(self.identity, self._monitor.living, self.settings.hello_period_ns, secret)
         self._admission = TokenBucket(self.settings.admission_W, self.settings.admission_burst_J)
@@ -106,9 +106,9 @@ class Session:
         self._channel = self._open_channel(0.0)
         self._cipher: Cipher | None = None
         self.fingerprint: str = ""
-        """Of the key of the present or last pair, for people to compare; empty: there is none."""
+        """The fingerprint of the key of the present or last pair, for people to compare; empty: there is none."""
         self.sums: Sums = Sums()
-        """Whether what comes in the peer's name about energy fits together."""
+        """The check that the energy messages in the peer's name fit together."""
         self._impostors = Impostors(self._handshake.keys, self.sums)
         self.positions: PositionStream = PositionStream(incarnation)
         self.position: Callable[[int, Sequence[float]], bytes] = self.positions.position
@@ -116,9 +116,9 @@ class Session:
         self.signals: SignalExchange = SignalExchange()
         """Named values beside the stream, in both directions."""
         self.accounts: AccountExchange = AccountExchange()
-        """What each side reports of its half of the account."""
+        """Each side's reports of its half of the account."""
         self.peers_J: float = 0.0
-        """The energy in the first peer's reservoir at its start, as it says; the peers after it start with none [J]."""
+        """The energy in the first peer's reservoir at its start, as reported [J]; later peers start with none."""
 
     @property
     def peer(self) -> Identity | None:
@@ -141,7 +141,7 @@ class Session:
         return self._handshake.next_due_ns is None
 
     def sample(self, every: int) -> None:
-        """Tell later peers that nothing overtakes a message of the stream whose number is a multiple of `every`."""
+        """Announce to later peers that nothing overtakes a stream's message whose number is a multiple of `every`."""
         if every > 1:
             self.identity.about[SAMPLED] = min(every, MOST_SAMPLED)
 
@@ -155,7 +155,7 @@ class Session:
             self._channel.abandon()
 
     def report(self, name: str, value: Signal) -> None:
-        """Tell the peer this value beside the stream. One that is no small value is dropped, and counted."""
+        """Send the peer this value beside the stream. A value that is not small is dropped, and counted."""
         try:
             self.signals.report(name, value)
         except InvalidParameter as error:
@@ -186,8 +186,8 @@ class Session:
             events = self._handshake.other_version(error, now_ns)
         except BadMessage as error:
             self._drop(error)
-            reported = error.events if isinstance(error, Ignored) else ()
-            events = self._impostors.on_bad(message, before, error) + reported
+            ignored = error.events if isinstance(error, Ignored) else ()
+            events = self._impostors.on_bad(message, before, error) + ignored
         if self._handshake.peer is not before:
             self._change_pair(now_ns)
             events += self._impostors.on_peer(self.peer)
@@ -195,19 +195,19 @@ class Session:
 
     @property
     def proof(self) -> str | None:
-        """The proof of who the peer is: "word", "certificate", "socket" or "nobody"; None: this side shares no keys."""
+        """The proof of the peer's identity: "word", "certificate", "socket" or "nobody"; None: there are no keys."""
         return self._handshake.keys.proof
 
     def outward(self, frame: bytes) -> bytes | None:
-        """A frame of this side's stream as it goes to the network, where a pair may encrypt; None: it must not go."""
+        """A frame of this side's stream as it is sent, encrypted if the pair encrypts; None: it must not be sent."""
         if self._cipher is not None:
             return self._cipher.encrypt(frame, sequence_of(frame))
         return None if self._handshake.keys.must_encrypt else frame
 
     @property
     def encrypts(self) -> bool:
-        """Whether this side may send nothing that others can read. A pair that merely can encrypt does, but need
-        not.
+        """Whether this side must encrypt all that it sends. A pair in which both sides merely can encrypt does so
+        too.
         """
         keys = self._handshake.keys
         return keys.must_encrypt if self.peer is None else keys.is_secret(self.peer.incarnation)
@@ -227,7 +227,7 @@ class Session:
         return self._monitor.outages(now_ns)
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
-        """Return the messages to send now, and the energy that is credited now because it had to wait for the token
+        """Return the messages to send now, and the events of energy that is credited now after waiting for the token
         bucket.
         """
         events = self._credited(self._channel.admit(now_ns))
@@ -236,8 +236,8 @@ class Session:
         if peer is not None and (due := self._channel.poll(now_ns)) is not None:
             sums = {SUMS: self.sums.next(self._channel.sent_nJ, due[1])} if self.settings.sends_sums else None
             outgoing.append(self._outgoing(Energy(self.identity.incarnation, peer.incarnation, *due, sums)))
-        if peer is not None and not self.closed and (reported := self.signals.poll(now_ns)) is not None:
-            outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *reported)))
+        if peer is not None and not self.closed and (values := self.signals.poll(now_ns)) is not None:
+            outgoing.append(self._outgoing(Signals(self.identity.incarnation, peer.incarnation, *values)))
         if peer is not None and not self.closed and (account := self.accounts.poll(now_ns)) is not None:
             outgoing.append(self._outgoing(Account(self.identity.incarnation, peer.incarnation, *account)))
         outgoing.extend(Outgoing.of(message, key) for message, key in self._handshake.poll(now_ns))
@@ -245,7 +245,7 @@ class Session:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `poll` next at the latest. A time in the past means now; None means that nothing is planned."""
+        """The latest time to call `poll` next. A time in the past means now; None means that nothing is planned."""
         handshake, channel = self._handshake.next_due_ns, self._channel.next_due_ns
         if self.peer is not None and not self.closed:
             for due in (self.signals.next_due_ns, self.accounts.next_due_ns):
@@ -256,7 +256,7 @@ class Session:
         return min(handshake, channel)
 
     def close(self, now_ns: int, reason: str) -> None:
-        """End the pair and this side: some byes remain to be polled; after them nothing is due.
+        """End the pair and this side: `poll` still returns some byes; after them nothing is due.
 
         Energy in flight is abandoned: wait for `settled` first, as long as there is time.
         """
@@ -267,12 +267,12 @@ class Session:
 
     @property
     def settled(self) -> bool:
-        """Everything sent is accounted for: acknowledged or abandoned."""
+        """Whether all energy sent is acknowledged or abandoned."""
         return self.in_flight_nJ == 0
 
     @property
     def incarnations(self) -> int:
-        """How many incarnations of the peer this side was paired with."""
+        """The number of the peer's incarnations that this side was paired with."""
         return self._handshake.pairs
 
     @property
@@ -292,7 +292,7 @@ class Session:
 
     @property
     def abandoned_nJ(self) -> int:
-        """The energy that was sent without a peer, or was not acknowledged when the pair ended."""
+        """The energy that was sent without a peer, or was not acknowledged when its pair ended."""
         return self._past.abandoned + self._channel.abandoned_nJ
 
     @property
@@ -302,7 +302,7 @@ class Session:
 
     @property
     def unanswered_ns(self) -> int:
-        """How long positions came without an acknowledgement of the energy in flight [ns]; 0: none is in flight."""
+        """For how long positions came without an acknowledgement of the energy in flight [ns]; 0: none is in flight."""
         return self._channel.unanswered_ns(self._monitor.heard_ns)
 
     @property
@@ -327,7 +327,7 @@ class Session:
                 return ()
             case Bye():
                 return self._on_bye(message, now_ns, data)
-            case Encrypted():  # what was in it is here in its place
+            case Encrypted():  # it was replaced by its content
                 return ()
             case Hello() | Welcome() | Refuse():
                 return self._handshake.receive(message, now_ns, data)
@@ -335,7 +335,7 @@ class Session:
     def _on_energy(self, message: Energy, now_ns: int) -> tuple[Event, ...]:
         announced_nJ = self._channel.announced_nJ
         events = self.sums.take(message, announced_nJ)
-        # a total may be true although an acknowledgement beside it is not
+        # a total may be true although the acknowledgement in the same message is false
         credited_nJ = self._channel.receive(message.total_nJ, min(message.acked_nJ, announced_nJ), now_ns)
         return events + self._credited(credited_nJ)
 
@@ -388,7 +388,7 @@ class Session:
             self.replay_window = ReplayWindow()
             reservoir_J = peer.about.get(RESERVOIR)
             if self.incarnations == 1 and isinstance(reservoir_J, float) and reservoir_J > 0.0:
-                self.peers_J = reservoir_J  # the peers after it start with none
+                self.peers_J = reservoir_J  # later peers start with none
         self.signals.change_pair()
         self.accounts.change_pair(paired=self.peer is not None)
         self._cipher = None if self.peer is None else self._handshake.keys.cipher(self.peer.incarnation)

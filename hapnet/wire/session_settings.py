@@ -15,14 +15,14 @@ _DEFAULT = WireParams()
 class SessionSettings:
     """The settings of a session. The defaults are those of the parameters.
 
-    accept_stale : hand out positions that are older than one already received (the theory of set-positions allows it).
-        Otherwise the newest wins, as motions and ports always do.
+    accept_stale : use positions that are older than one already received (the theory of set-positions allows it).
+        Otherwise only the newest counts, as always with motions and ports.
     admission_W, admission_burst_J : the energy credited to the peer in the long run [W] and at once [J].
     hello_period_ns : time between two hellos while unpaired.
     spacing_ns : minimum time between two messages with new energy.
     silence_ns : after this time without a new position the peer counts as silent.
-    expects : the kind of message in the peer's stream. Waves are handed out even if they are late, but once each.
-    sends_sums : do energy messages hold what shows that all of them are of one sender (`hapnet.wire.sums`)?
+    expects : the kind of message in the peer's stream. Waves are used even if they are late, but once each.
+    sends_sums : whether energy messages hold sums, by which false senders are detected (`hapnet.wire.sums`).
     """
 
     accept_stale: bool = _DEFAULT.accept_stale

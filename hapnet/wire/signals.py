@@ -1,7 +1,7 @@
-"""Signals: small named values beside the stream, such as buttons, or what a user's own world wants to show. No clock.
+"""Signals: small named values beside the stream, such as buttons, or values of a user's own world. No clock.
 
 A signal is a state, not an event: the newest value counts. A side sends all its signals when one has changed, and again
-every `REPEAT_NS`, so that a lost frame is repaired by the next. What must be counted is sent as a number that grows.
+every `REPEAT_NS`, so that the next frame repairs a lost one. An event that must be counted is sent as a growing number.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from hapnet.wire.events import SignalReceived
 from hapnet.wire.fields import Signal
 
 STOP = "stop"
-"""This signal, a text with the reason, takes the device's force away for good."""
+"""This signal, a text with the reason, ends the device's force for good."""
 
 LEADS = "leads"
-"""This signal, true or false, says whether the device's motion leads the robot at the other side now."""
+"""This signal, true or false: whether the device's motion leads the robot at the other side now."""
 
 SPACING_NS = 10_000_000
 """The minimum time between two frames [ns]."""
 
 REPEAT_NS = 200_000_000
 MOST_CHARACTERS = 1024
-"""Of all names and texts of one side together: a frame stays below 4096 bytes."""
+"""The limit for all names and texts of one side together, so that a frame stays below 4096 bytes."""
 
 
 class SignalExchange:
@@ -30,7 +30,7 @@ class SignalExchange:
 
     Attributes
     ----------
-    reported : this side's own. heard : the peer's.
+    reported : this side's own signals. heard : the peer's.
     """
 
     def __init__(self) -> None:
@@ -42,27 +42,27 @@ class SignalExchange:
         self._sent_ns: int | None = None
 
     def report(self, name: str, value: Signal) -> None:
-        """Tell the peer this value from now on.
+        """Send the peer this value from now on.
 
         Raises InvalidParameter: it is no signal, or there would be too many.
         """
         if self.reported.get(name, self) == value and type(self.reported[name]) is type(value):
             return
-        reported = {**self.reported, name: value}
-        characters = sum(len(text) for item in reported.items() for text in item if isinstance(text, str))
-        numbers = sum(len(each) for each in reported.values() if isinstance(each, tuple))
+        signals = {**self.reported, name: value}
+        characters = sum(len(text) for item in signals.items() for text in item if isinstance(text, str))
+        numbers = sum(len(each) for each in signals.values() if isinstance(each, tuple))
         try:
-            fields.signals(reported)
+            fields.signals(signals)
             if characters + 9 * numbers > MOST_CHARACTERS:
                 raise BadMessage("size", f"more than {MOST_CHARACTERS} characters, at 9 for a number")
         except BadMessage as error:
             raise InvalidParameter(f"signal {name}", value, f"a small value ({error.detail})") from None
-        self.reported = reported
+        self.reported = signals
         earliest_ns = 0 if self._sent_ns is None else self._sent_ns + SPACING_NS
         self._due_ns = earliest_ns if self._due_ns is None else min(self._due_ns, earliest_ns)
 
     def receive(self, sequence: int, values: dict[str, Signal]) -> tuple[SignalReceived, ...]:
-        """Take a frame of the peer's; returns what has changed. BadMessage : it is older than one before."""
+        """Take a frame of the peer; returns the signals that changed. BadMessage : it is older than an earlier one."""
         if sequence <= self._newest:
             raise BadMessage("stale", f"signals {sequence} come after later ones")
         self._newest = sequence
@@ -84,11 +84,11 @@ class SignalExchange:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `poll` next; None: this side has no signals."""
+        """The time to call `poll` next; None: this side has no signals."""
         return self._due_ns
 
     def change_pair(self) -> None:
-        """There is another peer now, or none: it has reported nothing yet, and heard nothing."""
+        """Begin with another peer, or none: no signals were received from it yet, nor sent to it."""
         self.heard, self._newest = {}, -1
         if self.reported:
             self._due_ns = 0

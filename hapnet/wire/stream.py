@@ -13,13 +13,13 @@ from hapnet.wire.messages import Motion, Port, Position, Proxy, Wave
 from hapnet.wire.stream_frames import echo_of, encode_position, encode_stream, level_of, start_of
 
 BACKLOG = 128
-"""How many waves or positions of a stream may wait for the next tick of the side that takes them."""
+"""The most waves or positions of a stream that wait for the next tick of the side that uses them."""
 
 
 class PositionStream:
-    """Numbers and encodes the positions of one incarnation, or what its coupling sends instead.
+    """Numbers and encodes the positions of one incarnation, or the messages that its coupling sends instead.
 
-    It shares nothing with the rest of a session, so it may run in another thread or process.
+    It shares no state with the rest of a session, so it may run in another thread or process.
     """
 
     def __init__(self, incarnation: int) -> None:
@@ -41,7 +41,7 @@ class PositionStream:
     def position(self, now_ns: int, position: Sequence[float], level: float | None = None) -> bytes:
         """The next frame for the position key: `position` [m or rad], `dof` finite coordinates (not checked here).
 
-        level : how full this side's reservoir is, 0 to 1; None: that is not sent.
+        level : how full this side's reservoir is, 0 to 1; None: no level is sent.
         """
         sequence = self.next_sequence
         self.next_sequence = sequence + 1
@@ -75,13 +75,14 @@ class PositionStream:
         reach_m: float | None = None,
         level: float | None = None,
     ) -> bytes:
-        """The next frame: the proxy's position [m], the device's time for which it stands, and what is around it.
+        """The next frame: the proxy's position [m], the device's time for which it stands, and the planes around it.
 
-        A plane's sixth to eighth elements, if it has them, are its curvatures, friction and effects. reach_m : within
-        it there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None: that is not sent.
+        A plane's sixth to eighth elements, if it has them, are its curvatures, friction and effects. reach_m : the
+        distance within which there are no other planes [m]. level : how full this side's reservoir is, 0 to 1. None:
+        the entry is not sent.
         """
-        reported = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
-        values = (_floats(position), aimed_ns, _floats(force), reported)
+        sent_planes = None if planes is None else tuple([(_floats(n), *map(float, rest[:4])) for n, *rest in planes])
+        values = (_floats(position), aimed_ns, _floats(force), sent_planes)
         bends = tuple([tuple([(_floats(e), float(k)) for e, k in _after(plane, 5, ())]) for plane in planes or ()])
         friction = tuple([float(_after(plane, 6, 0.0)) for plane in planes or ()])
         effects = tuple([_after(plane, 7, None) for plane in planes or ()])
@@ -99,7 +100,7 @@ class PositionStream:
 
 
 def _floats(vector: Sequence[float]) -> tuple[float, ...]:
-    """A peer refuses coordinates that are integers."""
+    """Convert coordinates to floats: a peer refuses integers."""
     return tuple(map(float, vector))
 
 

@@ -1,4 +1,4 @@
-"""The frames of a stream's messages, put together from parts: the servo makes hundreds of them in a second."""
+"""The frames of a stream's messages, assembled from parts: the servo makes hundreds of them in a second."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _START, _TWO = Struct(">BBBBQ").pack, Struct(">BQBQ").pack
 _LEVEL: bytes = msgpack.packb({LEVEL: 0.0})[:-8]
 _FLOAT = Struct(">d").pack
 _NUMBER, _AT = Struct(">Q").unpack_from, Struct(">BBBBQB").size
-"""Reads a number, and where that of a message begins."""
+"""Reads a number, and the offset of a message's number."""
 _STAMP, _STAMPED = Struct(">Q").pack, _AT + 9
-"""Writes a stamp, and where that of a message begins."""
+"""Writes a stamp, and the offset of a message's stamp."""
 
 
 def encode_stream(
@@ -40,7 +40,7 @@ def encode_stream(
 
     start : made by `start_of`, once. values : the elements between `sent_ns` and `echo_ns`.
     echo : made by `echo_of`, once for all messages with the same echo.
-    pack : of a `msgpack.Packer` that the calling thread keeps, which is faster than a new one each time.
+    pack : the method of a `msgpack.Packer` that the calling thread keeps, which is faster than a new one each time.
     """
     return start + _TWO(_U64, sequence, _U64, sent_ns) + b"".join(map(pack, values)) + echo
 
@@ -68,13 +68,13 @@ def echo_of(echo_ns: int, came_ns: int) -> bytes:
 
 
 def sequence_of(frame: bytes) -> int | None:
-    """The number of a stream's message that `encode_stream` has made; None of what is too short to be one."""
+    """The number of a stream's message made by `encode_stream`; None: the frame is too short."""
     number: tuple[int] | None = _NUMBER(frame, _AT) if len(frame) >= _AT + 8 else None
     return None if number is None else number[0]
 
 
 def stamped(frame: bytes, sent_ns: int) -> bytes:
-    """The stream's message with another stamp: it is sent only now, and not when it was made."""
+    """The stream's message with another stamp, as it is sent later than it was made."""
     return frame[:_STAMPED] + _STAMP(sent_ns) + frame[_STAMPED + 8 :]
 
 

@@ -1,7 +1,7 @@
-"""How much energy is credited to a peer: a token bucket in watts, with a burst in joules.
+"""Limit the energy that is credited to a peer: a token bucket in watts, with a burst in joules.
 
-A limit per update would limit nothing, since every message of the peer causes an update. The bucket belongs to the
-session and not to the pair, so that a peer earns no fresh burst by restarting.
+A limit per update would have no effect, since every message of the peer causes an update. The bucket belongs to the
+session and not to the pair, so that a peer gets no fresh burst by restarting.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class TokenBucket(Record):
     Attributes
     ----------
     level_aJ, filled_ns : the tokens, and when they were last counted.
-    most_waiting_nJ : how much may wait for tokens: what the tokens can pay before the sender repeats its total.
+    most_waiting_nJ : the energy that may wait for tokens: as much as they can pay before the sender repeats its total.
 
     Raises InvalidParameter: one of them is out of its range.
     """
@@ -48,7 +48,7 @@ class TokenBucket(Record):
 
     @equation
     def take(self, wanted_nJ: int, now_ns: int) -> int:
-        """Take up to `wanted_nJ` from the bucket, as far as the tokens go; returns what was taken [nJ]."""
+        """Take up to `wanted_nJ` from the bucket, as far as the tokens suffice; returns the energy taken [nJ]."""
         passed_ns = now_ns - self.filled_ns
         if passed_ns > 0:
             if passed_ns > (self.burst_aJ - self.level_aJ) // self.rate_nW:  # their product might not fit 64 bits
@@ -62,11 +62,11 @@ class TokenBucket(Record):
 
     @equation
     def due_ns(self, wanted_nJ: int, step_ns: int) -> int:
-        """When to take next: tokens for all of `wanted_nJ` are there, or `step_ns` of power if that is sooner."""
+        """The time to take next, when there are tokens for all of `wanted_nJ`, or for `step_ns` of power."""
         step_nJ = max(1, self.rate_nW * step_ns // _AJ_PER_NJ)
         lacking_aJ = min(wanted_nJ, min(self.burst_aJ // _AJ_PER_NJ, step_nJ)) * _AJ_PER_NJ - self.level_aJ
         return self.filled_ns + max(0, -(-lacking_aJ // self.rate_nW))
 
 
 take, due_ns = TokenBucket.take, TokenBucket.due_ns
-"""As equations call them."""
+"""The same as functions, which equations call."""

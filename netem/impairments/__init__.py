@@ -1,6 +1,7 @@
 """Effects of a link beside tc-netem's: each impairment is a file, and its word is the file's name.
 
-`IMPAIRMENTS` finds it. It acts on what loss and resends let through, before limit, reordering, delay, rate and slot.
+`IMPAIRMENTS` finds it. It acts on messages that loss and resends let through, before limit, reordering, delay, rate
+and slot.
 """
 
 from __future__ import annotations

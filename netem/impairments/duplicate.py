@@ -1,4 +1,4 @@
-"""``duplicate P [C]``: a message is offered twice, as tc-netem does it."""
+"""``duplicate P [C]``: a message is offered twice, as in tc-netem."""
 
 from __future__ import annotations
 

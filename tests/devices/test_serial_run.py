@@ -88,7 +88,7 @@ def test_the_worlds_side_stops_the_force(tmp_path: Path) -> None:
             device.until_line("paired")
             os.kill(world.process.pid, signal.SIGUSR1)
             device.until_line("renders no force any more: SIGUSR1")
-            world.until_line("the device is told to give no force: SIGUSR1")
+            world.until_line("the device's force is ended: SIGUSR1")
             code, stdout, stderr = device.end()
         assert code == 3, stderr
         assert json.loads(stdout)["device"]["stopped"]["asked"] is True

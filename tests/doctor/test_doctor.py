@@ -218,7 +218,7 @@ async def test_zenoh_over_tls(certificates: Path) -> None:
         await world.close()
     assert (accepted.state, answered.state) == (OK, OK)
     assert refused.state == MISSING
-    assert refused.value == f"{address}: the listener wants a certificate: give --tls-cert and --tls-key"
+    assert refused.value == f"{address}: the listener requires a certificate: give --tls-cert and --tls-key"
 
 
 def test_a_tls_endpoint_is_shaken_hands_with_before_it_is_dialled(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,5 +226,5 @@ def test_a_tls_endpoint_is_shaken_hands_with_before_it_is_dialled(monkeypatch: p
     address = free_address("tls")
     handshake, dialled = list(machine.examine([address]))[-2:]
     assert (handshake.name, handshake.state) == ("tls handshake", MISSING)
-    assert handshake.value == f"{address}: nobody listens there"
+    assert handshake.value == f"{address}: no program listens there"
     assert (dialled.name, dialled.state) == ("zenoh reachable", MISSING)

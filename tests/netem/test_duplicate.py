@@ -97,7 +97,7 @@ def test_the_survey_says_what_was_asked_and_what_came(capsys: pytest.CaptureFixt
     assert main(["show", "delay 5ms duplicate 25%", "--count", "4000"]) == 0
     said = capsys.readouterr().out
     (line,) = [line for line in said.splitlines() if line.startswith("duplicated")]
-    assert "asked 20.00 %" in line
+    assert "expected 20.00 %" in line
     assert main(["show", "delay 5ms duplicate 25%", "--count", "4000", "--json", "-"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert 0.15 < whole["duplicated"] / whole["offered"] < 0.25

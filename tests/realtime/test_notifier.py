@@ -39,7 +39,7 @@ def test_who_waits_beside_one_that_was_refused_says_so() -> None:
     side.waiting(2, "no peer yet", 0)
     side.waiting(3, "connected to the device", 1)
     assert [notice.text.removeprefix("waiting for the device: ") for notice in seen if notice.kind == "waiting"] == [
-        "the one that is connected was refused", "the one that is connected refuses this side",
+        "the connected device was refused", "the connected device refuses this side",
         "no peer yet", "connected to the device",
     ]  # fmt: skip
 

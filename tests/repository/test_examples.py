@@ -236,7 +236,7 @@ def test_a_host_on_its_own_is_told_to_stop() -> None:
     with started("world", "127.0.0.1", "--port", port, command=command) as world:
         world.until_line(f"tcp/127.0.0.1:{port}")
         world.process.send_signal(signal.SIGINT)
-        assert world.end() == (1, f"world: tcp/127.0.0.1:{port}\n", "world: nobody came\n")
+        assert world.end() == (1, f"world: tcp/127.0.0.1:{port}\n", "world: no peer came\n")
 
 
 @pytest.mark.slow

@@ -62,15 +62,15 @@ def server_context(certificates: Path, name: str = "world", version: ssl.TLSVers
 
 # A world with mutual TLS
 
-NO_CERTIFICATE = "the listener wants a certificate: give --tls-cert and --tls-key"
-OTHER_AUTHORITY = "the listener refuses our certificate, --tls-cert: it is not signed by the listener's --tls-ca"
+NO_CERTIFICATE = "the listener requires a certificate: give --tls-cert and --tls-key"
+OTHER_AUTHORITY = "the listener refuses the certificate of --tls-cert: it is not signed by the listener's --tls-ca"
 WRONG_ROOT = "the listener's certificate is not signed by --tls-ca"
 
 
 async def test_what_a_world_with_mutual_tls_refuses(certificates: Path) -> None:
     endpoint = free_address("tls")
     right = own(certificates, "alice")
-    assert await why(endpoint, right) == f"{endpoint}: nobody listens there"
+    assert await why(endpoint, right) == f"{endpoint}: no program listens there"
     world = Side("world", ZenohSettings(listen=(endpoint,), security=own(certificates, "world", mutual=True)))
     async with opened(world):
         assert await why(endpoint, Security(certificates / "ca.pem")) == f"{endpoint}: {NO_CERTIFICATE}"
@@ -80,7 +80,7 @@ async def test_what_a_world_with_mutual_tls_refuses(certificates: Path) -> None:
         assert said == f"{endpoint}: the listener's certificate is not signed by a public authority: give --tls-ca"
         other_host = endpoint.replace("127.0.0.1", "localhost")
         said = await why(other_host, right)
-        assert "it listens, but does not accept us" in said  # the certificates are in order
+        assert "the listener does not accept this side" in said  # the certificates are in order
 
 
 async def test_a_probe_does_not_disturb_a_pair(certificates: Path) -> None:
@@ -140,13 +140,13 @@ def test_refusals_of_either_version_of_tls(certificates: Path, version: ssl.TLSV
 def test_what_does_not_speak_tls(certificates: Path, say: bytes) -> None:
     with serving(None, say) as endpoint:
         said = probe(endpoint, Trust(ca=str(certificates / "ca.pem")), LIMIT_S)
-    assert "not speak TLS" in said
+    assert "not use TLS" in said
 
 
 def test_who_says_nothing_is_waited_for_a_bounded_time(certificates: Path) -> None:
     with serving(None, None) as endpoint:
         said = probe(endpoint, Trust(ca=str(certificates / "ca.pem")), 0.2)
-    assert said.startswith("what listens there does not shake hands")
+    assert said.startswith("the listener does not answer the handshake")
 
 
 def test_who_hangs_up_after_the_handshake(certificates: Path) -> None:
@@ -157,11 +157,11 @@ def test_who_hangs_up_after_the_handshake(certificates: Path) -> None:
 
 async def test_without_tls_a_listener_that_is_there_is_told_from_one_that_is_not() -> None:
     endpoint = free_address()
-    assert await why(endpoint, Security()) == f"{endpoint}: nobody listens there"
+    assert await why(endpoint, Security()) == f"{endpoint}: no program listens there"
     with serving(None, None) as there:
         there = there.replace("tls/", "tcp/")
         said = await why(there, Security())
-        assert said.endswith("it may want --user and a password, or not be Zenoh")
+        assert said.endswith("it may require --user and a password, or not be Zenoh")
         said = await why(there, Security(user="alice", password="secret"))
         assert "user or password may be wrong" in said
 

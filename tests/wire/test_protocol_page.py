@@ -32,10 +32,10 @@ DEFAULT = SessionSettings()
 
 CODE: dict[str, float] = {
     "hello period [ms]": DEFAULT.hello_period_ns / MS,
-    "minimum time between two hellos that strangers call for [ms]": control_sender.PROMPT_NS / MS,
+    "minimum time between two hellos caused by strangers [ms]": control_sender.PROMPT_NS / MS,
     "a peer is living for [ms]": peer_monitor.LIVING_NS / MS,
-    "a candidate is waited for [ms]": handshake.CANDIDATE_NS / MS,
-    "a candidate that is heard is waited for [ms]": handshake.CANDIDATURE_NS / MS,
+    "wait for a silent candidate [ms]": handshake.CANDIDATE_NS / MS,
+    "longest wait for a candidate [ms]": handshake.CANDIDATURE_NS / MS,
     "silence that is reported [ms]": DEFAULT.silence_ns / MS,
     "replies (welcomes, refusals) at once": control_sender.MAX_REPLIES,
     "time between two rounds of replies [ms]": control_sender.REPLY_SPACING_NS / MS,
