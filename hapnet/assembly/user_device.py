@@ -54,10 +54,12 @@ THERMAL_S = 10.0
 """Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
 
 
+_OPTIONAL = ("acted", "orientation", "interval", "contact_force", "buttons", "braked")
+"""The methods that a driver may lack."""
+
+
 class UserDevice:
     """The device `name`, made with ``dof`` and read once. `params` replace values that it does not declare.
-
-    More than twenty attributes: its declarations, and which optional parts it has.
 
     units : of the scene's axes; empty: the device's own.
 
@@ -82,9 +84,7 @@ class UserDevice:
         except BaseException as error:  # see `loading.failure`
             raise InvalidParameter("hardware", name, f"{allowed()}, made with dof ({failure(error)})") from error
         self._is_posed = units == POSE
-        self._reports_acted, self._reports_turned = self._can("acted"), self._can("orientation")
-        self._reports_interval, self._reports_contact = self._can("interval"), self._can("contact_force")
-        self._has_buttons, self._reports_braked = self._can("buttons"), self._can("braked")
+        self._optional: frozenset[str] = frozenset(part for part in _OPTIONAL if self._can(part))
         with closed_if_refused(self):
             self._examine(params or DeviceParams(), params is not None, units)
 
@@ -164,11 +164,11 @@ class UserDevice:
 
     def acted(self) -> Vector | None:
         """The force that acted between the last two readings, if the device reports it; HapnetError if it fails."""
-        return self._force("acted", self._call("acted"), "the force that acted") if self._reports_acted else None
+        return self._force("acted", self._call("acted"), "the force that acted") if "acted" in self._optional else None
 
     def contact_force(self) -> Vector | None:
         """The measured force of its surroundings, perhaps NaN; None: not measured. HapnetError if it fails."""
-        if not self._reports_contact:
+        if "contact_force" not in self._optional:
             return None
         try:
             returned = self._call("contact_force")
@@ -182,7 +182,7 @@ class UserDevice:
 
     def interval(self) -> float | None:
         """The time between the last two readings by the device's clock [s], if it reports that, or HapnetError."""
-        if not self._reports_interval or (returned := self._call("interval")) is None:
+        if "interval" not in self._optional or (returned := self._call("interval")) is None:
             return None
         try:
             return checks.positive("interval", returned)
@@ -191,7 +191,7 @@ class UserDevice:
 
     def orientation(self) -> Vector | None:
         """The handle's orientation, if the device reports it: a unit quaternion w, x, y, z. HapnetError if it fails."""
-        if not self._reports_turned or (returned := self._call("orientation")) is None:
+        if "orientation" not in self._optional or (returned := self._call("orientation")) is None:
             return None
         turned = self._numbers("orientation", returned, "a quaternion, or None")
         if len(turned) != 4 or not abs(sum(part * part for part in turned) - 1.0) < _UNIT:
@@ -210,7 +210,7 @@ class UserDevice:
 
     def braked(self) -> str:
         """Why the device renders no force now; empty: it does. HapnetError if it fails."""
-        return str(self._call("braked")) if self._reports_braked else ""
+        return str(self._call("braked")) if "braked" in self._optional else ""
 
     @property
     def missed(self) -> int:
@@ -224,7 +224,7 @@ class UserDevice:
 
     def buttons(self) -> tuple[bool, ...]:
         """Which buttons were pressed at the last reading; HapnetError if the device fails."""
-        if not self._has_buttons:
+        if "buttons" not in self._optional:
             return ()
         returned = self._call("buttons")
         wanted = "a True or False for each button"

@@ -58,7 +58,7 @@ class ContinuousDeviceSide(DeviceSide):
         if then_tick:
             self._ahead = results.pop()
         rest, kinetic_at = servo.rest, device.kinetic_at
-        tick, every = self.ticks, self.record_every
+        tick, every = self.ticks, self.drive.record_every
         lowest = ledger.work
         for (work, x, v, hand_force, force), target in zip(
             results, device.references, strict=False
@@ -68,11 +68,11 @@ class ContinuousDeviceSide(DeviceSide):
                 lowest = ledger.work
             tick += 1
             if tick % every == 0:
-                at_ns = now_ns + (tick - self.ticks - 1) * self._period_ns
+                at_ns = now_ns + (tick - self.ticks - 1) * self.drive.period_ns
                 self._record(at_ns, x, v, force, hand_force, target)
         observe(lowest, lowest)
         observe(ledger.work, ledger.work)
-        self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
+        self.resume(now_ns + (ticks - 1) * self.drive.period_ns, ticks)
 
     def measure(self, now_ns: int) -> None:
         device = self.device
@@ -83,7 +83,7 @@ class ContinuousDeviceSide(DeviceSide):
             self._work = device.advance()
         else:
             self._work = added([device.advance() for _ in range(periods)])
-        self._dt = max((self._clock() - self.last_ns) * NANO, periods * device.period)
+        self._dt = max((self.drive.clock() - self.last_ns) * NANO, periods * device.period)
 
     def act(self, now_ns: int) -> bytes | None:
         device = self.device

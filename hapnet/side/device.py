@@ -67,14 +67,13 @@ class Stop(NamedTuple):
 class DeviceSide(ABC):
     """A device, its servo and its endpoint; one subclass for each kind of servo.
 
-    More than twenty attributes: what each tick compares with the one before it, and what a run's summary says of them.
-
-    endpoint : this side's endpoint, or its control half. device : simulated or real.
+    endpoint : this side's endpoint, or its control half. device : simulated or real. drive : its timing and recording.
     """
 
     def __init__(self, endpoint: DeviceControl, device: Device, drive: Drive) -> None:
         self.endpoint = endpoint
         self.device = device
+        self.drive = drive
         self.origin_ns: int | None = None
         """When control started, on this side's clock."""
         self.ledger: Ledger | None = None
@@ -96,12 +95,9 @@ class DeviceSide(ABC):
         """Why the device leads nothing for now, as its program says; empty: it does."""
         self.live_hand: LiveHand | None = None
         """The simulated hand, if somebody leads it during the run."""
-        self._period_ns = drive.period_ns
         self._late = self._releases_spring = False
         self._excused = False  # the next tick is late because the device was silent
-        self._clock = drive.clock
-        self._write, self.write_motion = drive.write, drive.write_motion
-        self.record_every = drive.record_every
+        self._write = drive.write
         self.last_ns = 0
         self._expected_ns = 0  # the time up to which a simulated device was advanced
 
@@ -191,7 +187,7 @@ class DeviceSide(ABC):
             self.withheld_ns += since_ns
         self._releases_spring = released or self._renders_none
         message: bytes | None = control(self, self.endpoint, None, now_ns)
-        if self.ticks % self.record_every == 0 and not self.paused:
+        if self.ticks % self.drive.record_every == 0 and not self.paused:
             self._sample(now_ns)
         return message
 
@@ -270,19 +266,19 @@ class DeviceSide(ABC):
         if self.paused:
             self._expected_ns = now_ns
             return 0
-        self._expected_ns += self._period_ns
+        self._expected_ns += self.drive.period_ns
         if now_ns == self._expected_ns:
             return 1
-        periods = 1 + round((now_ns - self._expected_ns) / self._period_ns)
-        self._expected_ns += (periods - 1) * self._period_ns
+        periods = 1 + round((now_ns - self._expected_ns) / self.drive.period_ns)
+        self._expected_ns += (periods - 1) * self.drive.period_ns
         return periods
 
     def _record(
         self, now_ns: int, x: Vector, v: Vector, force: Vector, hand: Vector | None, target: Vector | None
     ) -> None:
         """Write a sample of the device at x [m] and v [m/s], with the forces on it [N] and where its hand aims [m]."""
-        if self.write_motion is not None:
-            self.write_motion(MetricSample(now_ns, x, force, target))
+        if self.drive.write_motion is not None:
+            self.drive.write_motion(MetricSample(now_ns, x, force, target))
             return
         coupling = self.endpoint.coupling
         ledger = coupling.ledger

@@ -106,13 +106,13 @@ class RealDeviceSide(SampledDeviceSide):
         self._asked_ns: int | None = None  # since when readings are asked for
 
     def tick(self, now_ns: int) -> bytes | None:
-        begun_ns, self._waited_ns = self._clock(), self.waited()
+        begun_ns, self._waited_ns = self.drive.clock(), self.waited()
         self._times.between(begun_ns)
         try:
             self._reading = self.device.read()
         except DeviceSilent as error:
             self._called("read", begun_ns)
-            self._keep_still(self._clock(), error)
+            self._keep_still(self.drive.clock(), error)
             return None
         now_ns = self._called("read", begun_ns)  # a reading may have been waited for
         self._repeats.see(*self._reading)
@@ -129,7 +129,7 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _called(self, call: str, begun_ns: int) -> int:
         """A call of the driver has ended; returns when."""
-        ended_ns = self._clock()
+        ended_ns = self.drive.clock()
         if (event := self._times.called(call, begun_ns, ended_ns, self.waited, self._waited_ns)) is not None:
             self._write(event)
         return ended_ns
@@ -183,16 +183,16 @@ class RealDeviceSide(SampledDeviceSide):
         self._closed = True
         held_N = math.hypot(*self._sent)
         if self._silent and self.origin_ns is not None:
-            self.stop_force(self._clock(), "the device is silent at the end: what it rendered since is not known")
+            self.stop_force(self.drive.clock(), "the device is silent at the end: what it rendered since is not known")
         try:
             super().stop()
         except HapnetError as error:
             ends = "until its own watchdog acts" if self.device.watchdog_s else "as long as it has power"
             remains = f"; up to {held_N:.2g} N may remain {ends}" if held_N else ""
-            text = f"the device {self.device.name} cannot be told to give no force: {error}{remains}"
+            text = f"the device {self.device.name} did not end its force: {error}{remains}"
             if held_N and self.origin_ns is not None:
-                self.stop_force(self._clock(), "it cannot be told so at the end: what it renders since is not known")
-            self._write(Event(self._clock(), "device", text, "error"))
+                self.stop_force(self.drive.clock(), "it did not end its force: what it renders since is not known")
+            self._write(Event(self.drive.clock(), "device", text, "error"))
             if not isinstance(error, DeviceSilent):
                 raise
         finally:
@@ -248,7 +248,7 @@ class RealDeviceSide(SampledDeviceSide):
             self.servo.force_ends_s = self.device.watchdog_s
         self._begin()
         if self._impossible:
-            self.stop_force(self._clock(), self._impossible)
+            self.stop_force(self.drive.clock(), self._impossible)
 
     def _begin(self) -> None:
         if not self._begun:
@@ -274,7 +274,7 @@ class RealDeviceSide(SampledDeviceSide):
             self._was_braked = braked
             state = f"renders no force: {braked}" if braked else "renders force again: it grows"
             level: Level = "warning" if braked else "info"
-            self._write(Event(self._clock(), "device", f"the device {self.device.name} {state}", level))
+            self._write(Event(self.drive.clock(), "device", f"the device {self.device.name} {state}", level))
         if braked:
             self.limiter.restart()
         permitted = self.limiter.permit(dt, (0.0,) * len(force) if braked else force, self._buttons)
@@ -282,7 +282,7 @@ class RealDeviceSide(SampledDeviceSide):
             self._was_released = self.limiter.released
             state = "not held: no force" if self._was_released else "held: the force grows"
             level = "warning" if self._was_released else "info"
-            self._write(Event(self._clock(), "dead-man", f"the dead-man switch is {state}", level))
+            self._write(Event(self.drive.clock(), "dead-man", f"the dead-man switch is {state}", level))
         if self._probe is not None and self._probe.share < 1.0:
             permitted = tuple([self._probe.share * one for one in permitted])
         applied = self._send(permitted)
@@ -295,14 +295,14 @@ class RealDeviceSide(SampledDeviceSide):
         return applied
 
     def _send(self, force: Vector) -> Vector | None:
-        begun_ns = self._clock()
+        begun_ns = self.drive.clock()
         try:
             applied = self.device.apply(force)
             self._called("apply", begun_ns)
         except DeviceSilent as error:
             self._called("apply", begun_ns)
             self._held_before = self._sent
-            self._keep_still(self._clock(), error)
+            self._keep_still(self.drive.clock(), error)
             return force
         self._sent = force if applied is None else applied
         return applied

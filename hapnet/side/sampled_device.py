@@ -106,7 +106,7 @@ class SampledDeviceSide(DeviceSide):
         self.x, self._v = x, (0.0,) * len(x)
         if self._simulated is not None:
             self.held = HeldDevice(self._simulated, servo, self.hand)
-            self._skippable_dt = max(self._period_ns * NANO, self._simulated.period)
+            self._skippable_dt = max(self.drive.period_ns * NANO, self._simulated.period)
             self._skippable_ticks = servo.skippable_ticks
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
@@ -190,7 +190,7 @@ class SampledDeviceSide(DeviceSide):
 
     def _elapsed(self) -> float:
         """The time since the last tick's reading [s]."""
-        return (self._clock() - self.last_ns) * NANO
+        return (self.drive.clock() - self.last_ns) * NANO
 
     def _apply(self, dt: float, force: Vector) -> Vector | None:
         """Hold this force from now on, `dt` seconds after the last; returns the one really applied, if it is known."""
@@ -207,7 +207,7 @@ class SampledDeviceSide(DeviceSide):
         assert held is not None, "only simulated ticks may wait"
         assert ledger is not None, "control has not started"
         tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work
-        for at_ns in range(now_ns, now_ns + ticks * self._period_ns, self._period_ns):
+        for at_ns in range(now_ns, now_ns + ticks * self.drive.period_ns, self.drive.period_ns):
             held_device.live(held, None, 1)
             self.x, self._v = held.plant.read()
             held_device.count(held, dt)
@@ -219,11 +219,11 @@ class SampledDeviceSide(DeviceSide):
             if hand.work < hand_lowest:
                 hand_lowest = hand.work
             tick += 1
-            if tick % self.record_every == 0:
+            if tick % self.drive.record_every == 0:
                 self._sample(at_ns)
         observe(lowest, hand_lowest)
         observe(ledger.work, hand.work)
-        self.resume(now_ns + (ticks - 1) * self._period_ns, ticks)
+        self.resume(now_ns + (ticks - 1) * self.drive.period_ns, ticks)
 
     def _sample(self, now_ns: int) -> None:
         simulated = self._simulated

@@ -313,7 +313,7 @@ def test_one_that_cannot_be_told_at_the_end_is_named_and_closed() -> None:
     rig.arm.deaf = True
     rig.side.stop()
     assert rig.arm.closed
-    assert "cannot be told to give no force: the cable is out" in rig.events[-1]
+    assert "did not end its force: the cable is out" in rig.events[-1]
     assert rig.levels[-1] == "error"
 
 

@@ -60,7 +60,9 @@ class CompiledRun:
         self._rng = simulation.world.rng.bit_generator
         self._rng_state, self._steps_used = self._rng.state, 0
         tuning = simulation.setup.tuning
-        self._kind: type[DeviceSample | MetricSample] = DeviceSample if side.write_motion is None else MetricSample
+        self._kind: type[DeviceSample | MetricSample] = (
+            DeviceSample if side.drive.write_motion is None else MetricSample
+        )
         kind = coverage.kind_of(simulation.setup.params, simulation.setup.scene)
         assert kind is not None, "it is covered"
         self._record_kind = kinds.scenario(kind)
@@ -76,7 +78,7 @@ class CompiledRun:
         store(clock, simulation.clock)
         clock.due[TICK] = clock.tick_ns  # no tick waits
         scenario.steps.used = STEPS
-        scenario.rows.every = side.record_every
+        scenario.rows.every = side.drive.record_every
         device.read_side(scenario.device, side)
         world.read_side(scenario.world, simulation.world)
         sends = simulation.setup.coupling.sends
