@@ -153,8 +153,8 @@ def test_the_command_compiles_what_is_not_compiled(
     assert cli.main(["compile"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(made) == len(lines) - 2  # the one that was, and where they are kept
-    assert "world: was compiled before" in lines
-    assert lines[0].startswith("SetPosition-SetPosition: ")
+    assert "world in real time: was compiled before" in lines
+    assert lines[0].startswith("pspm, zoh among walls: ")
     made.clear()
     assert cli.main(["compile", "tdpa"]) == 0  # its ends are not compiled by themselves
     assert len(made) == 2

@@ -24,8 +24,20 @@ def of_coupling(name: str) -> dict[str, Kind]:
 def ends() -> list[str]:
     """The names of the ends of a side of set-positions, of a simulated arm and of a tool's handle."""
     sides = (SERVO, WORLD)
-    named = [named(end, axes) for axes in (AXES, _MANY_AXES) for end in sides]
-    return [*named, ARM, HANDLE]
+    return [*(named(end, axes) for axes in (AXES, _MANY_AXES) for end in sides), ARM, HANDLE]
+
+
+def labels() -> dict[str, str]:
+    """The names in words, as a user reads them: the couplings of a kind with what surrounds the mass, or the end."""
+    laws: dict[Kind, list[str]] = {}
+    for law in COUPLINGS:
+        for kind in of_coupling(law).values():
+            laws.setdefault(kind, []).append(law)
+    around = {False: "walls", True: "solids"}
+    found = {kind.name: f"{', '.join(names)} among {around[kind.solid]}" for kind, names in laws.items()}
+    for axes, room in ((AXES, ""), (_MANY_AXES, f" with up to {_MANY_AXES} axes")):
+        found |= {named(end, axes): f"{end} in real time{room}" for end in (SERVO, WORLD)}
+    return found | {ARM: "simulated arm", HANDLE: "simulated handle of a tool"}
 
 
 def makers() -> dict[str, Callable[[], object]]:

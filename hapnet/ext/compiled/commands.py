@@ -34,15 +34,15 @@ def compile_couplings(
     if any(COUPLINGS[law].compiled == (None, None) for law in wanted):
         names |= dict.fromkeys(catalogue.ends())
     words = output.console(None)
-    makers = catalogue.makers()
+    makers, labels = catalogue.makers(), catalogue.labels()
     with Progress(output.progress_console(), "compiling", len(names), "kinds") as progress:
         for done, name in enumerate(names):
             progress.update(done)
             if sources.are_compiled(name):
-                words.print(f"{name}: was compiled before", markup=False)
+                words.print(f"{labels[name]}: was compiled before", markup=False)
                 continue
             began_s = time.monotonic()
             makers[name]()
-            words.print(f"{name}: {time.monotonic() - began_s:.0f} s", markup=False)
+            words.print(f"{labels[name]}: {time.monotonic() - began_s:.0f} s", markup=False)
     words.print(f"kept in {directory()}", markup=False)
     return 0
